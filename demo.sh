@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# From nothing to a felt head: installs what is missing, builds, imports an MRI that Debian ships
-# (mricron-data), feels its skin and then its brain, and says what it did. Output: out/.
-# demo.sh --all builds as well: the window, the importer with VTK (DICOM, meshes), import palpate.
+# The demo: installs missing packages, builds, imports an MRI of a head that Debian ships (mricron-data), feels its skin
+# and then its brain, and reports each step. Output: out/.
+# demo.sh --all also builds the window, the importer with VTK (DICOM, meshes), and the Python module.
 set -euo pipefail
 cd "$(dirname "$0")"
 

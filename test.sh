@@ -36,7 +36,7 @@ fi
 [ -z "$install_only" ] || exit 0
 . .ci/minutes
 . .ci/watched
-# A run with a number of cases of its own is not remembered as a pass of the gate.
+# A run with PALPATE_CASES set by the caller is not remembered as a pass of the gate.
 own_cases=${PALPATE_CASES:-}
 
 presets=(tsan dev release)
@@ -69,7 +69,8 @@ fi
 export PALPATE_CASES=${PALPATE_CASES:-10%}
 changed=$(tests/gate.py changed)
 folders=()
-# run PRESET NAME CTEST-OPTION...: CTest's output goes to the console and, with its log, to build/PRESET/runs/NAME.
+# run PRESET NAME CTEST-OPTION...: runs CTest. Its output goes to the console and, with its log, to
+# build/PRESET/runs/NAME.
 run() {
     local preset=$1 name=$2 folder=build/$1/runs/$2 status=0
     shift 2
@@ -92,8 +93,8 @@ run tsan tests -j "$jobs"
 run dev tests -j "$jobs"
 export PALPATE_CHANGED=$changed
 run release tests -j "$jobs" -LE host
-# Tests that depend on how the machine schedules may fail once. Suites run the test that failed once more themselves.
-# Tests marked WAITS run three at a time.
+# Tests that depend on how the machine schedules may fail once. Suites repeat a failed test themselves. Tests marked
+# WAITS run three at a time.
 run release host -j 2 -L host -LE suite --repeat until-pass:2
 run release host_suites -j 3 -L suite
 

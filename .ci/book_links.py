@@ -1,4 +1,5 @@
-"""mkdocs: links that leave docs/ lead to files of the source, which the book has not: their words stay."""
+"""A hook for mkdocs: replaces links out of docs/ by their text, because the book does not contain the linked
+sources."""
 import posixpath
 import re
 

@@ -1,5 +1,6 @@
-/// What does one balance cost, and does it ever miss? Random problems of every family, by number of
-/// primitives, from a cold start: solves, the largest certified bound, the time of single balances.
+/// Measures the cost of one balance, and counts misses. Solves random problems of every family, by
+/// number of primitives, from a cold start. Prints solves, the largest certified bound, and the
+/// time of single balances.
 ///
 ///     palpate_bench_balance [PROBLEMS_PER_ROW [TOLERANCE]]
 #include <algorithm>
@@ -10,7 +11,7 @@
 #include <vector>
 
 #include "bench/machine.h"
-#include "palpate/engine/solver.h"
+#include "palpate/engine/balance/solver.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/problems.h"
 
@@ -25,8 +26,8 @@ struct Totals {
   int most = 0;
 };
 
-/// Solves each problem once a pass, so that no branch is learnt by heart; a problem's time is the
-/// median of its passes, less the clock's own.
+/// Solves each problem once per pass, so that the processor cannot learn its branches. A problem's
+/// time is the median of its passes, less the clock's own time.
 void run(bench::Family family, int count, long problems, const SolverParams& params,
          double clock_step, Totals& totals) {
   constexpr int kPasses = 5;
@@ -87,7 +88,7 @@ int main(int argc, char** argv) {
   Totals totals;
   for (const bench::Family family : bench::kFamilies) {
     for (const int count : {1, 2, 3, 4, 8, 32, 128, 1024}) {
-      // Orthogonal sets hold three at most.
+      // Orthogonal sets hold at most three.
       if (family == bench::Family::kOrthogonal && count > 3) break;
       run(family, count, std::max(1L, problems * 8 / std::max(8, count)), params,
           machine.clock_step, totals);

@@ -1,14 +1,14 @@
-/// What does a volume in bricks cost: bytes, time to write, time to fetch a brick?
+/// Measures the cost of a volume in bricks: bytes, time to write, time to fetch a brick.
 ///
 ///     palpate_bench_bricks FILE.vdb [--grid NAME] [--compression N]... [--folder FOLDER]
 ///
 ///     palpate_bench_bricks --formula N [--folder FOLDER]
 ///
-/// A row for 32 and for 16 bits at each of zstd's levels. Fetched in an order at random by one
-/// thread, decompressed and checked: from files in the system's cache, then from those that it was
-/// told to let go of. By a formula: N^3 bricks that are nowhere else, and the most memory
-/// meanwhile.
-#include "palpate/samplers/bricks.h"
+/// Prints a row for 32 and for 16 bits at each of zstd's levels. One thread fetches, decompresses
+/// and checks the bricks in random order: first from files in the system's cache, then from files
+/// that the system was asked to drop. With --formula: writes N^3 bricks that exist nowhere else,
+/// and prints the peak memory.
+#include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>
 #include <chrono>
@@ -28,7 +28,7 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "palpate/samplers/write_bricks.h"
+#include "palpate/samplers/bricks/write_bricks.h"
 #include "tests/support/percentiles.h"
 
 namespace {
@@ -41,7 +41,8 @@ double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-/// From now on the file is on the disk only, as far as the system does as it is told.
+/// Asks the system to drop a file from its cache. If the system complies, the file is then on the
+/// disk only.
 void letGo(const fs::path& file) {
   const int opened = open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (opened < 0) return;
@@ -49,7 +50,7 @@ void letGo(const fs::path& file) {
   close(opened);
 }
 
-/// How long each of some bricks takes [ms].
+/// Returns the time to fetch each of some bricks [ms].
 std::vector<double> fetched(BrickSource& source, const std::vector<BrickId>& ids) {
   std::vector<std::byte> slot(source.manifest().format().bytes());
   std::vector<double> times;
@@ -122,7 +123,7 @@ void writeFormula(int bricks, const fs::path& folder) {
     for (int i = 0; i < kBrickEdge; ++i) {
       for (int j = 0; j < kBrickEdge; ++j) {
         for (int k = 0; k < kBrickEdge; ++k, ++n) {
-          // Of 12 bits, as a scan's.
+          // 12 bits, as in a scan.
           box.values[n] = std::round(512.0F * at(0, i) * at(1, j) * at(2, k));
         }
       }

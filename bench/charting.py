@@ -1,4 +1,4 @@
-"""What the benchmarks' charts share: how they look, where they go, and tables in Markdown."""
+"""Shared by the benchmarks' charts: their style, their files, and tables in Markdown."""
 import argparse
 import io
 import json
@@ -17,7 +17,7 @@ END = "<!-- numbers: end -->"
 
 
 class Page:
-    """A page whose marked part the tables replace; standard output where there is none."""
+    """A page. The tables replace its marked part; without a page they go to standard output."""
 
     def __init__(self, path):
         self.path = path
@@ -42,7 +42,7 @@ def prepare(folder):
 
 
 def clear(ax):
-    """A faint grid and no frame."""
+    """Draws a faint grid and removes the frame."""
     ax.grid(color="#e8e8e8", linewidth=0.5)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
@@ -55,7 +55,7 @@ def save(figure, folder, name):
     figure.savefig(drawing, format="svg", bbox_inches="tight",
                    metadata={"Date": None, "Creator": None})
     plt.close(figure)
-    # A hundredth of a point is fine enough to see and half as much to store.
+    # A hundredth of a point is fine enough to see, and halves the file's size.
     short = re.sub(r"(\d\.\d\d)\d+", r"\1", drawing.getvalue())
     (folder / f"{name}.svg").write_text(short)
 
@@ -67,7 +67,7 @@ def table(head, body):
 
 
 def number(x):
-    """Two digits below 1, else three, and no exponent where none is needed."""
+    """Formats with two digits below 1, else three, and with an exponent only where one is needed."""
     if x == 0:
         return "0"
     if 1e-3 <= abs(x) < 1e5:
@@ -77,7 +77,7 @@ def number(x):
 
 
 def run(description, draw, tables):
-    """A chart's program: draws RESULT.json into FOLDER, and puts its tables where they go."""
+    """The main function of a chart's program: draws RESULT.json into FOLDER, and writes its tables to their place."""
     parser = argparse.ArgumentParser(description=description.split("\n", maxsplit=1)[0])
     parser.add_argument("result", type=Path)
     parser.add_argument("folder", type=Path)
@@ -91,7 +91,7 @@ def run(description, draw, tables):
 
 
 def where(machine):
-    """The machine, the build and how it was timed, in one line."""
+    """Returns the machine, the build and the method of timing, in one line."""
     return (f"{machine['processor']}, {machine['compiler']}, `{machine['flags']}`, commit "
             f"{machine['commit']}, {'pinned' if machine['pinned'] else 'not pinned'}, clock step "
             f"{machine['clock_step_ns']:.0f} ns")

@@ -1,6 +1,7 @@
-/// How late are ticks, and whose fault is it? The haptic thread, asleep until a tick's time and
-/// awake before it (LoopParams::early), beside a bare loop that only sleeps and reads the clock, in
-/// turns, with the same priority: what the bare loop is late, the machine is.
+/// Measures how late ticks are, and the machine's share of that. Runs the haptic thread, asleep
+/// until a tick's time and awake before it (LoopParams::early), and a bare loop that only sleeps
+/// and reads the clock. They take turns, with the same priority. The bare loop's delay is the
+/// machine's.
 ///
 ///     palpate_bench_clock [--rate HZ] [--seconds S] [--turns N] [--load THREADS]
 #include <algorithm>
@@ -19,9 +20,9 @@
 
 #include "bench/cold.h"
 #include "bench/machine.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/haptic_thread.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/loop/haptic_thread.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/percentiles.h"
 
 namespace {
@@ -75,7 +76,7 @@ int measure(const Options& options) {
   others.reserve(static_cast<std::size_t>(options.load));
   for (int i = 0; i < options.load; ++i) {
     others.emplace_back([&] {
-      // Work that goes through memory, too.
+      // This work goes through memory, too.
       std::vector<double> memory(1 << 20, 1.0);
       for (std::size_t n = 0; !done; n = (n + 4099) % memory.size())
         memory[n] = std::sqrt(memory[n] + 1.0);

@@ -15,7 +15,7 @@ namespace palpate::bench {
 
 namespace {
 
-/// The calling thread's time on a core [s].
+/// Returns the calling thread's time on a core [s].
 double ownTime() noexcept {
   timespec time{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
@@ -49,10 +49,10 @@ class Sink final : public TickSink {
   double own_ = 0.0;
 };
 
-/// Code with branches of its own, unlike any other N's.
+/// Code with branches of its own, different for each N.
 template <std::size_t N>
 [[gnu::noinline]] std::uint64_t piece(std::uint64_t x) {
-  // The assembler's comment keeps the compiler from making them moves.
+  // The assembler's comment keeps the compiler from turning the branches into moves.
   const auto branch = [&](std::size_t bit, std::uint64_t y) {
     if ((x >> bit & 1) == 0) return;
     x ^= y;
@@ -83,7 +83,7 @@ void keepBusy(const std::atomic<bool>& done) {
   }
 }
 
-/// That this process may run on; at least one.
+/// Returns the cores that this process may run on; at least one.
 std::vector<int> cores() {
   std::vector<int> found;
   cpu_set_t allowed;
@@ -180,7 +180,7 @@ Neighbour::Neighbour(const std::string& where) {
     CPU_ZERO(&only);
     CPU_SET(static_cast<std::size_t>(core), &only);
     (void)sched_setaffinity(0, sizeof only, &only);
-    (void)setpriority(PRIO_PROCESS, 0, -20);  // this thread, before whatever else runs there
+    (void)setpriority(PRIO_PROCESS, 0, -20);  // this thread, before other work there
     keepBusy(done_);
   });
 }

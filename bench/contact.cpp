@@ -1,4 +1,5 @@
-/// What contact costs and how well it holds where surfaces are concave or rough: a table.
+/// Prints a table of the cost of contact, and of how well it holds, where surfaces are concave or
+/// rough.
 ///
 ///     palpate_bench_contact [--frames N] [--only ROW] [--substeps N] [--seed N] [--surface]
 ///     [--times]

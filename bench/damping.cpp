@@ -1,5 +1,5 @@
-/// How long the coupling's damper looks back for the rate of its spring: what an encoder's steps
-/// become in the force, and what it costs of the stiffest coupling that comes to rest.
+/// Measures the effect of the time over which the coupling's damper takes the rate of its spring:
+/// on the force that an encoder's steps cause, and on the stiffest coupling that can rest.
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -7,7 +7,7 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/report.h"
-#include "palpate/devices/stability.h"
+#include "palpate/devices/simulated/stability.h"
 #include "tests/support/damping_buzz.h"
 
 using namespace palpate;

@@ -3,7 +3,7 @@
 
     damping_chart.py RESULT.json FOLDER
 
-Into FOLDER goes damping as .png and .svg; the table goes to standard output.
+Writes damping.png and damping.svg into FOLDER, and the table to standard output.
 """
 import sys
 
@@ -14,7 +14,7 @@ COLOURS = {1000: "#0072B2", 4000: "#009E73", 10000: "#D55E00"}  # Okabe and Ito'
 
 
 def back(result, time):
-    """How far it looks back [ms]: a tick at least."""
+    """Returns the time over which the damper takes the rate [ms]: at least one tick."""
     return max(1e3 * time, 1e3 / result["rate"])
 
 

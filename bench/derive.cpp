@@ -1,11 +1,11 @@
-/// Is a property of a flow cheaper, and nearer to the truth, derived from the kept cell at every
-/// reading, or computed once into a grid that is read? Time per reading, memory and error of both.
+/// Compares two ways to get a property of a flow: derived from the kept cell at every reading, or
+/// computed once into a grid that is read. Measures time per reading, memory and error of both.
 ///
 ///     palpate_bench_derive [--quick] > derive.md
 ///
 /// The flow is Arnold, Beltrami and Childress's, whose properties are known, with 8, 16 and 32
-/// voxels to a wavelength; times are of a walk in steps of 0.05 voxels, and of random points.
-#include "palpate/samplers/derive.h"
+/// voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random points.
+#include "palpate/samplers/grid/derive.h"
 
 #include <array>
 #include <chrono>
@@ -22,8 +22,8 @@
 #include <Eigen/Geometry>
 
 #include "bench/machine.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
@@ -36,7 +36,7 @@ using bench::Clock;
 using openvdb::Vec3d;
 
 constexpr double kMegabyte = 1e6;
-/// [voxels] from the block's edge: neighbours are missing there, and B-splines ring.
+/// Distance from the block's edge [voxels]: neighbours are missing there, and B-splines ring.
 constexpr double kMargin = 16.0;
 
 struct Options {
@@ -48,7 +48,7 @@ struct Options {
   [[nodiscard]] int rounds() const { return quick ? 2 : 15; }
 };
 
-/// The flow of a wave number k, by voxel, and its Jacobian.
+/// The flow of a wave number k, per voxel, and its Jacobian.
 struct Flow {
   double k;
 
@@ -81,10 +81,10 @@ std::shared_ptr<const Volume> makeFlow(int block, const Flow& flow) {
   return loadVolume(folder / "flow.vdb", "");
 }
 
-/// Reads at a place what a way of reading gives: its first three numbers.
+/// Reads the first three numbers of a property at a place.
 using Read = std::function<Vec3(const Vec3&)>;
 
-/// A field's cache with the field.
+/// A field with its cache.
 template <class Field>
 struct Bound {
   explicit Bound(std::shared_ptr<const Field> f)
@@ -120,7 +120,7 @@ Vec3 anywhere(test::Random& random, int block) {
   return Vec3::Constant(0.5 * block) + random.inCube(0.5 * block - kMargin);
 }
 
-/// Root mean square, by that of the truth.
+/// Returns the root mean square error, divided by the root mean square of the truth.
 double errorOf(const Read& read, Derivation what, const Flow& flow, int block, std::size_t points) {
   test::Random random(1);
   double error = 0.0;
@@ -134,7 +134,8 @@ double errorOf(const Read& read, Derivation what, const Flow& flow, int block, s
   return std::sqrt(error / size);
 }
 
-/// A hand's path in steps of 0.05 voxels, slowly turning, turned back at the block's edge.
+/// Makes a hand's path in steps of 0.05 voxels. It turns slowly, and turns back at the block's
+/// edge.
 std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   constexpr double kStep = 0.05;
   test::Random random(3);
@@ -153,7 +154,7 @@ std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   return walk;
 }
 
-/// By call [ns].
+/// Returns the time per call [ns].
 template <class Reader>
 double timeCalls(const Reader& read, const std::vector<Vec3>& points) {
   static volatile double keep = 0.0;
@@ -167,14 +168,14 @@ double timeCalls(const Reader& read, const std::vector<Vec3>& points) {
   });
 }
 
-/// Walk and random points, the median of the rounds [ns].
+/// Median times of the rounds, for the walk and for random points [ns].
 struct Cost {
   double walk = 0.0;
   double random = 0.0;
 };
 using Timed = std::function<double(const std::vector<Vec3>&)>;
 
-/// All contenders in turns, each round begun by another.
+/// Times all contenders in turns. Another one begins each round.
 std::vector<Cost> measureCosts(const std::vector<Timed>& contenders, const Options& options) {
   const std::vector<Vec3> walk = makeWalk(options.block(), options.calls());
   test::Random random(4);
@@ -199,7 +200,7 @@ std::vector<Cost> measureCosts(const std::vector<Timed>& contenders, const Optio
   return costs;
 }
 
-/// As a tick calls it: through the field, all of the sample wanted.
+/// Times readings as a tick makes them: through the field, with the whole sample.
 Timed timedVector(const std::shared_ptr<const Volume>& volume, Interpolation interpolation,
                   double (*use)(const VectorSample&)) {
   const Bound<VectorField> read(std::get<1>(fieldOf(volume, interpolation)));

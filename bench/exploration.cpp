@@ -5,10 +5,10 @@
 #include <memory>
 #include <utility>
 
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/solver.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/balance/solver.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/random.h"
 
 namespace palpate::bench {
@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kRate = 1000.0;  // [Hz]
 constexpr double kRadius = 0.04;  // of the ball [m]
-constexpr double kVoxel = 2e-3;   // [m]: a surface is seen from two of them
+constexpr double kVoxel = 2e-3;   // [m]: a surface is seen from a distance of two voxels
 constexpr double kTremor = 1e-4;  // [m]
 
 std::unique_ptr<const Scene> makeBall(Explored what) {
@@ -42,8 +42,8 @@ std::unique_ptr<const Scene> makeBall(Explored what) {
                     {"stream", makeVortex(Vec3::Zero(), {2.0, 4.0, 10.0}, 0.3, 0.1, kVoxel)}});
 }
 
-/// The scripted exploration of the ball's box, at a pace between 0.4 and 3.6 times the script's,
-/// with a tremor.
+/// Returns the scripted exploration of the ball's box, with a tremor. Its pace is between 0.4 and
+/// 3.6 times the script's.
 HandTarget tremble(double seconds, std::uint64_t seed) {
   constexpr double kPace = 2.0;
   constexpr double kSway = 1.6;                    // of the pace
@@ -72,7 +72,8 @@ HandTarget tremble(double seconds, std::uint64_t seed) {
           seconds};
 }
 
-/// Where the proxy was when the primitives were placed: viscosity and follow are anchored there.
+/// Returns the proxy's place when the primitives were placed: viscosity and follow are anchored
+/// there.
 Vec3 startOf(std::span<const Primitive> primitives, const Vec3& before) {
   for (const Primitive& p : primitives) {
     if (p.kind == PrimitiveKind::kPoint || p.kind == PrimitiveKind::kLine) return p.position;
@@ -112,8 +113,8 @@ std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recor
     if (recording[i].problem.primitives.size() == count) wanted.push_back(i);
   }
   std::vector<RecordedBalance> kept;
-  std::size_t next = 0;  // not yet kept, index into wanted
-  std::size_t last = 0;  // kept last, index into recording
+  std::size_t next = 0;  // the first not yet kept, index into wanted
+  std::size_t last = 0;  // the last kept, index into recording
   for (std::size_t window = 0; window < windows; ++window) {
     std::size_t i = std::max(next, window * wanted.size() / windows);
     for (std::size_t n = 0; n < length && i < wanted.size(); ++n, ++i) {
@@ -128,7 +129,7 @@ std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recor
 
 std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count, std::size_t walks,
                                          std::size_t ticks, std::uint64_t seed) {
-  // A hand that is pushed about at random and pulled back gently, per tick.
+  // A hand that is pushed at random and pulled back gently, per tick.
   constexpr double kPush = 1e-5;  // [m], rms per axis
   constexpr double kDamping = 1e-3;
   constexpr double kPull = 2e-3;

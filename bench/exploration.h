@@ -1,4 +1,4 @@
-/// Balances as a hand meets them, tick after tick: what warm starts and real hands are timed on.
+/// Records balances tick after tick, as a hand meets them, to time warm starts and realistic hands.
 #pragma once
 
 #include <cstdint>
@@ -10,40 +10,40 @@ namespace palpate::bench {
 
 /// One tick's balance.
 struct RecordedBalance {
-  BalanceProblem problem;  ///< `start` is the proxy before.
-  double speed = 0.0;      ///< Of the hand [m/s].
-  bool first = false;      ///< Does not follow from the balance before it in the list.
+  BalanceProblem problem;  ///< `start` is the proxy before the tick.
+  double speed = 0.0;      ///< Speed of the hand [m/s].
+  bool first = false;      ///< Does not follow from the previous balance in the list.
 };
 
-/// What is explored: a ball of 40 mm whose surface holds 2 N, and a second property of the same
-/// place.
+/// Scenes to explore: a ball of radius 40 mm whose surface holds 2 N, and a second property of the
+/// same place.
 enum class Explored {
   kSurfaceAndDrag,    ///< A drag of 0.3 N (viscosity): a plane and a point.
   kSurfaceAndStream,  ///< A vortex that is followed with 0.7 N: a plane and a line, at any angle.
 };
 
-/// The simulated hand explores for `seconds` at 1 kHz through hapticStep, in virtual time; its
-/// tremor (0.1 mm, 8 to 12 Hz) follows from the seed. Of every tick, the last sub-step's balance;
-/// ticks away from the ball have fewer than two primitives.
+/// Records an exploration by the simulated hand: `seconds` at 1 kHz through hapticStep, in virtual
+/// time. The hand's tremor (0.1 mm, 8 to 12 Hz) follows from the seed. Each tick records the
+/// balance of its last sub-step. Ticks away from the ball have fewer than two primitives.
 [[nodiscard]] std::vector<RecordedBalance> recordExploration(Explored what, double seconds,
                                                              std::uint64_t seed);
 
-/// `windows` stretches of `length` ticks, evenly over the recording, of the ticks that balance
-/// `count` primitives; `first` is set where a stretch begins or ticks were left out.
+/// Returns `windows` stretches of `length` ticks, spread evenly over the recording, from the ticks
+/// that balance `count` primitives. `first` is set where a stretch begins or ticks were left out.
 [[nodiscard]] std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recording,
                                                      std::size_t count, std::size_t windows,
                                                      std::size_t length);
 
-/// How the primitives of a walk stand.
+/// Placement of a walk's primitives.
 enum class Anchoring {
-  kFixed,    ///< All at the point where the hand began.
-  kCarried,  ///< Placed anew at the proxy each tick, as modes do, their directions turning by some
+  kFixed,    ///< All stay at the point where the hand began.
+  kCarried,  ///< Placed again at the proxy each tick, as modes do. Their directions turn by about
              ///< 1e-3 rad.
 };
 
-/// `walks` random walks of a hand, `ticks` at 1 kHz each, some 5 mm and 0.2 m/s rms, about `count`
-/// primitives of any kind; k = 500 N/m. Strengths to 6 N over their number, so that the hand drags
-/// many of them along as it does two: part of the time the proxy sticks, part it slides.
+/// Records `walks` random walks of a hand, `ticks` at 1 kHz each, about 5 mm and 0.2 m/s rms,
+/// around `count` primitives of any kind; k = 500 N/m. Strengths go up to 6 N / `count`. With many
+/// primitives, as with two, the proxy then sticks part of the time and slides part of the time.
 [[nodiscard]] std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count,
                                                        std::size_t walks, std::size_t ticks,
                                                        std::uint64_t seed);

@@ -1,8 +1,8 @@
-/// What does friction cost, and how often is no balance found? Motions over one to four rough
-/// planes with drags and lines, balanced by engine/friction.h.
+/// Measures the cost of friction, and how often no balance is found. Moves over one to four rough
+/// planes with drags and lines, balanced by engine/balance/friction.h.
 ///
 ///     palpate_bench_friction [MOTIONS]
-#include "palpate/engine/friction.h"
+#include "palpate/engine/balance/friction.h"
 
 #include <algorithm>
 #include <array>
@@ -24,8 +24,8 @@ namespace {
 using namespace palpate;
 using bench::Clock;
 
-/// What motions go over: planes within 70 degrees of one direction, or two walls of a groove of 10
-/// to 80 degrees.
+/// Planes under a motion: within 70 degrees of one direction, or two walls of a groove of 10 to 80
+/// degrees.
 struct Family {
   const char* name;
   int planes;
@@ -47,8 +47,8 @@ constexpr std::array<Family, 10> kFamilies = {{
     {"4 planes, 2 drags, line", 4, 0.1, 0.6, 2, 1, false},
     {"4 planes, drag, mu 0.6-1.5", 4, 0.6, 1.5, 1, 0, false},
 }};
-constexpr int kTicks = 60;         // of a motion
-constexpr double kReadOff = 1e-6;  // planes are read so far off [m]
+constexpr int kTicks = 60;         // per motion
+constexpr double kReadOff = 1e-6;  // largest offset at which planes are read [m]
 
 struct Plane {
   Vec3 normal;
@@ -73,12 +73,12 @@ std::vector<Plane> planesOf(const Family& family, test::Random& random) {
   return planes;
 }
 
-/// What the balances of a family took.
+/// Statistics of a family's balances.
 struct Done {
   std::vector<double> iterations;
   std::vector<double> ns;
   long unfinished = 0;
-  double worst = 0.0;  ///< Largest bound of a balance that was not finished [m].
+  double worst = 0.0;  ///< Largest error bound of an unfinished balance [m].
 
   void add(const SolveResult& result, double took) {
     iterations.push_back(result.iterations);
@@ -100,7 +100,8 @@ struct Done {
   }
 };
 
-/// A finished balance meets Coulomb's law and the spring, or the figures mean nothing.
+/// Checks a finished balance against Coulomb's law and the spring. Throws if it violates them,
+/// because the figures would then be useless.
 void judge(const Vec3& hand, double stiffness, const PrimitiveSet& set, const SolveResult& result,
            const std::vector<Vec3>& forces) {
   if (result.status != SolveStatus::kConverged) return;

@@ -1,11 +1,12 @@
-/// How long does a grid take to load, and how much memory at its peak? loadVolume, which also
-/// counts, checks and measures what it reads, against OpenVDB's own File::readGrid: each in a
-/// process of its own, in turns, from files that the system has in its cache.
+/// Measures how long a grid takes to load, and its peak memory. Compares loadVolume, which also
+/// counts, checks and measures the data that it reads, with OpenVDB's own File::readGrid. Each load
+/// has its own process. The two take turns and read files in the system's cache.
 ///
 ///     palpate_bench_load [FILE.vdb...] [--grid NAME] [--runs N]
 ///
-/// Without a file it makes its own: the level set of a large ball and a dense fog, as Blosc and
-/// uncompressed, and the fog as zip, which OpenVDB does not use for level sets.
+/// Without a file, the benchmark makes its own: the level set of a large ball and a dense fog, with
+/// Blosc and uncompressed. It also makes the fog with zip, which OpenVDB does not use for level
+/// sets.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -27,8 +28,8 @@
 #include <tbb/global_control.h>
 
 #include "bench/machine.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/vdb_files.h"
 
@@ -48,11 +49,11 @@ struct Options {
   std::size_t threads = 2;
 };
 
-/// What a process says about what it did. Goes through a pipe.
+/// Result of a child process. The child sends it through a pipe.
 struct Said {
   double ms = 0.0;
-  double memory = 0.0;  ///< Of the grid [MB].
-  double peak = 0.0;    ///< Of the process [MB].
+  double memory = 0.0;  ///< Memory of the grid [MB].
+  double peak = 0.0;    ///< Peak memory of the process [MB].
   std::array<char, 64> text{};
 };
 static_assert(std::is_trivially_copyable_v<Said>);
@@ -63,8 +64,8 @@ double peakOfProcess() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts in kB
 }
 
-/// Does some work in a process of its own: nothing that it leaves behind, memory, threads or
-/// caches, is there for the next. Throws where the work did.
+/// Does some work in a separate process, so that its memory, threads and caches are gone before the
+/// next. Throws if the work throws.
 template <class Work>
 Said inChild(const Options& options, Work work) {
   std::fflush(nullptr);
@@ -117,7 +118,7 @@ void loadPlain(const path& file, const std::string& grid, Said& said) {
   said.memory = static_cast<double>(loaded->memUsage()) / kMegabyte;
 }
 
-/// The grid to load, by name; without one the first of the file.
+/// Returns the name of the grid to load; if no name is given, the first of the file.
 std::string nameOf(const path& file, const Options& options) {
   if (!options.grid.empty()) return options.grid;
   const Said said = inChild(options, [&](Said& out) {
@@ -128,7 +129,7 @@ std::string nameOf(const path& file, const Options& options) {
   return said.text.data();
 }
 
-/// How the file says that its grid is compressed.
+/// Returns the compression that the file states for its grid.
 std::string compressionOf(const path& file, const std::string& grid, const Options& options) {
   const Said said = inChild(options, [&](Said& out) {
     openvdb::io::File source(file.string());
@@ -148,7 +149,7 @@ std::string compressionOf(const path& file, const std::string& grid, const Optio
   return said.text.data();
 }
 
-/// Reads a file once, so that the system has it in its cache.
+/// Reads a file once, so that it is in the system's cache.
 void warm(const path& file) {
   std::ifstream in(file, std::ios::binary);
   std::vector<char> buffer(std::size_t{1} << 20U);
@@ -156,10 +157,10 @@ void warm(const path& file) {
   }
 }
 
-/// One loader's runs.
+/// Runs of one loader.
 struct Runs {
   std::vector<double> ms;
-  std::vector<double> peak;  ///< Above an idle process [MB].
+  std::vector<double> peak;  ///< Peak above an idle process [MB].
 };
 
 void measure(const path& file, const Options& options) {
@@ -195,7 +196,7 @@ void measure(const path& file, const Options& options) {
   std::fflush(stdout);
 }
 
-/// A dense block whose values are smooth and all different.
+/// Makes a dense block whose values are smooth and all different.
 FloatGrid::Ptr makeFog(int edge) {
   auto fog = FloatGrid::create(0.0F);
   fog->setName("density");
@@ -220,7 +221,7 @@ FloatGrid::Ptr makeBall(float radius) {
   return ball;
 }
 
-/// In a process of its own as well: making them uses threads.
+/// Makes the files in a separate process as well, because making them uses threads.
 std::vector<std::string> makeFiles(const path& folder, const Options& options) {
   constexpr float kRadius = 500.0F;
   constexpr int kEdge = 320;

@@ -1,7 +1,7 @@
-/// What does a loop cost that ticks on time? The haptic thread over scenes, with the simulated
-/// device, at 1 and 10 kHz: asleep until each tick's time, and awake before it with the tick
-/// rehearsed (LoopParams::early), in turns with a bare loop that only sleeps and reads the clock,
-/// all beside the same busy neighbour (bench/cold.h).
+/// Measures the cost of a loop that ticks on time. Runs the haptic thread over scenes, with the
+/// simulated device, at 1 and 10 kHz. The thread sleeps until each tick's time, or is awake before
+/// it with its caches warmed up (LoopParams::early). It takes turns with a bare loop that only
+/// sleeps and reads the clock. All run beside the same busy neighbour (bench/cold.h).
 ///
 ///     palpate_bench_loop SCENE... [--seconds S] [--turns N] [--neighbour own|other|none]
 #include <algorithm>
@@ -16,8 +16,8 @@
 
 #include "bench/cold.h"
 #include "bench/machine.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/scenes/library/scene_file.h"
 
 namespace {
 
@@ -30,7 +30,7 @@ struct Options {
   std::string neighbour = bench::kNeighbours.front();
 };
 
-/// A haptic thread's kind: it feels the whole of its hand's way, turn by turn.
+/// A kind of haptic thread with its times. It feels its hand's whole path, turn by turn.
 struct Loop {
   std::string name;
   LoopParams params;

@@ -10,7 +10,7 @@ namespace palpate::bench {
 
 namespace {
 
-/// False where it is not allowed.
+/// Pins the calling thread to its core. Returns false if this is not allowed.
 bool stayHere() {
   cpu_set_t core;
   CPU_ZERO(&core);

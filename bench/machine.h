@@ -1,4 +1,4 @@
-/// Where numbers were measured, for the heads of tables and charts.
+/// Describes the machine of a measurement, for the heads of tables and charts.
 #pragma once
 
 #include <chrono>
@@ -13,13 +13,13 @@ struct Machine {
   std::string processor;
   std::string compiler;
   std::string flags;
-  std::string commit;       ///< Of the build; "+" where sources had been changed.
+  std::string commit;       ///< Commit of the build; "+" if sources had been changed.
   double clock_step = 0.0;  ///< The clock's resolution: the smallest step seen [ns].
   bool pinned = false;      ///< The thread stays on one core.
 };
 
-/// Keeps the calling thread on the core that it is on, as long as this lives and where it is
-/// allowed.
+/// Keeps the calling thread on its current core during the object's lifetime, if the system allows
+/// it.
 class Pinned {
  public:
   Pinned();
@@ -33,11 +33,11 @@ class Pinned {
   bool good_ = false;
 };
 
-/// Pins the calling thread to the core that it is on, where that is allowed and wanted, and looks
-/// about.
+/// Describes this machine. If `pin` is set and the system allows it, pins the calling thread to its
+/// current core first.
 [[nodiscard]] Machine takeMachine(bool pin = true);
 
-/// One line of it, for the head of a table.
+/// Returns one line for the head of a table.
 [[nodiscard]] std::string describe(const Machine& machine);
 
 }  // namespace palpate::bench

@@ -1,8 +1,8 @@
-/// How long do the mailbox's two ends take, alone and against each other, and does anything get
-/// lost on the way?
+/// Measures the time of the mailbox's two ends, alone and against each other. Checks that no value
+/// gets lost on the way.
 ///
 ///     palpate_bench_mailbox [EXCHANGES, default 100,000,000]
-#include "palpate/engine/mailbox.h"
+#include "palpate/engine/loop/mailbox.h"
 
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "bench/machine.h"
-#include "palpate/engine/telemetry.h"
+#include "palpate/engine/loop/telemetry.h"
 #include "tests/support/percentiles.h"
 
 namespace {
@@ -24,7 +24,7 @@ using namespace palpate;
 
 constexpr int kBatch = 64;  // calls that are timed together: one is shorter than the clock's step
 
-/// Nanoseconds a call, batch by batch, while `on` holds.
+/// Returns nanoseconds per call, batch by batch, while `on` holds.
 template <class Call, class While>
 std::vector<double> timed(const Call& call, const While& on) {
   std::vector<double> ns;
@@ -44,7 +44,7 @@ void tell(const char* what, const char* when, const std::vector<double>& ns) {
               bench::percentile(ns, 0.999));
 }
 
-/// Both ends, each alone and then with the other one busy on another core.
+/// Times both ends, each alone and then with the other end busy on another core.
 void time() {
   std::printf("%-8s %-12s %10s %8s %8s %8s\n", "end", "other end", "calls", "p50 ns", "p99 ns",
               "p99.9 ns");
@@ -75,7 +75,7 @@ struct Words {
   std::array<std::uint64_t, sizeof(Telemetry) / 8> words{};
 };
 
-/// Values as large as a tick's telemetry, as fast as two threads can.
+/// Exchanges values as large as a tick's telemetry, as fast as two threads can.
 bool exchange(std::uint64_t count) {
   Mailbox<Words> box;
   std::uint64_t torn = 0;

@@ -1,6 +1,6 @@
-/// What does a tick cost, and how far off its surface or its stream is the proxy? The engine at
-/// several tolerances beside textbook rules that remember nothing, on surfaces and streams whose
-/// exact course is known, at several speeds of the hand.
+/// Measures the cost of a tick, and the distance of the proxy from its surface or stream. Compares
+/// the engine at several tolerances with textbook rules without memory, on surfaces and streams
+/// whose exact course is known, at several speeds of the hand.
 ///
 ///     palpate_bench_motion_accuracy > motion_accuracy.json
 ///     bench/motion_accuracy_chart.py motion_accuracy.json docs/charts
@@ -38,9 +38,9 @@ struct Options {
   bool quick = false;
   std::string output;
   std::vector<std::string> flows;  ///< .vdb files.
-  std::string scan;                ///< A CT as .vdb, to rub on.
+  std::string scan;                ///< A CT as .vdb, to slide on.
 
-  // What is measured, in full and in short.
+  // Sizes of the measurement, full and quick.
   [[nodiscard]] std::vector<double> speeds() const {
     return quick ? std::vector{0.5} : std::vector{0.05, 0.5, 1.0, 2.0};  // [m/s]
   }
@@ -52,14 +52,14 @@ struct Options {
 
 constexpr double kStrength = 3.0;        // [N], of surfaces
 constexpr double kStreamStrength = 1.0;  // [N]
-constexpr double kPull = 1.0;            // of the hand aside of a stream [voxels]
-constexpr int kSubsteps = 16;            // at most, of the engine
+constexpr double kPull = 1.0;            // of the hand, to the side of a stream [voxels]
+constexpr int kSubsteps = 16;            // at most, for the engine
 
-/// A method at one setting, made for a problem.
+/// A method at one setting, to be made for a problem.
 template <class Problem>
 struct Contender {
   std::string method;
-  std::string setting;  ///< Of the engine: the tolerance [voxels]; else the sub-steps or readings.
+  std::string setting;  ///< For the engine, the tolerance [voxels]; else sub-steps or readings.
   std::function<Stepper(const Problem&)> on;
 };
 
@@ -84,7 +84,7 @@ Stepper stepperOf(std::shared_ptr<Method> method, double level = 0.0) {
   };
 }
 
-/// The tolerances of the engine, as charts name them.
+/// The engine's tolerances, as charts name them.
 const std::vector<std::pair<std::string, double>> kTolerances{
     {"0.1", 0.1}, {"0.01", 0.01}, {"1e-3", 1e-3}, {"1e-4", 1e-4}};
 
@@ -130,15 +130,16 @@ std::vector<Contender<Stream>> streamContenders() {
   return out;
 }
 
-/// Medians of rounds.
+/// Returns the median and the tails of rounds.
 ordered_json ofRounds(const std::vector<double>& ns) {
   return {{"median", rounded(percentile(ns, 0.5))},
           {"p10", rounded(percentile(ns, 0.1))},
           {"p90", rounded(percentile(ns, 0.9))}};
 }
 
-/// All methods in all rounds, each round begun by another, so that whatever else the machine does
-/// hits all alike. What `run` returns in the first round is written down; its times in all.
+/// Runs all methods in all rounds. Another method begins each round, so that other work of the
+/// machine affects all alike. Writes the row that `run` returns in the first round, with the times
+/// of all rounds.
 template <class Problem, class Run>
 void compare(const std::vector<Contender<Problem>>& contenders, const Options& options,
              ordered_json& results, const Run& run) {
@@ -237,7 +238,8 @@ void measureStreams(const std::string& name, const std::vector<Stream>& streams,
   }
 }
 
-/// Streams of a file's grid of vectors, before the centre of curvature as those of made flows are.
+/// Returns streams of a file's vector grid. The hand stays before the centre of curvature, as on
+/// the streams of procedural flows.
 std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   std::vector<Stream> streams = streamsOfFile(file, 4 * options.starts(), options.length());
   std::erase_if(streams, [](const Stream& s) { return !(s.mostBend(kPull) < kMostBend); });
@@ -245,7 +247,7 @@ std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   return streams;
 }
 
-/// What the loop and the call take by themselves [ns].
+/// Returns the time of the loop and the call by themselves [ns].
 double timeNothing(const Options& options) {
   const SurfaceMotion motion = sphereMotion("level set", 3.5, 1.5);
   const Stepper nothing = [](const Vec3& hand) {
@@ -256,7 +258,7 @@ double timeNothing(const Options& options) {
   return feelSurface(motion, nothing, 0.5, options.way() / motion.lap).nanoseconds;
 }
 
-/// The noise of real data: a head's skin, with and without a proxy that is held back.
+/// Measures the noise of real data on a head's skin, with and without a proxy that is held back.
 ordered_json rubOn(const Options& options) {
   constexpr double kSkin = -300.0;  // [HU]
   constexpr double kScale = 1e-3;   // millimetres

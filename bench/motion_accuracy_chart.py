@@ -3,8 +3,7 @@
 
     motion_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md]
 
-Into FOLDER goes motion_accuracy as .png and .svg. The tables go to standard output, or into FILE.md
-between its markers.
+Writes motion_accuracy.png and .svg into FOLDER. The tables go to standard output, or into FILE.md between its markers.
 """
 import argparse
 import json
@@ -16,7 +15,7 @@ from charting import Page, clear, number, plt, prepare, save, table, where  # no
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator  # noqa: E402
 
-# Okabe and Ito's colours; ours as a full line.
+# Okabe and Ito's colours; palpate is a solid line.
 STYLES = {
     "palpate": ("#D55E00", "-", "o"),
     "plane": ("#000000", "--", "s"),
@@ -25,18 +24,18 @@ STYLES = {
     "RK4": ("#009E73", "--", "D"),
 }
 SPEED = 0.5      # m/s, of the panels that show cost
-TOP = {"surfaces": 20.0, "streams": 1000.0}  # where what is lost, or farther off, is drawn [voxels]
+TOP = {"surfaces": 20.0, "streams": 1000.0}  # a lost proxy, or a larger error, is drawn here [voxels]
 BOTTOM = 1e-6
 OFF, BESIDE = "off", {"surfaces": "true", "streams": "departures"}
 PANELS = 4       # in a row
-# What the lower row follows over the hand's speed: kind, case, and methods at one setting each.
+# The rows that the lower panels show over the hand's speed: kind, case, and methods at one setting each.
 OVER_SPEED = [("surfaces", "sphere, radius 40"), ("surfaces", "sphere, radius 8"),
               ("surfaces", "sphere in fog, radius 40"), ("streams", "ABC flow, 16 voxels")]
 FOLLOWED = {"surfaces": [("palpate", "0.01"), ("palpate", "1e-4"), ("plane", "1"), ("plane", "16"),
                          ("midpoint", "3")],
             "streams": [("palpate", "0.01"), ("palpate", "1e-4"), ("line", "1"), ("line", "16"),
                         ("RK4", "4")]}
-# Where a line over the speed is named: at which speed, above or below, on which side.
+# The label of a line over the speed: at which speed, above or below, on which side.
 LABELS = {("palpate", "0.01"): (1, True, "left"), ("palpate", "1e-4"): (1, False, "left"),
           ("plane", "1"): (0, True, "left"), ("line", "1"): (0, True, "left"),
           ("plane", "16"): (1, False, "left"), ("line", "16"): (1, False, "left"),
@@ -45,7 +44,7 @@ STREAM_LABELS = {**LABELS, ("palpate", "1e-4"): (1, True, "left")}
 
 
 def label(method, setting):
-    """A method at a setting, in words."""
+    """Returns a method at a setting, in words."""
     parts = "1 step" if setting == "1" else f"{setting} sub-steps"
     if method == "palpate":
         return f"palpate, {setting} voxel"
@@ -71,7 +70,7 @@ def speeds(rows):
 
 
 def place(row, kind, quantity=OFF):
-    """Where a row stands on the axis of errors."""
+    """Returns the position of a row on the axis of errors."""
     return TOP[kind] if is_lost(row) else min(max(row[quantity], BOTTOM), TOP[kind])
 
 
@@ -92,7 +91,7 @@ def draw_floor(ax, floor):
 
 
 def draw_cost(ax, kind, rows):
-    """One case at one speed: time of a tick against error."""
+    """Draws one case at one speed: time of a tick against error."""
     for method, (colour, line, marker) in STYLES.items():
         mine = [r for r in rows if r["method"] == method]
         if not mine:
@@ -118,7 +117,7 @@ def draw_cost(ax, kind, rows):
 
 
 def draw_speeds(ax, kind, rows):
-    """One case over the hand's speed."""
+    """Draws one case over the hand's speed."""
     for method, setting in FOLLOWED[kind]:
         colour, _, marker = STYLES[method]
         mine = [r for r in rows if (r["method"], r["setting"]) == (method, setting)]
@@ -129,7 +128,7 @@ def draw_speeds(ax, kind, rows):
                 markerfacecolor=colour if method == "palpate" else "white", zorder=3)
         words, labels = (stream_label, STREAM_LABELS) if kind == "streams" else (label, LABELS)
         which, above, side = labels[method, setting]
-        at = min(which, len(mine) - 1)  # a short run has but one speed
+        at = min(which, len(mine) - 1)  # a short run has only one speed
         ax.annotate(words(method, setting), (mine[at]["speed"], place(mine[at], kind)),
                     xytext=(0, 5 if above else -10), textcoords="offset points", fontsize=6.5,
                     color=colour, ha=side)
@@ -167,7 +166,7 @@ def add_legend(ax, columns):
 def draw(data):
     panels = [(draw_cost, kind, case, case) for kind in BESIDE for case in cases(data[kind])]
     panels += [(draw_speeds, kind, case, f"over speed: {case}") for kind, case in OVER_SPEED]
-    left = -len(panels) % PANELS  # in the last row, where the legend goes if it is wide enough
+    left = -len(panels) % PANELS  # free panels in the last row: the legend goes there if the space is wide enough
     rows = -(-len(panels) // PANELS)
     extra = left < 2
     figure = plt.figure(figsize=(13.0, 2.9 * rows + 0.9 * extra), layout="constrained")
@@ -227,7 +226,7 @@ def stream_table(rows):
 
 
 def speed_table(rows, words):
-    """Largest errors of every method at every speed."""
+    """Returns a table of the largest errors of every method at every speed."""
     found = {(r["method"], r["setting"], r["speed"]): r for r in rows}
     methods = list(dict.fromkeys((r["method"], r["setting"]) for r in rows))
 
@@ -239,7 +238,7 @@ def speed_table(rows, words):
 
 
 def default_table(data):
-    """The engine as it is by default."""
+    """Returns a table of the engine with its default settings."""
     def ours(kind, case):
         return next(r for r in data[kind] if (r["case"], r["speed"], r["method"], r["setting"]) ==
                     (case, SPEED, "palpate", "0.01"))

@@ -1,45 +1,46 @@
-/// Textbook ways to move a proxy over a surface or along a stream. They keep the proxy's place and
-/// nothing else: no value to come back to. For charts; the engine has its own (engine/step.h).
+/// Textbook ways to move a proxy over a surface or along a stream. They keep only the proxy's
+/// place, and no value to return to. For charts; the engine has its own method
+/// (engine/tick/step.h).
 #pragma once
 
 #include <memory>
 
-#include "palpate/engine/field.h"
+#include "palpate/engine/field/field.h"
 #include "palpate/engine/types.h"
 
 namespace palpate::methods {
 
-/// What one tick of a method did.
+/// Result of one tick of a method.
 struct Moved {
   Vec3 proxy = Vec3::Zero();  ///< [m]
-  int reads = 0;              ///< Of the field.
-  int cells = 0;              ///< Looked at for a contact while nothing held the proxy.
-  bool held = false;          ///< Something keeps the proxy from the hand.
+  int reads = 0;              ///< Readings of the field.
+  int cells = 0;              ///< Cells searched for a contact while the proxy was free.
+  bool held = false;          ///< The proxy is held apart from the hand.
 };
 
-/// How the hand's way of a tick is gone.
+/// Steps of a surface method along the hand's path in one tick.
 struct SurfaceRule {
-  int substeps = 1;   ///< The way is cut into so many parts.
-  int midpoints = 0;  ///< Times that the normal is read again, half-way to where the last one led.
-                      ///< 1: the explicit midpoint rule; more: towards the implicit one.
+  int substeps = 1;   ///< Number of parts of the hand's path.
+  int midpoints = 0;  ///< Times that the normal is read again, half-way to the previous end. 1: the
+                      ///< explicit midpoint rule; more: towards the implicit one.
 };
 
-/// A plane through the proxy, its normal read at the proxy: one balance in closed form a sub-step,
-/// as in Lundin et al., section 3.2. A free proxy is caught where V falls through `level`; from
-/// then on the level plays no part.
+/// A plane through the proxy, with the normal read at the proxy: one balance in closed form per
+/// sub-step, as in Lundin et al., section 3.2. A free proxy is caught where V falls through
+/// `level`. From then on the level has no effect.
 class MemorylessSurface {
  public:
-  /// @param sign      +1 where the solid's values are below the level, -1 where they are above.
-  /// @param give      Strength by stiffness, s/k: how far the hand can be from the proxy [m].
+  /// @param sign      +1 if the solid's values are below the level, -1 if they are above.
+  /// @param give      Strength / stiffness, s/k: the largest distance from hand to proxy [m].
   MemorylessSurface(std::shared_ptr<const ScalarField> field, double level, double sign,
                     double give, const SurfaceRule& rule);
 
-  /// The proxy begins at the first probe.
+  /// Moves the proxy by one tick. At the first call, the proxy begins at the probe.
   [[nodiscard]] Moved tick(const Vec3& probe) noexcept;
 
  private:
-  /// Where the spring and a plane through the proxy, its normal read at a place, balance. False
-  /// where there is no normal.
+  /// Balances the spring with a plane through the proxy. The normal is read at `at`. Returns false
+  /// if there is no normal, or if the probe is in front of the plane.
   bool balance(const Vec3& at, const Vec3& probe, Vec3& end, Moved& moved) noexcept;
   void move(const Vec3& probe, Moved& moved) noexcept;
 
@@ -55,11 +56,11 @@ class MemorylessSurface {
   Vec3 probe_ = Vec3::Zero();
 };
 
-/// How a line through the proxy is followed.
+/// Rules to follow a line through the proxy.
 enum class Along {
-  kTangent,   ///< Straight on: the line at the proxy.
-  kMidpoint,  ///< By the direction half-way, the length that of the line's balance.
-  kRk4,       ///< By Runge and Kutta's rule of order 4, the length likewise.
+  kTangent,   ///< Straight along the line at the proxy.
+  kMidpoint,  ///< Along the direction half-way, by the length of the line's balance.
+  kRk4,       ///< Runge-Kutta rule of order 4, by the same length.
 };
 
 struct StreamRule {
@@ -67,9 +68,9 @@ struct StreamRule {
   int substeps = 1;
 };
 
-/// A line through the proxy along v, in closed form: along it the proxy follows the hand, across it
-/// the hand must pull by more than `give`. Rules of higher order go through the faces of cells as
-/// if the field had no kinks there.
+/// A line through the proxy along v, in closed form. Along the line the proxy follows the hand.
+/// Across the line, the hand must pull by more than `give`. Rules of higher order cross the faces
+/// of cells as if the field had no kinks there.
 class MemorylessStream {
  public:
   /// @param give  s/k [m].
@@ -78,7 +79,7 @@ class MemorylessStream {
   [[nodiscard]] Moved tick(const Vec3& probe) noexcept;
 
  private:
-  /// v / |v|; zero where there is none.
+  /// Returns v / |v|, or zero if v is zero or `at` is outside the data.
   [[nodiscard]] Vec3 direction(const Vec3& at, Moved& moved) noexcept;
   void move(const Vec3& probe, Moved& moved) noexcept;
 

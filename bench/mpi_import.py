@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """How much faster is an import by several ranks of one core each? mpi_import.py PROGRAM [EDGE [RANKS]].
 
-A smooth image with noise of EDGE^3 16-bit values (default 512), imported as bricks by one rank and
-by RANKS (default 2), in turn, three times each: `mpirun --bind-to core`. Prints the times, and what
-memory the largest rank took. Says nothing where others use the cores: look at the load first.
+Imports a smooth image with noise, of EDGE^3 16-bit values (default 512), as bricks: by one rank and by RANKS (default
+2), in turn, three times each, with `mpirun --bind-to core`. Prints the times, and the memory of the largest rank. The
+times are invalid while other programs use the cores: check the load first.
 """
 import array
 import json
@@ -18,7 +18,7 @@ from pathlib import Path
 
 
 def image(file, edge):
-    """Shells in a ball, with noise: 41 % of it is not background."""
+    """Writes shells in a ball, with noise: 41 % of the voxels are not background."""
     noise = random.Random(1)
     squares = [(4.0 * n / edge - 2.0) ** 2 for n in range(edge)]
     with file.open("wb") as out:

@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""What a network's delay and loss do to a hand: measures it, and draws it.
+"""Measures and draws the effect of a network's delay and loss on a hand.
 
     network_chart.py BUILD FOLDER
 
-Left and middle: a volume in bricks from a web server (tests/scenes/http_test.py's hand in a bowl, by real TCP
-through palpate_relay): share of ticks that were felt coarsely, and how far their force is off, as felt again
-from a folder. Right: how far apart two linked hands are (palpate_loop_tests "a hand is led*", in virtual
-time). Into FOLDER goes network as .png and .svg; the tables go to standard output. Three minutes.
+Left and middle: a volume in bricks from a web server (the hand in a bowl of tests/scenes/http_test.py, through real TCP
+and palpate_relay). Left: the share of ticks that were felt coarsely. Middle: their force error, compared with a replay
+from a folder. Right: the distance of two linked hands (palpate_loop_tests "a hand is led*", in virtual time). Writes
+network.png and .svg into FOLDER; the tables go to standard output. Takes three minutes.
 """
 import re
 import subprocess
@@ -30,7 +30,8 @@ COLOURS = ("#0072B2", "#009E73", "#D55E00")  # Okabe and Ito's
 
 
 def through_a_window():
-    """By loss: of each delay the share of coarse ticks [%] and the force's error [N], rms over the run."""
+    """Returns for each loss, one pair for each delay: the share of coarse ticks [%] and the force's rms error over
+    the run [N]."""
     http_test.Far.setUpClass()
     far = http_test.Far("felt")
     found = {}
@@ -52,7 +53,7 @@ def through_a_window():
 
 
 def linked():
-    """By loss: of each delay how far two hands are apart [mm]."""
+    """Returns for each loss, one pair for each delay: the delay and the distance of two hands [mm]."""
     said = subprocess.run([BUILD / "tests/palpate_loop_tests", "a hand is led*"], check=True, capture_output=True,
                           text=True, timeout=60).stdout
     found = {}

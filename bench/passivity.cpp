@@ -1,9 +1,10 @@
-/// Does energy come out of the hand's port? Runs by the million, with nobody keeping it, with
-/// Hannaford and Ryu's observer and with the tank: palpate_bench_passivity [RUNS [HANDS]] (default
-/// 20000; of all but the tank's random ones a tenth; HANDS: only rows whose name has it). active:
-/// runs in which energy came out, more than rounding; broken: more than the tank promises, or than
-/// it says there is; acts, takes: share of ticks in which the keeper changed the force, and of the
-/// force that it took (an observer adds).
+/// Measures whether energy comes out of the hand's port: palpate_bench_passivity [RUNS [HANDS]].
+/// Makes runs by the million: without a keeper, with Hannaford and Ryu's observer, and with the
+/// tank. RUNS (default 20000) is the number of the tank's runs "at random" and "begun anew"; other
+/// rows have a tenth. HANDS: only rows whose name contains it. active: runs in which energy came
+/// out, more than rounding; broken: more than the tank promises, or the tank claims more energy
+/// than there is; acts, takes: share of ticks in which the keeper changed the force, and share of
+/// the force that it took (an observer adds).
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -27,7 +28,7 @@ namespace {
 const char* asked_hands = "";
 int rows = 0;
 
-/// `play`: what the i-th adds.
+/// Prints a row. `play` adds the i-th run to a tally.
 template <class Play>
 void showThose(const char* what, Keeper keeper, long count, Play play) {
   if (std::strstr(what, asked_hands) == nullptr) return;
@@ -63,7 +64,7 @@ void show(const char* what, Keeper keeper, long runs, Change change) {
   });
 }
 
-/// What a tick of the tank takes [ns], median.
+/// Returns the median time of a tick of the tank [ns].
 double cost(double delay, double doubt, double lag, double share) {
   TankParams params;
   params.use = TankUse::kAct;
@@ -84,7 +85,7 @@ double cost(double delay, double doubt, double lag, double share) {
     const auto start = bench::Clock::now();
     for (int i = 0; i < kTicks; ++i) {
       const double turn = 0.1 * i;
-      // A share below 1: more than the tank can pay for is asked.
+      // A share below 1 asks for more than the tank can pay for.
       const double size = share < 1.0 ? 1e4 : 1.0;
       sum += tank.pass(size * Vec3(std::sin(turn), std::cos(turn), 0.1),
                        1e-5 * Vec3(std::cos(turn), 0, 0), true, 1e-3, params, 1.0);
@@ -142,12 +143,12 @@ int main(int argc, char** argv) {
     run.tells_doubt = false;
   };
   const auto forgetful = [](PassivityRun& run) {
-    // Each of the others as well.
+    // Some runs have the other changes as well.
     if (run.seed % 3 == 1) bench::doubtDelay(run);
     if (run.seed % 5 == 1) bench::shakeReadings(run);
     if (run.seed % 7 == 1) bench::letLag(run);
     bench::forgetOften(run);
-    // It takes the lowest five bits of the seed.
+    // forgetOften() uses the lowest five bits of the seed.
     run.adversary = run.seed / 32 % 2 == 0;
     run.jitter = run.seed / 64 % 4 == 0 ? 0.5 : 0.0;
   };
@@ -171,6 +172,10 @@ int main(int argc, char** argv) {
   showThose(
       "... and searched", Keeper::kTank, std::max(1L, runs / 10 / kPlays),
       [](std::uint64_t i, bench::PassivityTally& own) { own.add(bench::playSearched(i, kPlays)); });
+  showThose("... without delay", Keeper::kTank, std::max(1L, runs / 10 / kPlays),
+            [](std::uint64_t i, bench::PassivityTally& own) {
+              own.add(bench::playSearched(i, kPlays, true));
+            });
   show("ticks come early", Keeper::kTank, std::max(1L, runs / 10), early);
   show("ticks come late", Keeper::kTank, std::max(1L, runs / 10), late);
   for (const Keeper keeper : {Keeper::kNobody, Keeper::kObserver}) {

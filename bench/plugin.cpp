@@ -1,6 +1,7 @@
-/// What does a process of its own cost? The arm of a plug-in read and driven at a rate, inside this
-/// process and from another: what reading and writing add to a tick, how old a position is when it
-/// is read, and how late a force comes to the plug-in.
+/// Measures the cost of running a plug-in in a separate process. Reads and drives the plug-in's arm
+/// at a rate, inside this process and from another. Prints the time that reading and writing add to
+/// a tick, the age of a position when it is read, and the delay of a force on its way to the
+/// plug-in.
 ///
 ///     palpate_bench_plugin [--rate HZ] [--seconds S]
 #include <cstdio>
@@ -14,8 +15,8 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "palpate/devices/plugin_process.h"
-#include "palpate/engine/realtime.h"
+#include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/engine/loop/realtime.h"
 #include "tests/devices/plugins/odd_arm.h"
 #include "tests/support/percentiles.h"
 
@@ -50,7 +51,7 @@ void run(const char* where, std::unique_ptr<PluginPort> port, const test::OddArm
   std::int64_t wrote_at = 0;
   for (std::size_t i = 0; i < count; ++i) {
     sleepUntil(begin + static_cast<std::int64_t>(period * static_cast<double>(i)));
-    // The last force has come to the plug-in meanwhile.
+    // By now the last force has reached the plug-in.
     if (wrote_at != 0) late.push_back(us(odd.wrote_at - wrote_at));
     const std::int64_t before = nowNs();
     const HandState hand = arm.read();

@@ -19,7 +19,7 @@ MM = 1e-3
 
 
 def solved(program, balances):
-    """Of each (stiffness, probe [m], primitives): the proxy [m] and the force on the hand [N]."""
+    """Returns for each (stiffness, probe [m], primitives) the proxy [m] and the force on the hand [N]."""
     lines = "\n".join(json.dumps({"stiffness": k, "probe": p, "primitives": each})
                       for k, p, each in balances)
     done = subprocess.run([program, "solve"], input=lines + "\n", stdout=subprocess.PIPE, text=True,
@@ -28,7 +28,8 @@ def solved(program, balances):
 
 
 def draw_forces(program, folder):
-    """Figure 3: what each primitive does to a proxy, by a spring so stiff that it stays at the probe."""
+    """Draws figure 3: the effect of each primitive on a proxy, with a spring so stiff that the proxy stays at the
+    probe."""
     figure, axes = plt.subplots(1, 4, figsize=(12.4, 3.3), sharey=True)
     kinds = [("directed force", {"kind": "force", "direction": UP, "strength": 1}),
              ("point", {"kind": "point", "position": [0, 0, 0], "strength": 1}),
@@ -71,7 +72,7 @@ def show(ax, probe, proxy, label=True):
 
 
 def draw_balances(program, folder):
-    """Figures 4 to 6: a plane, a point and the spring; and a plane that the spring outweighs."""
+    """Draws figures 4 to 6: a plane, a point and the spring; and a plane that the spring outweighs."""
     figure, (both, held, curve) = plt.subplots(1, 3, figsize=(12.4, 3.6))
     for ax in (both, held, curve):
         clear(ax)

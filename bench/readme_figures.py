@@ -30,7 +30,7 @@ class Unmeasured(Exception):
 
 
 def find(pattern, text):
-    """The groups of a pattern in a program's output, whose lines Catch2 breaks as it likes."""
+    """Returns the groups of a pattern in a program's output. Catch2 may break its lines anywhere."""
     found = re.search(pattern, " ".join(text.split()))
     if found is None:
         raise Unmeasured(f"its output has no \"{pattern}\"")
@@ -38,7 +38,7 @@ def find(pattern, text):
 
 
 def two(x):
-    """Two digits."""
+    """Formats with two digits."""
     return f"{float(f'{float(x):.2g}'):g}"
 
 
@@ -53,7 +53,7 @@ def parsed(text):
         raise Unmeasured("its output is no JSON") from e
 
 
-# From what a command printed to the cells of its rows.
+# Functions that extract the cells of a figure's rows from the output of its command.
 
 def weak_planes(text):
     eq2, ours = find(r"\b1e-09 \| (\S+) \| (\S+) \|", text)
@@ -150,7 +150,7 @@ ROWS = [
 
 
 def part(head, cells):
-    """What stands between the marks: where it was measured, the table, its commands."""
+    """Returns the text between the marks: where the figures were measured, the table, its commands."""
     lines = [*textwrap.wrap(head, WIDTH, break_on_hyphens=False), "",
              "| what | figure | by |", "|---|---|---|"]
     left = {number: list(of) for number, of in cells.items()}
@@ -180,7 +180,7 @@ class Page:
             self.cells[number].append(shown.get(what, MISSING))
 
     def write(self, head, cells):
-        """All of it or nothing."""
+        """Writes the whole page, or leaves it unchanged."""
         new = self.path.with_name(self.path.name + ".new")
         new.write_text(f"{self.above}{BEGIN}\n\n{part(head, cells)}\n\n{END}{self.below}",
                        encoding="utf-8")
@@ -188,7 +188,7 @@ class Page:
 
 
 class Build:
-    """Programs of one commit, and what they have measured."""
+    """The programs of one commit, and their measured figures."""
 
     def __init__(self, folder, data):
         self.folder = folder.resolve()
@@ -207,7 +207,7 @@ class Build:
             self.results = json.loads((self.kept / "results.json").read_text(encoding="utf-8"))
 
     def run(self, command, output=None):
-        """What it prints, which `output` keeps."""
+        """Runs a command and returns its standard output. The file `output` gets standard output and standard error."""
         done = subprocess.run(command, shell=True, cwd=ROOT, env=self.env, stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE, text=True, errors="replace", check=False)
         if output is not None:
@@ -219,7 +219,7 @@ class Build:
         return done.stdout
 
     def measured(self, number):
-        """Its cells of this build on this machine, or None."""
+        """Returns the cells measured with this build on this machine, or None."""
         result = self.results.get(str(number))
         if result is None or (result["commit"], result["machine"]) != (self.commit, self.machine):
             return None

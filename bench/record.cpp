@@ -1,5 +1,6 @@
-/// What does a recording cost a tick? The haptic thread over a scene, with and without a Recorder
-/// behind it, in turns; timed from the reading of the hand until the tick is kept.
+/// Measures the cost of a recording in a tick. Runs the haptic thread over a scene, with and
+/// without a Recorder, in turns. Times each tick from the reading of the hand until the tick is
+/// stored.
 ///
 ///     palpate_bench_record SCENE [--rate HZ] [--seconds S] [--turns N]
 #include <algorithm>
@@ -16,10 +17,10 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "palpate/devices/recorder.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/haptic_thread.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/devices/recording/recorder.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/loop/haptic_thread.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/percentiles.h"
 
 namespace {
@@ -52,7 +53,8 @@ class Noting final : public Device {
   SimulatedDevice inner_;
 };
 
-/// Keeps each tick where there is a recorder, and how long it took.
+/// Passes each tick to the recorder, if there is one, and keeps the time that this took since the
+/// reading.
 class Kept final : public TickSink {
  public:
   Kept(const Noting& device, Recorder* recorder, std::size_t ticks)
@@ -77,7 +79,7 @@ struct Times {
   std::int64_t lost = 0;
 };
 
-/// A turn: from the hand's first tick to the end of its way.
+/// Runs a turn: from the hand's first tick to the end of its path.
 void feel(const BuiltScene& built, const Options& options, bool recorded, Times& times) {
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "palpate_bench.rec";
   Noting device(explore(built.bounds, options.seconds), options.rate);

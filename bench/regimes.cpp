@@ -1,5 +1,5 @@
-/// Where other methods fail and what the engine does there, as a table for documents:
-/// palpate_bench_regimes. Ends with 1 where a half is not as it should be.
+/// Prints a table for documents: where other methods fail, and what the engine does there.
+/// palpate_bench_regimes. Exits with 1 if a finding is not as it should be.
 #include <cstdio>
 
 #include "tests/support/regime_rows.h"

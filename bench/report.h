@@ -1,4 +1,4 @@
-/// What benchmarks write: results as JSON, and where they were measured.
+/// Writes the results of benchmarks as JSON, with the machine on which they were measured.
 #pragma once
 
 #include <string>
@@ -9,16 +9,16 @@
 
 namespace palpate::bench {
 
-/// On a terminal, what is being done; an empty string clears the line.
+/// Prints progress if standard error is a terminal. An empty string clears the line.
 void tell(const std::string& what);
 
-/// Four digits: more would be noise.
+/// Rounds to four digits: more would be noise.
 [[nodiscard]] double rounded(double x);
 
 [[nodiscard]] nlohmann::ordered_json asJson(const Machine& machine);
 
-/// Writes a result, one element of a list a line: short enough to read, long enough to compare. An
-/// empty name is standard output. Throws where it cannot.
+/// Writes a result as JSON, one list element per line: short enough to read, long enough to
+/// compare. An empty name means standard output. Throws if it cannot write.
 void writeResult(const nlohmann::ordered_json& result, const std::string& file);
 
 }  // namespace palpate::bench

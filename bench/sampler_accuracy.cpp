@@ -1,6 +1,6 @@
-/// What does a reading cost, and how wrong is it? Time per call against error of value, gradient
-/// and gradient's direction, for every interpolation that we offer, for OpenVDB's samplers and
-/// stencils, and for NanoVDB's; where the caches are warm, cold and emptied.
+/// Measures the cost and the error of a reading. Prints time per call against error of value,
+/// gradient and the gradient's direction. Covers every interpolation that palpate offers, OpenVDB's
+/// samplers and stencils, and NanoVDB's. Caches are warm, cold or emptied.
 ///
 ///     palpate_bench_sampler_accuracy > sampler_accuracy.json
 ///     bench/sampler_accuracy_chart.py sampler_accuracy.json docs/charts
@@ -34,7 +34,7 @@ struct Options {
   bool quick = false;
   std::string output;
 
-  // What is measured, in full and in short.
+  // Sizes of the measurement, full and quick.
   [[nodiscard]] std::size_t errorPoints() const { return quick ? 20000 : 200000; }
   [[nodiscard]] std::size_t jumpPoints() const { return quick ? 2000 : 20000; }
   [[nodiscard]] double ballRadius() const { return quick ? 40.0 : 200.0; }  // [voxels]
@@ -44,23 +44,23 @@ struct Options {
   [[nodiscard]] std::size_t firstCalls() const { return quick ? 3 : 300; }
 };
 
-/// A field with a known gradient, at a number of voxels to its wavelength. Its values are at most
-/// 1 and its gradients, by voxel, at most `steepest`.
+/// A field with a known gradient, at a number of voxels per wavelength. Its values are at most 1.
+/// Its gradients, per voxel, are at most `steepest`.
 struct Analytic {
   const char* name;
-  double voxels;  ///< To a wavelength, or to the ball's radius.
+  double voxels;  ///< Per wavelength, or per radius of the ball.
   double steepest;
   int block;  ///< Voxels along an edge of the block that holds it.
   std::function<Sampled(const Vec3&)> truth;
-  std::function<Vec3(test::Random&)> place;  ///< A random point where it is judged.
+  std::function<Vec3(test::Random&)> place;  ///< A random point where the field is judged.
 };
 
-/// Voxels around what is judged: B-splines reach beyond, by a factor of 0.27 a voxel.
+/// Voxels around the judged region. The reach of B-splines falls by a factor of 0.27 per voxel.
 constexpr double kMargin = 16.0;
-/// No voxel at a zero or a crest, and no centre at a voxel.
+/// Keeps voxels off zeros and crests, and centres off voxels.
 const Vec3 kOff(0.37, 0.21, 0.44);
 
-/// sin x sin y sin z, over one wavelength or sixteen voxels.
+/// Makes sin x sin y sin z, over one wavelength or sixteen voxels.
 Analytic makeWaves(double voxels) {
   const double k = 2.0 * M_PI / voxels;
   const double edge = std::max(voxels, 16.0);
@@ -78,7 +78,8 @@ Analytic makeWaves(double voxels) {
           }};
 }
 
-/// The distance to a ball, by its radius, within a quarter of the radius about its surface.
+/// Makes the distance to a ball, divided by its radius, within a quarter of the radius about its
+/// surface.
 Analytic makeDistance(double voxels) {
   const int block = static_cast<int>(2.5 * voxels + 2.0 * kMargin) + 2;
   const Vec3 centre = Vec3::Constant(0.5 * block) + kOff;
@@ -95,7 +96,7 @@ Analytic makeDistance(double voxels) {
           }};
 }
 
-/// The squares' mean and the largest.
+/// Mean of the squares, and the largest error.
 struct Error {
   double squares = 0.0;
   double largest = 0.0;
@@ -117,7 +118,8 @@ double degreesBetween(const Vec3& a, const Vec3& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b)) * 180.0 / M_PI;
 }
 
-/// The largest step of the gradient across the faces of cells and of voxels, by the steepest.
+/// Returns the largest step of the gradient across the faces of cells and voxels, divided by
+/// `steepest`.
 double largestJump(Sampler& sampler, const Analytic& field, std::size_t count) {
   constexpr double kBeside = 1e-6;
   test::Random random(2);
@@ -174,7 +176,7 @@ ordered_json measureErrors(const Options& options) {
   return results;
 }
 
-/// The ball whose band is walked through, away from where trees have their seams.
+/// The ball for the walk through its band, away from the seams of trees.
 struct Ball {
   Vec3 centre = Vec3::Constant(2048.3);
   double radius = 0.0;
@@ -185,7 +187,7 @@ struct Ball {
   }
 };
 
-/// A hand's path through the band: steps of up to a tenth of a voxel, slowly turning.
+/// Makes a hand's path through the band: steps of up to a tenth of a voxel, slowly turning.
 std::vector<Vec3> makeWalk(const Ball& ball, std::size_t steps) {
   constexpr double kStep = 0.1;
   test::Random random(3);
@@ -213,15 +215,15 @@ std::vector<Vec3> makeScatter(const Ball& ball, std::size_t count) {
   return points;
 }
 
-/// Of the first core's last cache [bytes]. sysconf adds up all caches of the processor, also those
-/// of cores that are not ours.
+/// Returns the size of the first core's last cache [bytes]. sysconf adds up all caches of the
+/// processor, including those of other cores.
 std::size_t lastCache() {
   std::ifstream file("/sys/devices/system/cpu/cpu0/cache/index3/size");
   std::size_t kilobytes = 0;
   return file >> kilobytes ? kilobytes << 10U : std::size_t{32} << 20U;
 }
 
-/// Memory twice as large as the last cache; reading it leaves nothing else there.
+/// Memory twice as large as the last cache. Reading it evicts all other data from there.
 class Evictor {
  public:
   explicit Evictor(bool quick) : memory_((quick ? 1U << 20U : 2 * lastCache()) / sizeof(long), 1) {}
@@ -237,7 +239,7 @@ class Evictor {
   volatile long sum_ = 0;
 };
 
-/// What one contender takes: by call, one mean a round; first calls one by one [ns].
+/// Times of one contender [ns]: per call, one mean per round; first calls one by one.
 struct Cost {
   std::vector<double> walk;
   std::vector<double> cold;
@@ -245,14 +247,14 @@ struct Cost {
   std::vector<double> first_far;
 };
 
-/// Means of rounds: the median and the tails.
+/// Returns the median and the tails of the rounds' means.
 ordered_json ofRounds(const std::vector<double>& ns) {
   return {{"median", rounded(percentile(ns, 0.5))},
           {"p10", rounded(percentile(ns, 0.1))},
           {"p90", rounded(percentile(ns, 0.9))}};
 }
 
-/// Single calls.
+/// Returns percentiles of single calls.
 ordered_json ofCalls(const std::vector<double>& ns) {
   return {{"p50", rounded(percentile(ns, 0.5))},
           {"p90", rounded(percentile(ns, 0.9))},
@@ -260,15 +262,15 @@ ordered_json ofCalls(const std::vector<double>& ns) {
           {"count", ns.size()}};
 }
 
-/// By call [ns]: calls are timed in small batches, and those of the middle half count, so that a
-/// batch in which another program had the core does not.
+/// Returns the time per call [ns]. Calls are timed in small batches, and only the middle half of
+/// the batches counts. A batch in which another program had the core is thus left out.
 double timeCalls(Sampler& sampler, std::span<const Vec3> points) {
   return middleOfBatches(points,
                          [&](std::span<const Vec3> batch) { return sampler.timeAll(batch); });
 }
 
-/// Calls `turn` for every contender in every round, each time begun by another, so that whatever
-/// else the machine does hits all alike.
+/// Calls `turn` for every contender in every round. Another contender begins each round, so that
+/// other work of the machine affects all alike.
 template <class Turn>
 void takeTurns(std::size_t contenders, std::size_t rounds, const char* what, Turn turn) {
   for (std::size_t round = 0; round < rounds; ++round) {
@@ -286,13 +288,13 @@ std::vector<Cost> measureCosts(const Contest& contest, const Ball& ball, const O
   const auto sampler = [&](std::size_t i) -> Sampler& { return *contest.contenders[i].sampler; };
 
   takeTurns(count, options.rounds(), "walk and random points", [&](std::size_t i, std::size_t) {
-    // The same steps before, so that all they need is at hand.
+    // The same steps run before, so that all their data are in the caches.
     static_cast<void>(sampler(i).timeAll(walk));
     costs[i].walk.push_back(timeCalls(sampler(i), walk));
     costs[i].cold.push_back(timeCalls(sampler(i), scatter));
   });
   takeTurns(count, options.firstCalls(), "first calls", [&](std::size_t i, std::size_t round) {
-    // A hand goes on where it was, or is somewhere else in the ball.
+    // The next call is one step further, or somewhere else in the ball.
     const auto after = [&](const Vec3& before, const Vec3& now) {
       static_cast<void>(sampler(i).at(before));
       evictor.run();
@@ -328,7 +330,7 @@ ordered_json sizeOf(const Contest& contest) {
 int run(const Options& options) {
   const ordered_json errors = measureErrors(options);
 
-  // Built before the thread is pinned: loading and B-splines use all cores.
+  // Builds before the thread is pinned, because loading and B-splines use all cores.
   Ball ball;
   ball.radius = options.ballRadius();
   tell("the ball");

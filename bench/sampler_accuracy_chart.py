@@ -3,8 +3,7 @@
 
     sampler_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md] [--load LOAD.md]
 
-Into FOLDER goes sampler_accuracy as .png and .svg. The tables go to standard output, or into
-FILE.md between its markers.
+Writes sampler_accuracy.png and .svg into FOLDER. The tables go to standard output, or into FILE.md between its markers.
 """
 import argparse
 import json
@@ -16,7 +15,7 @@ from charting import Page, clear, number, plt, prepare, save, table, where  # no
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FixedLocator, NullLocator  # noqa: E402
 
-# Okabe and Ito's colours: what has the same order has the same colour, ours as a full line.
+# Okabe and Ito's colours: methods of equal order have equal colours; palpate's are solid lines.
 STYLES = {
     "palpate nearest": ("#8c8c8c", "-"),
     "palpate trilinear": ("#0072B2", "-"),
@@ -36,15 +35,14 @@ FIELDS = {"waves": ("waves: sin x sin y sin z", "of the amplitude", "wavelength"
           "distance": ("distance to a ball", "of the radius", "radius")}
 QUANTITIES = {"value": "value", "gradient": "gradient", "direction_deg": "gradient's direction"}
 
-# Average threshold of telling two force directions apart, with eyes that see the same: Barbagli,
-# Salisbury, Ho, Spence and Tan, "Haptic discrimination of force direction and the influence of
-# visual information", ACM Transactions on Applied Perception 3(2), 2006. Without vision it was
-# 25.6 degrees, with vision that misleads 31.9. It says nothing of jumps and of textures, which are
-# felt far finer.
+# Average threshold at which people distinguish two force directions while they see the same direction: Barbagli,
+# Salisbury, Ho, Spence and Tan, "Haptic discrimination of force direction and the influence of visual information", ACM
+# Transactions on Applied Perception 3(2), 2006. Without vision the threshold was 25.6 degrees, with misleading vision
+# 31.9. It does not apply to jumps and textures, for which perception is far finer.
 FORCE_DIRECTION = 18.4
 
 
-NOTHING = "nothing"  # what the loop and the clock take by themselves
+NOTHING = "nothing"  # the time of the loop and the clock alone
 
 
 def label(method, reads):
@@ -65,7 +63,7 @@ def draw_panel(ax, data, field, quantity):
         errors = [r[quantity]["rms"] for r in points]
         hollow = not method.startswith("palpate")
         ax.plot([walk] * len(points), errors, color=colour, linestyle=line, linewidth=1.1, zorder=2)
-        if quantity == "direction_deg":  # the largest: what a hand meets somewhere
+        if quantity == "direction_deg":  # the largest error that a hand meets
             ax.plot([walk] * len(points), [r[quantity]["max"] for r in points], color=colour,
                     marker="_", markersize=9, linestyle="none", alpha=0.7, zorder=2)
         for r, error in zip(points, errors):
@@ -135,7 +133,7 @@ def calls(times):
 
 
 def time_table(methods, base):
-    """Times, and how many times the base's walk they take."""
+    """Returns a table of times, and of their ratio to the base's walk."""
     reference = next(m for m in methods if m["method"] == base)["walk_ns"]["median"]
     body = [[label(m["method"], m["reads"]), spread(m["walk_ns"]),
              number(reference / m["walk_ns"]["median"]), spread(m["cold_ns"]),
@@ -145,7 +143,7 @@ def time_table(methods, base):
 
 
 def error_table(data, field):
-    """By quantity, so that methods stand below each other."""
+    """Returns a table sorted by quantity, so that the methods of one quantity are consecutive rows."""
     reads = {m["method"]: m["reads"] for m in data["scalar"]}
     rows = {(r["method"], r["voxels"]): r for r in data["errors"] if r["field"] == field}
     unit, size = FIELDS[field][1:]
@@ -167,7 +165,7 @@ def error_table(data, field):
 
 
 def asked_table(data):
-    """What the project set itself, against OpenVDB's BoxSampler, which reads the value alone."""
+    """Returns a table of the project's targets, relative to OpenVDB's BoxSampler, which reads only the value."""
     scalar = {m["method"]: m for m in data["scalar"]}
     vector = {m["method"]: m for m in data["vector"]}
 

@@ -12,9 +12,9 @@
 #endif
 
 #include "bench/machine.h"
-#include "palpate/engine/field.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/engine/field/field.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
 #include "tests/support/vdb_files.h"
 #include "tests/support/vdb_grids.h"
 
@@ -34,7 +34,7 @@ Vec3d asVec3d(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-// What is read, as numbers, and all of it added up, so that the optimiser can leave nothing out.
+// Results as numbers, and their sum: the optimiser cannot leave out any of these.
 Sampled asSampled(double value) noexcept {
   return {value, Vec3::Zero()};
 }
@@ -50,8 +50,8 @@ Sampled asSampled(const VectorSample& s) noexcept {
 Sampled asSampled(const Vec3& v) noexcept {
   return {v.sum(), Vec3::Zero()};
 }
-// By plain numbers: in a unit of this size the compiler calls Eigen's sum() instead of inlining it,
-// at some nanoseconds.
+// Adds plain numbers: in a unit of this size the compiler calls Eigen's sum() instead of inlining
+// it, which costs some nanoseconds.
 template <std::size_t N>
 double added(const double* values) noexcept {
   double sum = 0.0;
@@ -78,7 +78,7 @@ double since(Clock::time_point start) {
   return std::chrono::duration<double, std::nano>(Clock::now() - start).count();
 }
 
-/// A sampler of a callable, compiled into the loops that are timed.
+/// A sampler from a callable, compiled into the timed loops.
 template <class Read>
 class SamplerOf final : public Sampler {
  public:
@@ -95,7 +95,7 @@ class SamplerOf final : public Sampler {
   }
 
   [[nodiscard]] double timeOne(const Vec3& p) override {
-    // The clock's own code and page are fetched by a reading that is not used.
+    // A reading that is not used fetches the clock's own code and page.
     sink_ = since(Clock::now());
     const auto start = Clock::now();
     sink_ = summed(read_(p));
@@ -112,7 +112,7 @@ Contender contender(const char* method, Reads reads, Read read, const char* note
   return {method, reads, note, std::make_unique<SamplerOf<Read>>(std::move(read))};
 }
 
-/// By differences over half a voxel to either side.
+/// Returns a sampler with gradients by differences over half a voxel to either side.
 template <class Read>
 auto differencesOf(Read read) {
   return [read](const Vec3& p) {
@@ -127,7 +127,7 @@ auto differencesOf(Read read) {
   };
 }
 
-/// One of OpenVDB's samplers with an accessor that takes no lock.
+/// Returns one of OpenVDB's samplers, with an accessor that takes no lock.
 template <class SamplerT, class GridT>
 auto openVdb(const typename GridT::Ptr& grid) {
   using Accessor = openvdb::tree::ValueAccessor<const typename GridT::TreeType, false>;
@@ -140,7 +140,8 @@ auto openVdb(const typename GridT::Ptr& grid) {
   };
 }
 
-/// As openvdb::tools::GridSampler, from world space; that itself wants an accessor with a lock.
+/// Returns a sampler from world space, like openvdb::tools::GridSampler. GridSampler itself needs
+/// an accessor with a lock.
 template <class Read>
 auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
   return [grid, read](const Vec3& p) {
@@ -149,7 +150,7 @@ auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
   };
 }
 
-/// OpenVDB's stencil of a cell's eight voxels: value and slope of their polynomial.
+/// Returns OpenVDB's stencil of a cell's eight voxels: value and slope of their polynomial.
 auto boxStencil(const FloatGrid::Ptr& grid) {
   using Stencil = openvdb::math::BoxStencil<FloatGrid, false>;
   return [grid, stencil = std::make_shared<Stencil>(*grid)](const Vec3& p) {
@@ -163,7 +164,7 @@ auto boxStencil(const FloatGrid::Ptr& grid) {
 }
 
 #ifdef PALPATE_NANOVDB
-/// NanoVDB's trilinear sampler that keeps the last cell.
+/// Returns NanoVDB's trilinear sampler, which keeps the last cell.
 auto nanoVdb(const FloatGrid::Ptr& grid) {
   using Handle = nanovdb::GridHandle<nanovdb::HostBuffer>;
   auto handle = std::make_shared<Handle>(
@@ -183,7 +184,7 @@ auto nanoVdb(const FloatGrid::Ptr& grid) {
 }
 #endif
 
-/// The one place where our fields are made.
+/// Makes palpate's field. No other function makes one.
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, Interpolation interpolation) {
   return makeVdbField(volume, Placement{}, {interpolation});
 }
@@ -195,7 +196,7 @@ auto ours(std::shared_ptr<const Field> field) {
   return [field = std::move(field), cache](const Vec3& p) { return field->sample(p, *cache); };
 }
 
-/// Through a file, as users get theirs.
+/// Loads a grid through a file, as users do.
 std::shared_ptr<const Volume> load(const openvdb::GridBase::Ptr& grid) {
   const test::TemporaryFolder folder;
   const auto file = folder / "grid.vdb";

@@ -1,6 +1,7 @@
-/// The samplers that are compared, ours, OpenVDB's and NanoVDB's, behind one face, and the grids
-/// that they read. Grids have voxels of one unit and the hand's world is the file's: positions are
-/// index space to all of them, in OpenVDB's favour, since ours maps them all the same.
+/// The samplers that are compared (palpate's, OpenVDB's and NanoVDB's) behind one interface, and
+/// the grids that they read. Grids have voxels of one unit, and the hand's world is the file's
+/// space. Positions are thus in index space for all samplers. This favours OpenVDB, because
+/// palpate's sampler maps positions all the same.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +20,7 @@ struct Sampled {
   Vec3 gradient = Vec3::Zero();
 };
 
-/// One way to read a grid, with the state that one thread keeps of it.
+/// A way to read a grid, with the state that one thread keeps of the grid.
 class Sampler {
  public:
   Sampler() = default;
@@ -27,15 +28,15 @@ class Sampler {
   Sampler& operator=(const Sampler&) = delete;
   virtual ~Sampler() = default;
 
-  /// Value and gradient, of a vector field the value's sum and nothing.
+  /// Returns value and gradient; for a vector field, the sum of its components and a zero gradient.
   [[nodiscard]] virtual Sampled at(const Vec3& p) = 0;
-  /// Reads at all points, one after the other [ns].
+  /// Reads at all points, one after the other. Returns the time [ns].
   [[nodiscard]] virtual double timeAll(std::span<const Vec3> points) = 0;
-  /// One call by itself, the clock included [ns].
+  /// Returns the time of a single call, the clock included [ns].
   [[nodiscard]] virtual double timeOne(const Vec3& p) = 0;
 };
 
-/// What a call returns.
+/// Result of a call.
 enum class Reads : std::uint8_t { kValue, kValueAndGradient, kValueAndJacobian };
 
 /// "V", "V+G" or "V+J".
@@ -44,30 +45,30 @@ enum class Reads : std::uint8_t { kValue, kValueAndGradient, kValueAndJacobian }
 struct Contender {
   std::string method;
   Reads reads = Reads::kValue;
-  std::string note;  ///< What one should know of it.
+  std::string note;  ///< Remark on the method for readers.
   std::unique_ptr<Sampler> sampler;
 };
 
-/// Reads nothing: what the loops and the clock take by themselves.
+/// Makes a sampler without readings, to time the loops and the clock by themselves.
 [[nodiscard]] Contender makeNothing();
 
-/// What is read, and by whom.
+/// A grid, and the samplers that read it.
 struct Contest {
   std::uint64_t active_voxels = 0;
   std::uint64_t memory = 0;  ///< [bytes]
   std::vector<Contender> contenders;
 };
 
-/// Whether NanoVDB was found when this was built.
+/// Returns whether NanoVDB was found at build time.
 [[nodiscard]] bool hasNanoVdb() noexcept;
 
-/// A dense block of voxels [0, n)^3 with the values of a function of the position.
+/// Makes a dense block of voxels [0, n)^3 with the values of a function of the position.
 [[nodiscard]] Contest overBlock(int n, const std::function<double(const Vec3&)>& f);
 
-/// The level set of a ball, half-width three voxels.
+/// Makes the level set of a ball, with a half-width of three voxels.
 [[nodiscard]] Contest overBall(const Vec3& centre, double radius);
 
-/// A velocity, rotation about the centre, in the same voxels.
+/// Makes a velocity field, a rotation about the centre, in the same voxels.
 [[nodiscard]] Contest overSpinningBall(const Vec3& centre, double radius);
 
 }  // namespace palpate::bench

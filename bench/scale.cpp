@@ -1,11 +1,11 @@
-/// What do many volumes cost? Ticks, memory and building by how many are placed, how many overlap
-/// where the hand is, and how large they are.
+/// Measures the cost of many volumes: ticks, memory and build time. Varies how many are placed, how
+/// many overlap at the hand, and how large they are.
 ///
 ///     palpate_bench_scale [--quick] [--pairs N] [--only WHAT] [--scene SCENE]... [--out
 ///     RESULT.json]
 ///
-/// Ticks are compared in pairs of runs, each pair beginning with the other scene. Scenes are built
-/// by all cores; the thread that ticks stays on one while it is timed.
+/// Ticks are compared in pairs of runs; the order of the scenes alternates between pairs. All cores
+/// build the scenes. The thread that ticks stays on one core while it is timed.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -24,11 +24,11 @@
 #include <openvdb/tools/LevelSetSphere.h>
 
 #include "bench/report.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/scenes/build_scene.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/scenes/library/build_scene.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/reference_solver.h"
 #include "tests/support/vdb_files.h"
@@ -57,7 +57,7 @@ double seconds(Clock::time_point from) {
   return std::chrono::duration<double>(Clock::now() - from).count();
 }
 
-/// Of the process [bytes].
+/// Returns the resident memory of the process [bytes].
 double residentMemory() {
   malloc_trim(0);
   std::ifstream file("/proc/self/statm");
@@ -74,7 +74,7 @@ std::shared_ptr<const Volume> throughAFile(const openvdb::GridBase::Ptr& grid) {
   return loadVolume(file, "");
 }
 
-/// A ball as a level set.
+/// Makes the level set of a ball.
 std::shared_ptr<const Volume> makeBall(double radius) {
   openvdb::initialize();
   const auto grid = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
@@ -83,7 +83,7 @@ std::shared_ptr<const Volume> makeBall(double radius) {
   return throughAFile(grid);
 }
 
-/// A cloud that is thickest in its middle.
+/// Makes a cloud that is thickest in its middle.
 std::shared_ptr<const Volume> makeCloud() {
   openvdb::initialize();
   const auto grid = openvdb::FloatGrid::create();
@@ -105,7 +105,7 @@ PlaceSpec placeAt(const Vec3& at) {
   return place;
 }
 
-/// What is felt of a ball, and of a cloud.
+/// Modes of a ball (skin) and of a cloud (layers).
 ModeSpec skin() {
   ModeSpec mode;
   mode.kind = ModeKind::kIsosurface;
@@ -122,7 +122,7 @@ ModeSpec layers() {
   return mode;
 }
 
-/// A volume with instances.
+/// Makes a scene of one volume with instances.
 SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
                   const std::vector<Vec3>& places) {
   SceneSpec spec;
@@ -135,7 +135,7 @@ SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& m
   return spec;
 }
 
-/// The same as volumes of one graph, which is asked in every tick.
+/// Makes the same scene from volumes of one graph, which is evaluated in every tick.
 SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
                      const std::vector<Vec3>& places) {
   SceneSpec spec;
@@ -150,9 +150,9 @@ SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec
   return spec;
 }
 
-/// Where a hand goes through free space, at the time [s] that a way of 0.3 m/s takes.
+/// Returns the place of a hand in free space after a time [s] on a path at 0.3 m/s.
 Vec3 freePlace(double time) {
-  // A circle about the two balls, through the room's corners' middles.
+  // A circle about the two balls, in the plane of an edge's middle and a corner of the room.
   constexpr double kRound = 0.35;  // [m]
   const double turn = 0.3 * time / kRound;
   const Vec3 u = Vec3(1, 1, 0).normalized();
@@ -160,12 +160,13 @@ Vec3 freePlace(double time) {
   return kRound * (std::cos(turn) * u + std::sin(turn) * v);
 }
 
-/// Two balls that overlap, and others about them that a hand does not come to on its two ways.
+/// Returns places of two balls that overlap, and of others that a hand does not reach on its two
+/// paths.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
   constexpr double kApart = 0.06;  // from the middle: the hand stays within 35 mm
-  constexpr double kFree = 0.03;   // from the free way: a ball has 2 cm, its data another 3 mm
+  constexpr double kFree = 0.03;   // from the free path: a ball has 2 cm, its data another 3 mm
   std::vector<Vec3> free;
   free.reserve(2000);
   for (int i = 0; i < 2000; ++i) free.push_back(freePlace(i * (2.0 * M_PI * 0.35 / 0.3 / 2000)));
@@ -181,7 +182,7 @@ std::vector<Vec3> placesOf(std::size_t count) {
   return places;
 }
 
-/// Round two balls that overlap, in and out of them by 3 mm, at up to 0.17 m/s.
+/// Returns a path around two overlapping balls, 3 mm in and out, at up to 0.17 m/s.
 std::vector<Vec3> wayAround(std::size_t ticks) {
   std::vector<Vec3> way;
   way.reserve(ticks);
@@ -203,7 +204,7 @@ struct Ride {
   std::vector<StepReport> reports;
 };
 
-/// A hand's ticks along a way, after a thousand to warm up.
+/// Times a hand's ticks along a path, after a thousand ticks to warm up.
 Ride ride(const Scene& scene, const std::vector<Vec3>& way) {
   const bench::Pinned pinned;
   Reader reader;
@@ -243,7 +244,7 @@ void append(std::vector<double>& to, const std::vector<double>& from) {
   to.insert(to.end(), from.begin(), from.end());
 }
 
-/// What the clock adds to a time [ns], the median.
+/// Returns the median time that the clock adds [ns].
 double clockCost() {
   std::vector<double> ns;
   ns.reserve(10001);
@@ -254,7 +255,7 @@ double clockCost() {
   return bench::percentile(ns, 0.5);
 }
 
-/// Looking for what is near in free space, and whole ticks there: a hand at 0.3 m/s.
+/// Times the search for near volumes in free space, and whole ticks there, for a hand at 0.3 m/s.
 void freeSpace(const Scene& scene, ordered_json& row) {
   constexpr int kLooks = 40000;
   std::vector<Vec3> way;
@@ -287,7 +288,8 @@ void freeSpace(const Scene& scene, ordered_json& row) {
   row["free_tick"] = timesOf(free.ns);
 }
 
-/// What four hands take beside the scene: readers and proxies, after they have felt it [bytes].
+/// Returns the memory of four hands in addition to the scene [bytes]: readers and proxies, after
+/// they have felt it.
 double memoryOfHands(const Scene& scene, const std::vector<Vec3>& way) {
   const double before = residentMemory();
   std::vector<Reader> readers(4);
@@ -329,7 +331,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
       tails.push_back(bench::percentile(all.ns, 0.999) / bench::percentile(alone.ns, 0.999));
       append(alone_ns, alone.ns);
       append(all_ns, all.ns);
-      // The comparison means nothing where they do not feel the same.
+      // If the forces differ, the comparison is useless.
       for (std::size_t i = 0; i < way.size() && count >= 2; ++i) {
         if ((all.reports[i].wanted - alone.reports[i].wanted).norm() > 1e-9) {
           throw std::runtime_error("others are felt, too: the comparison means nothing");
@@ -348,7 +350,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
   return rows;
 }
 
-/// The cloud at places within 4 mm, and a hand that goes through all of them.
+/// The cloud at places within 4 mm, and a hand's path through all the places.
 struct Heap {
   std::vector<Vec3> places;
   std::vector<Vec3> way;
@@ -367,7 +369,7 @@ struct Heap {
   }
 };
 
-/// More than there is room for.
+/// Measures numbers of clouds up to more than a tick has room for.
 ordered_json crowds(const Options& options) {
   ordered_json rows = ordered_json::array();
   const auto cloud = makeCloud();
@@ -396,7 +398,7 @@ ordered_json byOverlap(const Options& options) {
     std::vector<double> one_ns;
     std::vector<double> ratios;
     double iterations = 0.0;
-    // Only ticks in which all of them take part.
+    // Only ticks in which all clouds take part.
     const auto keep = [&](const Ride& ridden, std::vector<double>& ns) {
       std::vector<double> own;
       own.reserve(heap.way.size());
@@ -420,7 +422,7 @@ ordered_json byOverlap(const Options& options) {
         }
       }
     }
-    // Against the reference balance of the primitives that the tick has placed.
+    // Compares with the reference balance of the primitives that the tick has placed.
     const double k = parts.scene->coupling.stiffness;
     Reader reader;
     ProxyState state(ForceLimits{1000.0, 1e9});
@@ -438,7 +440,7 @@ ordered_json byOverlap(const Options& options) {
           test::solveReference(heap.way[i], k, state.primitives().items());
       const double error = k * (state.proxy() - heap.way[i] - exact.offset).norm();
       const double allowed = k * (r.error_bound + exact.error_bound);
-      constexpr double kRounding = 1e-12;  // [N] of the proxy's place
+      constexpr double kRounding = 1e-12;  // [N], rounding of the proxy's place
       if (error > allowed + kRounding) throw std::runtime_error("an error is beyond its bound");
       off = std::max(off, error);
       bound = std::max(bound, allowed);
@@ -473,7 +475,7 @@ ordered_json bySize(const Options& options) {
     const BuiltScene single = buildScene(sceneOf(volume, skin(), {Vec3::Zero()}));
     const double first = seconds(start);
     const double with_one = residentMemory();
-    // A thousand, side by side.
+    // A thousand balls, side by side.
     std::vector<Vec3> places;
     places.reserve(1000);
     for (int i = 0; i < 1000; ++i) {
@@ -484,7 +486,7 @@ ordered_json bySize(const Options& options) {
     const BuiltScene many = buildScene(sceneOf(volume, skin(), places));
     const double thousand = seconds(again);
     const double with_all = residentMemory();
-    // Over its skin.
+    // A path over the surface.
     std::vector<Vec3> way;
     const std::size_t ticks = options.quick ? 4000 : 40000;
     way.reserve(ticks);
@@ -507,7 +509,7 @@ ordered_json bySize(const Options& options) {
   return rows;
 }
 
-/// A scene as it is, explored all over.
+/// Measures a scene from a file, explored all over.
 ordered_json explored(const Options& options, const std::string& file) {
   bench::tell(file);
   const double before = residentMemory();
@@ -550,7 +552,7 @@ int run(const Options& options) {
   ordered_json json;
   const auto ball = makeBall(kRadius);
   {
-    // What is allocated once and for all.
+    // Allocates the memory that is allocated only once.
     (void)buildScene(sceneOf(ball, skin(), placesOf(10)));
   }
   bench::Machine machine = bench::takeMachine(false);

@@ -3,8 +3,8 @@
 
     scale_chart.py RESULT.json FOLDER [--doc FILE.md]
 
-Into FOLDER go scale_number, scale_overlap and scale_size as .png and .svg. The tables go to standard
-output, or into FILE.md between its markers.
+Writes scale_number, scale_overlap and scale_size as .png and .svg into FOLDER. The tables go to standard output, or
+into FILE.md between its markers.
 """
 import sys
 

@@ -1,10 +1,10 @@
-/// What a script's calls cost in C++, for script_cost.py, which compares: the same points of the
-/// same grid sampled, the same ticks of the same scene.
+/// Measures the cost of a script's calls in C++, for script_cost.py, which compares. Samples the
+/// same points of the same grid, and runs the same ticks of the same scene.
 ///
 ///     palpate_bench_script FILE.vdb GRID POINTS PROBES
 ///
-/// POINTS and PROBES are raw doubles, three each: of the file's space, of W. Prints, in this order,
-/// the best of five rounds: ns a sample, ns a tick.
+/// POINTS and PROBES are raw doubles, three each: in the file's space and in W. Prints, in this
+/// order, the best of five rounds: ns per sample, ns per tick.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -16,10 +16,10 @@
 #include <variant>
 #include <vector>
 
-#include "palpate/devices/path_device.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/devices/simulated/path_device.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/scenes/library/scene_file.h"
 
 namespace {
 
@@ -42,7 +42,7 @@ std::vector<Vec3> readPoints(const char* file) {
   return points;
 }
 
-/// ns an item, of the quickest of five rounds.
+/// Returns the time per item [ns] of the quickest of five rounds.
 template <class Round>
 double best(std::size_t items, Round round) {
   double least = 1e300;
@@ -63,7 +63,7 @@ int main(int argc, char** argv) try {
   const FieldPtr field = makeVdbField(loadVolume(argv[1], argv[2]), Placement{});
   const ScalarField& scalar = *std::get<0>(field);
   const double sample = best(points.size(), [&] {
-    // Its memory is new in every round, as it is in every call of a script's.
+    // The memory is new in every round, as in every call of a script.
     std::vector<Row> rows(points.size());
     FieldCache cache;
     scalar.reset(cache);

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What the Python module adds to C++: script_cost.py BIN, the folder of programs and module.
+"""Measures the cost that the Python module adds to C++: script_cost.py BIN, the folder of programs and module.
 
-A million random samples of a grid, and ticks along a press, by the module and by C++
-(palpate_bench_script) in turn, five pairs: medians, and the ratio or the difference."""
+Takes a million random samples of a grid, and ticks along a press, with the module and with C++
+(palpate_bench_script) in turn, in five pairs. Prints the medians, and the ratio or the difference."""
 
 import os
 import statistics
@@ -14,11 +14,11 @@ import time
 import numpy as np
 
 sys.path.insert(0, sys.argv[1])
-import palpate  # noqa: E402  (it stands there)
+import palpate  # noqa: E402  (in the folder BIN)
 
 
 def best(call, items):
-    """ns an item, of the quickest of five rounds."""
+    """Returns the least time for one item [ns], of five rounds."""
     least = float("inf")
     for _ in range(5):
         begin = time.perf_counter()

@@ -1,7 +1,8 @@
-/// Which method is how fast at which accuracy? Time per balance against error of the proxy, for the
-/// methods of the literature and the engine's solver, each at several settings, over problems and
-/// motions of several families; the solvers' iterations over a recorded exploration (the paper's
-/// figure 7); and the force that non-orthogonal constraints make up (its section 3.1).
+/// Compares the speed and the accuracy of methods. Measures time per balance against error of the
+/// proxy, for the methods of the literature and the engine's solver. Each method has several
+/// settings; problems and motions are of several families. Also measures the solvers' iterations
+/// over a recorded exploration (the paper's figure 7), and the force that non-orthogonal
+/// constraints make up (its section 3.1).
 ///
 ///     palpate_bench_speed_accuracy > speed_accuracy.json
 ///     bench/speed_accuracy_chart.py speed_accuracy.json docs/charts
@@ -28,7 +29,7 @@
 #include "bench/machine.h"
 #include "bench/report.h"
 #include "palpate/devices/methods/constraint_approach.h"
-#include "palpate/engine/solver.h"
+#include "palpate/engine/balance/solver.h"
 #include "tests/support/contenders.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/reference_solver.h"
@@ -39,7 +40,7 @@ using namespace palpate;
 using namespace palpate::bench;
 using nlohmann::ordered_json;
 
-constexpr double kShortest = 5.0;  // [ns]: what seems to take less is noise of the clock
+constexpr double kShortest = 5.0;  // [ns]: a shorter time is noise of the clock
 
 /// Errors to reach, as shares of S/k.
 struct Target {
@@ -65,10 +66,10 @@ double nanoseconds(Clock::duration d) {
 struct Row {
   std::string family;
   std::size_t primitives = 0;
-  bool motion = false;  // each problem follows from the one before
+  bool motion = false;  // each problem follows from the previous one
   std::vector<RecordedBalance> cases;
   std::vector<Vec3> offsets;   // proxy - probe [m]
-  std::vector<double> bounds;  // of their errors [m]
+  std::vector<double> bounds;  // error bounds of the offsets [m]
 };
 
 Row makeRow(Family family, int count, const Options& options) {
@@ -85,7 +86,7 @@ Row makeRow(Family family, int count, const Options& options) {
 }
 
 std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBalance>& exploration) {
-  // Motions: twenty stretches, each begun cold.
+  // Motions have twenty stretches, each begun cold.
   constexpr std::size_t kStretches = 20;
   const std::size_t ticks = std::max<std::size_t>(10, options.problems / 4);
   std::vector<Row> rows;
@@ -120,8 +121,8 @@ std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBala
   return rows;
 }
 
-/// True answers, from the reference solver: quadruple precision, slow, and sharing nothing with
-/// what is measured. Throws where it does not know one to 1e-6 S/k.
+/// Finds the true answers with the reference solver: quadruple precision, slow, and independent of
+/// the measured methods. Throws if it does not know an answer to 1e-6 S/k.
 ordered_json findTruth(std::vector<Row>& rows) {
   constexpr double kClose = 1e-6;  // of S/k
   std::size_t cases = 0;
@@ -144,23 +145,23 @@ ordered_json findTruth(std::vector<Row>& rows) {
   return {{"cases", cases}, {"widest_bound_over_reach", rounded(widest)}};
 }
 
-/// What one contender did with one row.
+/// Results of one contender on one row.
 struct Score {
-  std::vector<std::vector<double>> times;  // of each case, one a pass [ns]
-  std::vector<double> cost;                // of each case, the mean of their middle half [ns]
+  std::vector<std::vector<double>> times;  // of each case, one per pass [ns]
+  std::vector<double> cost;                // of each case, mean of the middle half [ns]
   std::vector<double> error;               // of each case, at least the truth's bound [m]
-  std::vector<double> apart;               // of each case, from what is taken for the truth [m]
+  std::vector<double> apart;               // of each case, distance to the answer taken as true [m]
   std::vector<double> iterations;
   std::size_t settled = 0;
   std::size_t claims = 0;  // answers with a certificate ...
   std::size_t broken = 0;  // ... that does not hold
   double spent = 0.0;      // [s]
   int passes = 0;
-  std::vector<double> cold;  // of the first cases, as a tick has them [ns]
+  std::vector<double> cold;  // of the first cases, timed as in a tick [ns]
 };
 
-/// One pass over a row: single balances are timed, and nothing is solved twice in a row, so that
-/// branches are as hard to foresee as in a tick.
+/// Makes one pass over a row. Single balances are timed, and no problem is solved twice in a row,
+/// so that branches are as hard to predict as in a tick.
 void pass(const Contender& contender, const Row& row, double overhead, Score& score) {
   std::vector<Primitive> primitives(row.primitives);
   const auto begin = Clock::now();
@@ -174,7 +175,7 @@ void pass(const Contender& contender, const Row& row, double overhead, Score& sc
     score.times[i].push_back(std::max(kShortest, nanoseconds(end - start) - overhead));
     if (score.passes > 0) continue;
     const double apart = (answer.balance.offset - row.offsets[i]).norm();
-    // A method that ran away is infinitely wrong; JSON has no word for it.
+    // A method that diverges is infinitely wrong, but JSON has no infinity.
     score.apart.push_back(std::isfinite(apart) ? apart : 1e9);
     score.error.push_back(std::max(score.apart.back(), row.bounds[i]));
     score.iterations.push_back(answer.balance.iterations);
@@ -186,7 +187,7 @@ void pass(const Contender& contender, const Row& row, double overhead, Score& sc
   score.spent += 1e-9 * nanoseconds(Clock::now() - begin);
 }
 
-/// What timing nothing takes: the clock and the call.
+/// Returns the time of an empty measurement: the clock and the call.
 double measureOverhead() {
   const Contender nothing{
       "", "", [](const BalanceProblem&, std::span<const Primitive>) { return Answer{}; }};
@@ -202,7 +203,8 @@ double measureOverhead() {
   return middleHalf(times);
 }
 
-/// All contenders over a row, taking turns, so that whatever else the machine does hits all alike.
+/// Measures all contenders over a row in turns, so that other work of the machine affects all
+/// alike.
 std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& row,
                            double overhead, double seconds_each) {
   constexpr int kPasses = 9;
@@ -224,8 +226,8 @@ std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& 
   return scores;
 }
 
-/// A motion's first balances as a tick has them: each after a millisecond asleep, on a core that
-/// others keep busy. Of the engine's solver as it ticks, and of the paper's.
+/// Times a motion's first balances as in a tick: each after a millisecond asleep, on a busy core.
+/// Times only the engine's solver as it ticks and the paper's solver.
 void measureCold(const std::vector<Contender>& contenders, const Row& row, double overhead,
                  std::size_t most, std::vector<Score>& scores) {
   const Neighbour neighbour("own");
@@ -253,7 +255,7 @@ void measureCold(const std::vector<Contender>& contenders, const Row& row, doubl
   loop.join();
 }
 
-/// Whether a case is solved to a target, as far as the truth is known.
+/// Returns whether a case is solved to a target, as far as the truth is known.
 bool reaches(const Row& row, const Score& score, std::size_t i, const Target& target) {
   return score.apart[i] <= target.share * reachOf(row.cases[i].problem) + row.bounds[i];
 }
@@ -304,7 +306,7 @@ ordered_json describe(const Contender& contender, const Row& row, const Score& s
           {"passes", score.passes}};
 }
 
-/// One method's settings, as indices into the contenders.
+/// Settings of one method, as indices into the contenders.
 struct Settings {
   std::string method;
   std::vector<std::size_t> indices;
@@ -326,8 +328,9 @@ std::vector<Settings> rivalsAmong(const std::vector<Contender>& contenders) {
   return rivals;
 }
 
-/// The setting that a method's user would choose for a target: of those that reach it in as many
-/// cases as its most reliable one, to one in a hundred, the cheapest.
+/// Returns the setting that a user of the method would choose for a target. It is the cheapest
+/// setting that reaches the target as often as the most reliable one, to within one case in a
+/// hundred.
 std::size_t bestSetting(const Settings& settings, const Row& row, const std::vector<Score>& scores,
                         const Target& target) {
   std::size_t most = 0;
@@ -346,11 +349,12 @@ std::size_t bestSetting(const Settings& settings, const Row& row, const std::vec
   return best;
 }
 
-/// The engine's solver, asked for a target, against every other method at its best setting, over
-/// the cases that both reach; how many they do not is said. Beside it the same for the setting that
-/// reaches the target at the least cost case by case, a choice that no program could make, in the
-/// other's favour; and the ratio over all cases, whether the other reached the target or gave up,
-/// because what it misses is seldom what is easy.
+/// Compares the engine's solver, asked for a target, with every other method at its best setting,
+/// over the cases that both reach. Also writes how many cases each misses. Two more ratios stand
+/// beside it. One takes, case by case, the setting that reaches the target at the least cost. No
+/// program could make this choice, and it favours the other method. The other ratio covers all
+/// cases, whether the other method reached the target or gave up, because the cases that it misses
+/// are seldom easy.
 void addRatios(const std::vector<Contender>& contenders, const Row& row,
                const std::vector<Score>& scores, ordered_json& ratios) {
   for (std::size_t o = 0; o < contenders.size(); ++o) {
@@ -405,7 +409,7 @@ void addRatios(const std::vector<Contender>& contenders, const Row& row,
   }
 }
 
-/// Figure 7: iterations over an exploration, with the hand's speed; tick by tick.
+/// Returns figure 7: iterations over an exploration, with the hand's speed, tick by tick.
 ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
   std::vector<double> speed;
   std::vector<std::size_t> primitives;
@@ -438,10 +442,11 @@ ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
       {"rate_hz", 1000}, {"speed_m_s", speed}, {"primitives", primitives}, {"solvers", solvers}};
 }
 
-/// Section 3.1 as an experiment. Three constraints, two at an angle and one across them; the proxy
-/// is where they were placed and the hand 5 mm away, in many directions. What the force on the hand
-/// has too much: its distance to the force of the true balance, which is zero without strength.
-/// To the primitives a constraint is a plane for each sense of its direction.
+/// Repeats section 3.1 as an experiment. There are three constraints, two at an angle and one
+/// across them. The proxy is where they were placed, and the hand is 5 mm away, in many directions.
+/// The excess force on the hand is its distance to the force of the true balance. That force is
+/// zero without strength. For the primitives, a constraint is a plane for each sense of its
+/// direction.
 ordered_json nonorthogonal(const Options& options) {
   constexpr double kStiffness = 500.0;
   constexpr double kAway = 5e-3;  // [m]

@@ -3,8 +3,8 @@
 
     speed_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md]
 
-Into FOLDER go speed_accuracy, speed_accuracy_motion, figure7 and nonorthogonal, each as .png and
-.svg. The tables go to standard output, or into FILE.md between its markers.
+Writes speed_accuracy, speed_accuracy_motion, figure7 and nonorthogonal into FOLDER, each as .png and .svg. The tables
+go to standard output, or into FILE.md between its markers.
 """
 import argparse
 import json
@@ -20,7 +20,7 @@ OURS = "palpate"
 WARM = "palpate, warm"
 PAPER = "Euler, adaptive step"
 
-# Okabe and Ito's colours, which colour-blind people tell apart, and a shape for each as well.
+# Okabe and Ito's colours, which colour-blind people can distinguish; each method also has its own marker.
 STYLES = {
     "force function": ("#8c8c8c", "X"),
     "constraint approach": ("#000000", "P"),
@@ -42,18 +42,18 @@ FAMILIES = {
     "surface and drag": "exploration: surface and drag",
     "surface and stream": "exploration: surface and stream",
 }
-FLOOR = 1e-13  # [m]: errors below it are drawn at it
+FLOOR = 1e-13  # [m]: smaller errors are drawn here
 
 
 def style(method):
     return STYLES.get(method, ("#000000", "."))
 
 
-VARIANTS = {"": "-", "halving": "--", "slow": "-."}  # of a method: the lines' styles
+VARIANTS = {"": "-", "halving": "--", "slow": "-."}  # of a method: line styles
 
 
 def rows_of(results):
-    """The results by family and number of primitives, in the order of the file."""
+    """Returns the results by family and number of primitives, in the order of the file."""
     rows = {}
     for r in results:
         rows.setdefault((r["family"], r["primitives"]), []).append(r)
@@ -61,13 +61,13 @@ def rows_of(results):
 
 
 def draw_row(ax, row):
-    """Cost against error of one family and N: a line a method, a mark a setting."""
+    """Draws cost against error of one family and N: a line for each method, a mark for each setting."""
     reach = row[0]["reach_m"]
     for share, text in ((1e-3, "1e-3 S/k"), (1e-6, "1e-6 S/k")):
         ax.axhline(share * reach, color="#bbbbbb", linewidth=0.8, linestyle=":", zorder=0)
         ax.text(0.995, share * reach, text, transform=ax.get_yaxis_transform(), fontsize=6.5,
                 color="#777777", ha="right", va="bottom")
-    def line_of(r):  # a method's settings are one line, or two where it comes in variants
+    def line_of(r):  # the settings of a method form one line, or two if the method has variants
         return r["method"], r["setting"].partition(", ")[2]
 
     for method, variant in dict.fromkeys(map(line_of, row)):
@@ -125,10 +125,10 @@ def add_legend(ax, methods, cold):
 
 
 def draw_grid(rows, families, title, foot, columns=3):
-    """A line of panels a family; the methods' names where a panel is free."""
+    """Draws a row of panels for each family; the methods' names are in a free panel."""
     lines = [[key for key in rows if key[0] == family] for family in families]
     packed = []
-    for line in lines:  # single panels share a line
+    for line in lines:  # single panels share a row
         if packed and len(line) == 1 and len(packed[-1]) == 1:
             packed[-1] += line
         elif line:
@@ -162,7 +162,7 @@ def draw_grid(rows, families, title, foot, columns=3):
 
 
 def draw_figure7(data):
-    """Iterations over time, in bins: the median as a line, least to most as a band."""
+    """Draws the iterations over time, in bins: the median as a line, least to most as a band."""
     size = max(1, len(data["speed_m_s"]) // 400)
     count = len(data["speed_m_s"]) // size
     rate = data["rate_hz"]
@@ -247,7 +247,7 @@ def percent(part, whole):
 
 
 def certificates(data):
-    """How many of the engine's error bounds hold, by setting."""
+    """Counts by setting how many of the engine's error bounds hold."""
     counts = {}
     for r in data["results"]:
         if r["certificates"]:
@@ -268,7 +268,7 @@ def write_tables(data):
         f"True answers are the reference solver's, known to {truth['widest_bound_over_reach']:.0e} "
         f"S/k or better in all of {truth['cases']}. Certificates of the engine's solver that hold: {certificates(data)}."]
 
-    # In short: from the least to the largest median of the families.
+    # Short form: from the least to the largest median of the families.
     def spread(values):
         low, high = min(values), max(values)
         return number(low) if low == high else f"{number(low)} to {number(high)}"
@@ -297,7 +297,7 @@ def write_tables(data):
              table(["problems", "N", "ours", "ours µs", "Euler µs", "times faster",
                     "missed or not", "Euler misses", "ours misses"], body)]
 
-    # At equal accuracy, against the paper's solver.
+    # Time at equal accuracy, relative to the paper's solver.
     def ratio_table(motion, targets):
         body = []
         for r in data["ratios"]:
@@ -328,7 +328,7 @@ def write_tables(data):
              "cost Euler to get there or to give up.",
              ratio_table(False, ("1e-3",)), "Along motions:", ratio_table(True, ("1e-2", "1e-3"))]
 
-    # Who gets there at all.
+    # Which methods reach the accuracy.
     body = []
     for (family, count), row in rows.items():
         line = [family, count]
@@ -343,7 +343,7 @@ def write_tables(data):
     text += ["### Cases not solved to 1e-3 S/k, in per cent, each method at its most reliable setting",
              table(["family", "N", *methods], body)]
 
-    # What the engine does by default.
+    # The engine with its default settings.
     body = []
     for (family, count), row in rows.items():
         for r in row:

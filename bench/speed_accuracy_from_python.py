@@ -21,21 +21,21 @@ CENTRE = np.array([0.3, 0.2, 0.1])      # [voxels]: on no corner of the grid
 TOLERANCES = [1, 0.1, 0.01, 1e-3, 1e-4]  # at most 64 sub-steps
 SUBSTEPS = [1, 2, 4]                    # of tolerance 1e-4
 FINEST = (1e-8, 64)
-# Okabe and Ito's colours, which colour-blind people tell apart, and a shape for each as well.
+# Okabe and Ito's colours, which colour-blind people can distinguish; each order also has its own marker.
 STYLES = {"trilinear": ("#0072B2", "o"), "quadratic": ("#E69F00", "s"), "cubic": ("#009E73", "^")}
-FLOOR = 1e-8                            # errors below it are drawn at it [voxels]
+FLOOR = 1e-8                            # smaller errors are drawn here [voxels]
 
 
 def ball():
-    """Signed distances to it, negative within."""
-    x = np.arange(-20.0, 21.0)  # wide: a cubic surface feels the array's edge from 8 voxels away
+    """Returns the signed distances to a ball, negative inside."""
+    x = np.arange(-20.0, 21.0)  # wide enough: a cubic surface depends on the array's edge up to 8 voxels away
     places = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1)
     distance = np.linalg.norm(places - CENTRE, axis=-1) - RADIUS
     return palpate.volume(distance, origin=(-20, -20, -20), name="ball", level_set=True)
 
 
 def course(ticks):
-    """A hand that comes in from outside, then goes round in a plane that turns: positions [m]."""
+    """Returns the positions [m] of a hand that approaches from outside, then circles in a turning plane."""
     come = 100
     way = SPEED / (RADIUS - DEPTH) * np.maximum(np.arange(-come, ticks), 0)
     turn = way / 7
@@ -54,7 +54,7 @@ def scene(volume, interpolation, tolerance, substeps):
 
 
 def measure(ticks, rounds):
-    """A row a setting: its time, and the proxy's largest distance from where it belongs."""
+    """Returns a row for each setting: its time, and the proxy's largest distance from its exact place."""
     volume = ball()
     come, path = course(ticks)
     hand = path[come:] / VOXEL - CENTRE
@@ -62,7 +62,7 @@ def measure(ticks, rounds):
     settings = [(t, 64) for t in TOLERANCES] + [(TOLERANCES[-1], s) for s in SUBSTEPS] + [FINEST]
     rows = [{"interpolation": i, "tolerance": t, "substeps": s, "scene": scene(volume, i, t, s), "ns": []}
             for i in STYLES for t, s in settings]
-    for _ in range(rounds):  # in turn, so that a slow moment of the machine is everybody's
+    for _ in range(rounds):  # in turn, so that a slow moment of the machine affects all settings
         for row in rows:
             felt = row["scene"].run(path)[come:]
             row["ns"].append(np.median(felt["tick_ns"]))

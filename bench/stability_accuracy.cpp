@@ -1,5 +1,6 @@
-/// Speed, accuracy and stability in one: per method the largest stable stiffness on a wall and
-/// between two planes at 1, 4 and 10 kHz, beside the error of its force and what a balance costs.
+/// Compares speed, accuracy and stability. For each method it finds the largest stable stiffness on
+/// a wall and between two planes at 1, 4 and 10 kHz. It also measures the error of the force and
+/// the cost of a balance.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -10,9 +11,9 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/report.h"
-#include "palpate/devices/stability.h"
-#include "palpate/devices/stability_map.h"
-#include "palpate/engine/solver.h"
+#include "palpate/devices/simulated/stability.h"
+#include "palpate/devices/simulated/stability_map.h"
+#include "palpate/engine/balance/solver.h"
 
 using namespace palpate;
 using nlohmann::ordered_json;
@@ -22,9 +23,9 @@ namespace {
 constexpr double kStiffness = 500.0;  // [N/m], where forces are compared
 constexpr double kLeast = 20.0;       // [N/m], of the search
 
-/// The largest stiffness up to which everything from kLeast on comes to rest; 0: nothing does.
+/// Returns the largest stiffness up to which all from kLeast on come to rest; 0 if none does.
 ///
-/// @param step   From one stiffness to the next; then to `ratio` by halves.
+/// @param step   Factor from one stiffness to the next. Halving then refines to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
                      double most, double step, double ratio) {
   const auto rests = [&](double k) {
@@ -46,11 +47,11 @@ double largestStable(const MapSetting& setting, const MapContact& contact, const
 }
 
 struct Judged {
-  double error = 0.0;    ///< Of the force, rms over rms.
-  double cost_ns = 0.0;  ///< Of a balance, median.
+  double error = 0.0;    ///< Error of the force, rms over rms.
+  double cost_ns = 0.0;  ///< Time of a balance [ns], median.
 };
 
-/// Along a way that presses and slides, as a hand does.
+/// Judges a method along a path that presses and slides, as a hand does.
 Judged judge(const MapContact& contact, const MapMethod& method, int steps) {
   MapFeel feel = method.make(kStiffness, 0.0, 1e-3);
   Vec3 proxy = Vec3::Zero();
@@ -99,7 +100,8 @@ int run(bool quick, const std::string& output) {
         MapSetting setting;
         setting.rate = rate;
         setting.arm.delay = 1.0 / rate;
-        // Coulomb's friction holds what is a small kick beyond the boundary: not by the method.
+        // Coulomb friction would hold a small kick beyond the boundary. The method would not have
+        // caused this.
         setting.arm.coulomb = 0.0;
         setting.arm.encoder = 1e-7;
         setting.seconds = quick ? 1.0 : 3.0;

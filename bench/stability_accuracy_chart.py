@@ -3,8 +3,8 @@
 
     stability_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md]
 
-Into FOLDER goes stability_accuracy as .png and .svg. The table goes to standard output, or into
-FILE.md between its markers.
+Writes stability_accuracy.png and .svg into FOLDER. The table goes to standard output, or into FILE.md between its
+markers.
 """
 import sys
 
@@ -15,7 +15,7 @@ from charting import clear, number, plt, run, save, table, where  # noqa: E402
 COLOURS = {"palpate": "#0072B2", "constraint approach": "#E69F00", "force function": "#8c8c8c",
            "Euler, fixed step": "#CC79A7", "Euler, adaptive step": "#D55E00",
            "Nelder-Mead": "#009E73", "smallest residual": "#56B4E9"}
-FLOOR = 1e-9  # what is better than this is drawn here
+FLOOR = 1e-9  # smaller errors are drawn here
 
 
 def draw(data, folder):
@@ -29,13 +29,13 @@ def draw(data, folder):
                 continue
             x, y = r["cost_ns"], max(r["force_error"], FLOOR)
             colour = COLOURS.get(r["method"], "black")
-            # A circle for each rate; its area is the share of what one wall's formula allows.
+            # A circle for each rate. Its area is the stable stiffness relative to the formula for one wall.
             shares = [s["stiffness"] / s["formula"] for s in r["stable"]]
             for i, share in enumerate(shares):
                 at = x * 1.35 ** (i - 1)
                 ax.scatter([at], [y], s=110, facecolors="none", edgecolors=colour, linewidths=0.7)
                 ax.scatter([at], [y], s=110 * min(1.3, share), color=colour, linewidths=0)
-            below = r["method"] in ("palpate", "smallest residual")  # whose neighbours are above
+            below = r["method"] in ("palpate", "smallest residual")  # their neighbours are above
             ax.annotate(r["method"], (x, y), textcoords="offset points",
                         xytext=(0, -16 if below else 9), ha="center", fontsize=8, color=colour)
         ax.set_xscale("log")

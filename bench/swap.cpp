@@ -1,9 +1,9 @@
-/// Does a tick notice that another thread loads, publishes and frees a large volume?
+/// Measures whether ticks notice another thread that loads, publishes and frees a large volume.
 ///
 ///     palpate_bench_swap [--pairs N] [--seconds S] [--rate HZ] [--voxels N]
 ///
-/// Pairs of runs of the real loop, one with a scene that stays and one in which the volume is
-/// loaded anew and swapped in as often as that goes; each pair begins with the other one.
+/// Compares pairs of runs of the real loop. In one run the scene stays. In the other, the volume is
+/// loaded and swapped in again as often as possible. The order alternates between pairs.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -17,11 +17,11 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/haptic_thread.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/loop/haptic_thread.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/vdb_files.h"
 
@@ -29,7 +29,7 @@ namespace {
 
 using namespace palpate;
 
-/// What a run's ticks took.
+/// Collects the times of a run's ticks.
 class Times final : public TickSink {
  public:
   explicit Times(std::size_t most) { ns_.reserve(most); }
@@ -45,7 +45,7 @@ class Times final : public TickSink {
   std::int64_t late_ = 0;
 };
 
-/// Fog in waves, every voxel active: nothing of it is a tile.
+/// Writes fog in waves with every voxel active, so that no part is a tile.
 void writeVolume(const std::string& file, int n) {
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0F);
@@ -98,7 +98,7 @@ struct Result {
 
 Result run(const std::string& file, const std::shared_ptr<const Scene>& scene,
            const Options& options, bool swap) {
-  // In and out of the waves.
+  // The hand moves in and out of the waves.
   const Box bounds{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
   SimulatedDevice device(ArmParams{}, GripParams{}, explore(bounds, options.seconds), options.rate);
   Times times(static_cast<std::size_t>(2.0 * options.seconds * options.rate) + 1000);

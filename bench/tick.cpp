@@ -1,8 +1,8 @@
-/// What does one whole tick cost? Feels a scene with the simulated device and prints the times of
-/// single ticks back to back, by how many primitives they balanced, their iterations, and what did
-/// not end well. Then the same ticks cold, as a hand has them (bench/cold.h): of the haptic thread
-/// asleep until each one's time, in turns with a bare loop, which shows what clock and wake-up
-/// take.
+/// Measures the cost of one whole tick. Feels a scene with the simulated device and prints the
+/// times of single ticks back to back, by the number of primitives that they balanced. Also prints
+/// their iterations, and the ticks that did not end well. Then measures the same ticks cold, as a
+/// hand has them (bench/cold.h): the haptic thread sleeps until each tick's time. It takes turns
+/// with a bare loop, which shows the time of clock and wake-up.
 ///
 ///     palpate_bench_tick SCENE [SECONDS [REPEATS]] [--cold SECONDS] [--neighbour own|other|none]
 #include <algorithm>
@@ -18,9 +18,9 @@
 
 #include "bench/cold.h"
 #include "bench/machine.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/step.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/percentiles.h"
 
 namespace {
@@ -90,7 +90,7 @@ void backToBack(const BuiltScene& built, const Options& options) {
   if (bound > 0.0) std::printf("largest bound where a balance stopped early: %.3g m\n", bound);
 }
 
-/// At 1 kHz and at 10: four fifths of the time, and one.
+/// Measures at 1 kHz for four fifths of the time, and at 10 kHz for one fifth.
 void cold(const BuiltScene& built, const Options& options) {
   constexpr int kTurns = 2;
   std::printf("cold, loops on core %d, their busy neighbour: %s\n", bench::loopCore(),
@@ -98,7 +98,7 @@ void cold(const BuiltScene& built, const Options& options) {
   bench::printHead();
   const bench::Neighbour neighbour(options.neighbour);
   for (const double rate : {1000.0, 10000.0}) {
-    const double seconds = options.cold * (rate < 5000.0 ? 0.4 : 0.1);  // of each loop
+    const double seconds = options.cold * (rate < 5000.0 ? 0.4 : 0.1);  // per loop
     LoopParams params;
     params.rate = rate;
     params.early = 0.0;

@@ -1,5 +1,5 @@
-# Counts what of the tick runs how often: builds palpate with counters, feels some scenes with it, and
-# leaves the counts where a build with PALPATE_TRAINED looks for them.
+# Counts how often each part of the tick runs: builds palpate with counters, feels some scenes with it, and leaves the
+# counts where a build with PALPATE_TRAINED looks for them.
 #
 #     cmake -D SOURCE=... -D TRAINING=... -D COUNTS=... -D GENERATOR=... -D COMPILER=... -P train.cmake
 cmake_minimum_required(VERSION 3.22)
@@ -13,8 +13,8 @@ run(${CMAKE_COMMAND} -S ${SOURCE} -B ${TRAINING} -G ${GENERATOR} -D CMAKE_BUILD_
   -D PALPATE_BENCH=OFF -D PALPATE_VTK=OFF)
 run(${CMAKE_COMMAND} --build ${TRAINING} --target palpate)
 
-# A surface, a wall with friction, a stream, directions, and two objects that overlap. What is counted
-# may have been compiled elsewhere: all of it goes below one folder.
+# A surface, a wall with friction, a stream, directions, and two objects that overlap. The compiler cache may have taken
+# objects from another folder, so all counts are written below one folder.
 set(scenes ${TRAINING}/scenes)
 set(counted ${TRAINING}/counted)
 file(REMOVE_RECURSE ${counted} ${COUNTS})
@@ -42,7 +42,7 @@ if(NOT counts)
   message(FATAL_ERROR "the training has left no counts below ${counted}: remove ${TRAINING}")
 endif()
 foreach(count IN LISTS counts)
-  # As -fprofile-use looks for it: from the build's folder, with # for /.
+  # The name that -fprofile-use looks for: relative to the build folder, with # for /.
   string(REGEX REPLACE "^.*/training/" "" name ${count})
   string(REPLACE "/" "#" name ${name})
   file(COPY_FILE ${counted}/${count} ${COUNTS}/${name})

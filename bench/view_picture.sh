@@ -12,7 +12,7 @@ trap 'rm -rf "$work"' EXIT
 printf 't,x,y,z\n0,0.008,-0.014,0.07\n2,0.008,-0.014,0.0364\n' > "$work/top.csv"
 "$bin/palpate" view out/examples/head.json --device "path:$work/top.csv" --seconds 2 \
     --picture "$work/large.png"
-# At half its size, as the page shows it.
+# Halves the size, as the page shows it.
 python3 - "$work/large.png" "$picture" <<'PYTHON'
 import sys
 

@@ -1,5 +1,6 @@
-/// What a volume that deforms costs a tick, beside one that moves by keyframes and one at rest: a
-/// hand held in contact with a ball. In turns, so that a busy machine is busy for all.
+/// Measures the cost of a tick on a volume that deforms, on one that moves by keyframes and on one
+/// at rest. A hand is held in contact with a ball. The volumes take turns, so that a busy machine
+/// is busy for all.
 ///
 ///     palpate_bench_warp [--turns N]
 #include <cmath>
@@ -13,7 +14,7 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "palpate/samplers/warp_grid.h"
+#include "palpate/samplers/time/warp_grid.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/percentiles.h"
 
@@ -25,9 +26,9 @@ namespace {
 constexpr double kRadius = 40.0;
 const Vec3 kCentre(52.3, 51.7, 52.45);  // of the ball [voxels]
 constexpr double kPeriod = 0.2;         // [s]
-constexpr int kTicks = 400;             // a turn
+constexpr int kTicks = 400;             // per turn
 
-/// Breathing by a tenth, on cells of 8 voxels, 16 frames a period.
+/// Makes a warp that breathes by a tenth, on cells of 8 voxels, with 16 frames per period.
 WarpPtr breathing() {
   constexpr int kFrames = 16;
   DisplacementFrames out;
@@ -50,7 +51,7 @@ WarpPtr breathing() {
   return makeWarp(out, {times, true}, "/warp");
 }
 
-/// There and back by as much as the breath.
+/// Makes a motion there and back, by as much as the breath.
 MotionPtr shaking() {
   std::vector<Keyframe> keys(3);
   keys[1] = {0.5 * kPeriod, {1, 0, 0, 0}, Vec3(0.1 * kRadius * kVoxel, 0, 0)};
@@ -115,7 +116,7 @@ void measure(int turns) {
   double sum = 0.0;
   for (int turn = 0; turn < turns; ++turn) {
     for (auto& [name, one] : all) run(one);
-    // A thousand readings each along a path, in steps of a tenth of a voxel.
+    // A thousand readings each along a path, in steps of 0.02 voxel.
     constexpr int kReads = 1000;
     const auto path = [](int i) {
       return Vec3(kVoxel * (kCentre + 0.02 * i * Vec3(0.6, 0.64, 0.48)));

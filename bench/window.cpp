@@ -1,9 +1,9 @@
-/// What does it cost to feel a volume that is not in memory? A head of many times the window's
-/// budget, felt on time along its skin: through the window, and in memory as a whole, in turns.
+/// Measures the cost of a volume that is not in memory. Feels a head of many times the window's
+/// budget in real time along its skin: through the window, and as a whole in memory, in turns.
 ///
 ///     palpate_bench_window DATA [--voxel MM] [--times N] [--pairs N] [--out RESULT.json]
 ///
-/// DATA: a folder with VTK's head (ct_headsq). Bricks are written into --folder, and removed.
+/// DATA: a folder with VTK's head (ct_headsq). Writes bricks into --folder, and removes them.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -23,8 +23,8 @@
 #include "bench/cold.h"
 #include "bench/machine.h"
 #include "bench/report.h"
-#include "palpate/devices/path_device.h"
-#include "palpate/scenes/build_scene.h"
+#include "palpate/devices/simulated/path_device.h"
+#include "palpate/scenes/library/build_scene.h"
 #include "tests/support/fine_head.h"
 #include "tests/support/percentiles.h"
 
@@ -38,10 +38,10 @@ namespace fs = std::filesystem;
 
 constexpr double kTick = 1e-3;   // [s]
 constexpr double kDepth = 3.0;   // of the hand below the skin [mm]
-constexpr double kBefore = 1.2;  // beside the head, and then into it [s]
+constexpr double kBefore = 1.2;  // beside the head and then into it [s]
 constexpr double kMegabyte = 1024.0 * 1024.0;
 
-/// Memory of this process that is in use [bytes].
+/// Returns the memory of this process that is in use [bytes].
 double used() {
   std::ifstream stream("/proc/self/statm");
   double all = 0.0;
@@ -50,7 +50,7 @@ double used() {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
-/// Ticks of a run, from when the hand is in the head.
+/// Collects the ticks of a run from when the hand is in the head.
 class Ticks final : public TickSink {
  public:
   struct Row {
@@ -66,7 +66,7 @@ class Ticks final : public TickSink {
     rows_.push_back({static_cast<double>(tick.tick) * kTick, static_cast<double>(tick.tick_ns),
                      tick.report.force.norm(), tick.report.coarse, tick.missed});
   }
-  /// Those along the way.
+  /// Returns the ticks along the path.
   [[nodiscard]] std::vector<Row> felt() const {
     std::vector<Row> out;
     for (const Row& row : rows_) {
@@ -79,7 +79,7 @@ class Ticks final : public TickSink {
   std::vector<Row> rows_;
 };
 
-/// What a window had, at a time of the run.
+/// State of a window at a time of the run.
 struct Held {
   double time;
   WindowState state;
@@ -88,7 +88,7 @@ struct Held {
 struct Run {
   std::vector<Ticks::Row> ticks;
   std::vector<Held> held;
-  bool cut = false;  ///< By a fault: of a loop that was kept from its core for 5 ms.
+  bool cut = false;  ///< A fault cut the run: the loop was kept from its core for 5 ms.
 };
 
 std::vector<PathPoint> wayOf(const FineHead& head, double speed, double length) {
@@ -125,7 +125,7 @@ Run feel(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>
   return run;
 }
 
-/// The same, again where the machine kept the loop from its core.
+/// Calls feel() until the machine does not keep the loop from its core, five times at most.
 Run feelWhole(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>& path,
               const BrickWindow* window) {
   constexpr int kMost = 5;
@@ -142,8 +142,8 @@ struct Figures {
   std::vector<double> us;
   double coarse = 0.0;
   double late = 0.0;
-  double step = 0.0;   ///< Most that a force grew in a tick [N].
-  double force = 0.0;  ///< In the mean [N].
+  double step = 0.0;   ///< Largest growth of the force in a tick [N].
+  double force = 0.0;  ///< Mean force [N].
 
   explicit Figures(const std::vector<Ticks::Row>& ticks) {
     double last = ticks.front().force;
@@ -160,7 +160,8 @@ struct Figures {
   }
 };
 
-/// Each tick of a way in its median over several runs: what is the way's, and not the machine's.
+/// Returns the median of each tick over several runs, which depends on the path and not on the
+/// machine.
 std::vector<double> tickByTick(const std::vector<std::vector<Ticks::Row>>& runs) {
   std::vector<double> out;
   for (std::size_t i = 0;; ++i) {
@@ -206,7 +207,7 @@ void printHead() {
       "|---|---|---|---|---|---|---|---|---|");
 }
 
-/// Memory, share of coarse ticks and their times along the way, in pieces of `width` [s].
+/// Returns memory, share of coarse ticks and tick times along the path, in pieces of `width` [s].
 Json seriesOf(const Run& run, double width) {
   Json series = Json::array();
   std::size_t held = 0;
@@ -271,12 +272,12 @@ void measure(const Options& options) {
 
   Json result;
   result["machine"] = bench::asJson(bench::takeMachine(/*pin=*/false));
-  // What a loop takes by itself, as its locked stack, is had before.
+  // A first run allocates the memory of the loop itself, such as its locked stack.
   (void)feel(nullptr, {{0.0, Vec3::Zero()}, {0.1, Vec3::Zero()}}, nullptr);
   const double before = used();
   BuiltScene through = buildScene(spec);
   const BrickWindow& window = *through.windows.at("head");
-  // The coarsest level is there once more, as a volume to be looked at.
+  // The coarsest level is in memory a second time, in `volumes`.
   const double looked_at = static_cast<double>(through.volumes.at("head")->memory());
   const std::vector<PathPoint> slow = wayOf(head, 0.3, 1.8);
   const std::vector<PathPoint> fast = wayOf(head, 2.0, 6.0);

@@ -3,8 +3,7 @@
 
     window_chart.py RESULT.json FOLDER [--doc FILE.md]
 
-Into FOLDER goes window_way as .png and .svg. The table goes to standard output, or into FILE.md between
-its markers.
+Writes window_way.png and .svg into FOLDER. The table goes to standard output, or into FILE.md between its markers.
 """
 import sys
 
@@ -65,7 +64,7 @@ def tables(data):
              f"window is {number(data.get('p999_ratio', 0))} of that in memory, in the median.", "",
              table(head, body)]
     if "ticks" in data:
-        # The way is the same in all runs: what the machine does to a tick it does not do to it in most.
+        # The path is the same in all runs. A delay by the machine hits the same tick only in few runs.
         lines += ["", "At 0.3 m/s, of each tick its median over the pairs:", "",
                   table(["", "in memory us", "through the window us", "ratio"],
                         [[name, number(a), number(b), f"{b / a:.2f}"] for name, (a, b) in data["ticks"].items()])]

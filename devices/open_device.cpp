@@ -7,12 +7,12 @@
 
 #include <fmt/format.h>
 
-#include "palpate/devices/csv.h"
-#include "palpate/devices/faulty_device.h"
-#include "palpate/devices/open_arm.h"
-#include "palpate/devices/path_device.h"
-#include "palpate/devices/plugin_process.h"
-#include "palpate/devices/replay_device.h"
+#include "palpate/devices/hid/open_arm.h"
+#include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/devices/recording/csv.h"
+#include "palpate/devices/recording/replay_device.h"
+#include "palpate/devices/simulated/faulty_device.h"
+#include "palpate/devices/simulated/path_device.h"
 #include "palpate/engine/error.h"
 
 namespace palpate {
@@ -26,13 +26,13 @@ std::unique_ptr<Device> makeSimulated(ArmParams arm, const HandTarget& target,
 }
 
 std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
-  // On time all is as at a hand that a force could hurt.
+  // In real time, limits are as for a hand that a force could hurt.
   ArmParams arm;
   arm.hand = options.realtime;
   return makeSimulated(arm, options.target, options);
 }
 
-/// `TROUBLE` or `TROUBLE@SECONDS`, where it begins.
+/// Opens `TROUBLE` or `TROUBLE@SECONDS`, which begins at that time.
 std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptions& options) {
   const NameAt of = nameAt(words);
   const std::optional<Trouble> trouble = troubleOf(of.name);
@@ -46,16 +46,16 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
     throw DeviceError("--device", fmt::format("only a clock shows \"{}\"", of.name),
                       "add --realtime");
   }
-  // All is as at a hand that a force could hurt.
+  // Limits are as for a hand that a force could hurt.
   ArmParams arm;
   arm.hand = true;
   return std::make_unique<FaultyDevice>(makeSimulated(arm, options.target, options), *trouble,
                                         options.rate, of.seconds.value_or(1.0));
 }
 
-/// A hand that somebody leads who has no arm.
+/// Opens a simulated hand that a user without an arm leads.
 std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& options) {
-  // No motor is behind it: a machine that is busy for a while hurts nobody.
+  // There is no motor, so a delay of a busy machine is harmless.
   ArmParams arm;
   arm.late = 60.0;
   return makeSimulated(arm, target, options);

@@ -1,9 +1,9 @@
-# Run at every build: which commit this is, written where it changed. Without a repository: none.
+# Runs at every build. Writes the commit of the sources if it changed; without a repository the commit is empty.
 #   cmake -D SOURCE=... -D TARGET=... -P commit.cmake
-if(EXISTS ${SOURCE}/.git)  # else it would be that of a repository around it
+if(EXISTS ${SOURCE}/.git)  # otherwise git would report the commit of an enclosing repository
   execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD
     OUTPUT_VARIABLE PALPATE_COMMIT ERROR_QUIET OUTPUT_STRIP_TRAILING_WHITESPACE)
-  # Pages are what the numbers go into, not what they come from.
+  # Pages are excluded: they contain measured numbers and do not change them.
   execute_process(COMMAND git -C ${SOURCE} status --porcelain --untracked-files=no -- . :!docs :!*.md
     OUTPUT_VARIABLE changes ERROR_QUIET)
   if(PALPATE_COMMIT AND changes)

@@ -6,8 +6,8 @@
 namespace palpate {
 
 std::string nearestName(const std::string& name, const std::vector<std::string>& candidates) {
-  // Levenshtein's distance; near means that at most a third of the letters differ. The cost is the
-  // product of both lengths: a name longer than anybody spells is near nothing.
+  // Levenshtein distance; near means that at most a third of the letters differ. The cost is the
+  // product of both lengths, so a very long name is near no candidate.
   constexpr std::size_t kLongest = 200;
   if (name.size() > kLongest) return {};
   std::string best;

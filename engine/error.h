@@ -1,4 +1,4 @@
-/// Errors of loading, building and opening. Nothing in the tick throws.
+/// Errors of loading, building and opening. The tick never throws.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace palpate {
 
-/// One line for the user, `what()`: what was being done, why it cannot be, what to do about it.
+/// An error with one line for the user, `what()`: the subject, the reason and the remedy.
 class Error : public std::runtime_error {
  public:
   Error(const std::string& subject, const std::string& reason, const std::string& remedy)
@@ -16,11 +16,11 @@ class Error : public std::runtime_error {
         subject_(subject.size()),
         reason_(reason.size()) {}  ///< what() is the three, with ": " between them.
 
-  /// First part of what(): the file, JSON path or thing in which the error is.
+  /// Returns the first part of what(): the file, JSON path or object with the error.
   [[nodiscard]] std::string subject() const { return std::string(what(), subject_); }
-  /// Second part of what(): why it cannot be, with the value that is wrong.
+  /// Returns the second part of what(): the reason, with the value that is wrong.
   [[nodiscard]] std::string reason() const { return {what() + subject_ + 2, reason_}; }
-  /// Last part of what(): what the user can do about it.
+  /// Returns the last part of what(): the action for the user.
   [[nodiscard]] std::string remedy() const { return what() + subject_ + 2 + reason_ + 2; }
 
  private:
@@ -28,7 +28,7 @@ class Error : public std::runtime_error {
   std::size_t reason_;
 };
 
-/// A file or grid that cannot be felt.
+/// A file or grid that cannot be used.
 class VolumeError : public Error {
  public:
   using Error::Error;  ///< Subject, reason and remedy.
@@ -38,7 +38,7 @@ class VolumeError : public Error {
 class SceneError : public Error {
  public:
   using Error::Error;  ///< Subject, reason and remedy.
-  /// The same error, prefixed by the file or path that it is in.
+  /// Returns the same error, prefixed by the file or path that it is in.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
     return {place + ": " + error.subject(), error.reason(), error.remedy()};
   }
@@ -50,7 +50,8 @@ class DeviceError : public Error {
   using Error::Error;  ///< Subject, reason and remedy.
 };
 
-/// The candidate that is spelled most like `name`, for remedies; empty if none is near.
+/// Returns the candidate with the spelling nearest to `name`, for remedies; empty if no candidate
+/// is near.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

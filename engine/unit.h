@@ -1,4 +1,4 @@
-/// Directions of vectors that may have none.
+/// Directions of vectors that may not have one.
 #pragma once
 
 #include <cmath>
@@ -7,7 +7,8 @@
 
 namespace palpate {
 
-/// Writes v/|v| to `direction`; false, and nothing written, where v has none. RT: no allocation.
+/// Writes v/|v| to `direction`. Returns false and writes nothing if v has no direction. RT: no
+/// allocation.
 [[nodiscard]] inline bool unit(const Vec3& v, Vec3& direction) noexcept {
   const double length = v.norm();
   if (!(length > 1e-300) || !std::isfinite(length)) return false;

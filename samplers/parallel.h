@@ -1,4 +1,4 @@
-/// Private to samplers and scenes: loops over volumes, in parallel.
+/// Private to samplers and scenes: parallel loops over volumes.
 #pragma once
 
 #include <atomic>
@@ -9,12 +9,12 @@
 
 namespace palpate {
 
-/// body(0) to body(count - 1), in any order and by several threads. When one throws, those that
-/// have begun end as if nothing had happened, the others are left out, and it is thrown on.
+/// Calls body(0) to body(count - 1) in any order, from several threads. If one call throws, the
+/// calls that have begun run to their end, the others are skipped, and the exception is rethrown.
 ///
-/// Not so tbb::parallel_for: there, loops within the other bodies stop half done as well, and say
-/// nothing. OpenVDB frees its trees in such loops, which then leak, and a spline would be filtered
-/// in parts.
+/// tbb::parallel_for differs: it also stops loops inside the other bodies halfway, without an
+/// error. OpenVDB frees its trees in inner loops, which would then leak, and a spline would be
+/// filtered in parts.
 template <class Body>
 void inParallel(std::size_t count, Body body) {
   std::atomic<bool> failed{false};

@@ -1,4 +1,4 @@
-/// Private to samplers: when to try again what could not be had.
+/// Private to samplers: when to retry a failed load.
 #pragma once
 
 #include <algorithm>
@@ -8,13 +8,13 @@
 
 namespace palpate::detail {
 
-/// What could not be had, by its id: tried again after 1 s, then after twice as long, up to 32 s.
+/// Schedules retries by id: the first after 1 s, each further one after twice as long, up to 32 s.
 template <class Id>
 class Retries {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// True: for the first time since had() or forget().
+  /// Records a failure. Returns true for the first failure since had() or forget().
   bool failed(const Id& id, Clock::time_point now) {
     const auto [of, first] = of_.try_emplace(id);
     if (!first) of->second.wait = std::min(2 * of->second.wait, kRarest);
@@ -23,12 +23,12 @@ class Retries {
   }
   void had(const Id& id) { of_.erase(id); }
   void forget() { of_.clear(); }
-  /// False: it failed, and it is not yet time to try again.
+  /// Returns false if `id` has failed and it is not yet time to retry.
   [[nodiscard]] bool may(const Id& id, Clock::time_point now) const {
     const auto of = of_.find(id);
     return of == of_.end() || of->second.again <= now;
   }
-  /// True if it is time to try one again of which `wanted(id)` says so.
+  /// Returns whether it is time to retry an id for which `wanted(id)` is true.
   template <class Wanted>
   [[nodiscard]] bool due(Clock::time_point now, const Wanted& wanted) const {
     return std::any_of(of_.begin(), of_.end(),

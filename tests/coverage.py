@@ -6,8 +6,9 @@
     tests/coverage.py report build/coverage OUT            prints, for each file, the functions that only the Python
                                                            suites reach, and which of their tests would reach them
 
-The script reads gcov's counters from .gcda files, a folder of them for each test. A function has run if one of its arcs
-has run. Names come from the .gcno files of the build. A process that ends by a signal or by _exit() writes no counters."""
+The script reads gcov's counters from .gcda files, a folder of them for each test. A function has run if one of its
+arcs has run. Names come from the .gcno files of the build. A process that ends by a signal or by _exit() writes no
+counters."""
 import collections
 import os
 import struct
@@ -26,7 +27,7 @@ SUITES = {"scenes/cli_test.py": ("volumes",), "scenes/record_test.py": ("volumes
 
 
 def records_of(file):
-    """The records of a .gcda or .gcno file: tag, bytes."""
+    """Returns the records of a .gcda or .gcno file: tag, bytes."""
     data = file.read_bytes()
     order = "<" if data[:4] in (b"adcg", b"oncg") else ">"
     at = 12 if data[:4] == b"adcg" else None
@@ -46,7 +47,7 @@ def records_of(file):
 
 
 def functions_run(file):
-    """The identities of functions in a .gcda file that have run."""
+    """Returns the identities of the functions in a .gcda file that have run."""
     ident = None
     for tag, data, length in records_of(file):
         if tag == FUNCTION:
@@ -56,7 +57,7 @@ def functions_run(file):
 
 
 def names_in(file):
-    """The functions of a .gcno file: identity to (source, name)."""
+    """Returns the functions of a .gcno file: identity to (source, name)."""
     names = {}
     for tag, data, _ in records_of(file):
         if tag != FUNCTION:
@@ -71,7 +72,7 @@ def names_in(file):
         name, at = text(at)
         at += 4        # artificial
         source, at = text(at)
-        # A header that is included as palpate/ROOM/NAME.h lies in ROOM.
+        # A header that is included as palpate/ROOM/NAME.h is in the folder ROOM.
         names[ident] = (source.rpartition("/include/palpate/")[2].removeprefix("./"), name)
     return names
 
@@ -105,7 +106,7 @@ def run(build, out, suites):
 
 
 def is_smoke():
-    """The tests that the sanitizers run: {file: {Class.test}}, by the mark in their sources."""
+    """Returns the tests that the sanitizers run: {file: {Class.test}}, by the mark in their sources."""
     marked = collections.defaultdict(set)
     for suite in SUITES:
         name, mark = None, False

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The documents say what is there: docs_test.py SOURCE_DIR.
+"""The documents agree with the sources: docs_test.py SOURCE_DIR.
 
-Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ lead to files; in docs/paper.md every
-`file:name` names something of that file, every tag a test, and every key (P1, D2) is defined and used.
+Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ lead to files. In docs/paper.md every `file:name` is a name
+in that file, every tag is a test's, and every key (P1, D2) is defined and used.
 """
 import os
 import re
@@ -22,7 +22,7 @@ KEY = re.compile(r"\b[A-Z]\d+\b")
 
 
 def files():
-    """Every file of the tree, as its path from the root."""
+    """Returns every file of the tree, as its path from the root."""
     found = []
     for folder, folders, names in os.walk(ROOT):
         folders[:] = [f for f in folders if f not in SKIPPED]
@@ -34,39 +34,39 @@ FILES = files()
 
 
 def find(name):
-    """The file of a path, or of a name that only one file has."""
+    """Returns the file with this path, or with a name that only one file has."""
     if "/" in name or (ROOT / name).is_file():
         return Path(name) if (ROOT / name).is_file() else None
-    # A host's own headers are called as ours on purpose.
+    # A host's own headers have palpate's names on purpose.
     same = [f for f in FILES if f.name == name and "host" not in f.parts]
     return same[0] if len(same) == 1 else None
 
 
 def prose(text):
-    """Without blocks of code."""
+    """Returns the text without blocks of code."""
     return re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
 
 
 def spans(text):
-    """What stands in backticks, also where it goes on in the next line of its paragraph."""
+    """Yields the text in backticks, also if it continues in the next line of its paragraph."""
     for paragraph in re.split(r"\n\s*\n|\n(?=[-|])", prose(text)):
         for span in re.findall(r"`([^`]+)`", paragraph):
             yield " ".join(span.split())
 
 
 def names(path, name):
-    """True where a file has the test, function or word of that name."""
+    """Returns true if a file has a test, function or word with this name."""
     text = (ROOT / path).read_text(encoding="utf-8")
     if path.suffix == ".py":
         return re.search(rf"\bdef {re.escape(name)}\(", text) is not None
     if not re.fullmatch(r"\w+", name) or path.name.endswith("_test.cpp"):
         return re.search(rf'TEST_CASE\(\s*"{re.escape(name)}"', text) is not None
-    code = re.sub(r"//[^\n]*", "", text)  # a word in a comment is no function
+    code = re.sub(r"//[^\n]*", "", text)  # words in comments do not count
     return re.search(rf"\b{re.escape(name)}\b", code) is not None
 
 
 def broken_references(text):
-    """`file:name`, `:name` of the file named last, and `folder/file` that do not exist."""
+    """Returns `file:name`, `:name` of the file named last, and `folder/file` that do not exist."""
     broken = []
     last = None
     for span in spans(text):
@@ -90,7 +90,7 @@ def broken_tags(text):
 
 
 def broken_keys(text):
-    """Keys that are used and not defined, defined and not used, or defined twice."""
+    """Returns keys that are used and not defined, defined and not used, or defined twice."""
     defined = re.findall(r"^- \*\*([A-Z]\d+)\*\*", text, flags=re.M)
     used = set(KEY.findall(re.sub(r"\*\*[A-Z]\d+\*\*|`[^`]*`", "", prose(text))))
     twice = {key for key in defined if defined.count(key) > 1}
@@ -98,7 +98,7 @@ def broken_keys(text):
 
 
 def broken_links(text, folder):
-    """Targets of [text](target) and [text]: target that are no file; labels without a target."""
+    """Returns targets of [text](target) and [text]: target that do not exist; labels without a target."""
     text = re.sub(r"`[^`\n]*`", "", prose(text))
     labels = dict(re.findall(r"^\[([^\]]+)\]: (\S+)$", text, flags=re.M))
     wanted = re.findall(r"\[[^\]]+\]\[([^\]]+)\]", text) + re.findall(r"\[([^\]]+)\]\[\]", text)
@@ -124,7 +124,7 @@ class Documents(unittest.TestCase):
 
 class Programs(unittest.TestCase):
     def test_what_pages_show_is_what_is_built(self):
-        """A block of C or C++ is lines of a source, as they stand there."""
+        """A block of C or C++ equals consecutive lines of a source."""
         sources = [path.read_text(encoding="utf-8")
                    for folder in ("scenes", "tests/scenes/embed")
                    for path in (ROOT / folder).rglob("*.c*")]
@@ -138,8 +138,8 @@ class Programs(unittest.TestCase):
         self.assertGreater(shown, 8)
 
     def test_the_session_is_shown_as_it_is(self):
-        """Every cell of the script, without its title."""
-        script = (ROOT / "scenes" / "python" / "session.py").read_text(encoding="utf-8")
+        """Compares every cell of the script, without its title."""
+        script = (ROOT / "scenes" / "bindings" / "python" / "session.py").read_text(encoding="utf-8")
         page = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
         cells = re.findall(r"^# %% (.*)\n((?:(?!# %%).*\n)*)", script, flags=re.M)
         self.assertGreater(len(cells), 4)
@@ -154,7 +154,7 @@ class Paper(unittest.TestCase):
         cls.text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 
     def rows(self, heading):
-        """The first cells of a section's tables."""
+        """Returns the first cells of a section's tables."""
         section = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", self.text, flags=re.S | re.M)[1]
         return re.findall(r"^\| \(?(\d+)\)? \|", section, flags=re.M)
 
@@ -169,17 +169,17 @@ class Paper(unittest.TestCase):
         self.assertEqual(self.rows("Figures"), [str(i) for i in range(1, 8)])
 
     def test_tables_have_as_many_cells_in_every_row(self):
-        """GitHub drops what is too much."""
+        """GitHub drops surplus cells."""
         for table in re.findall(r"(?:^\|.*\n)+", prose(self.text), flags=re.M):
             cells = [len(row.split("|")) for row in table.splitlines()]
             self.assertEqual(set(cells), {cells[0]}, table)
 
 
 class Checker(unittest.TestCase):
-    """It finds what is wrong."""
+    """The checks find errors."""
 
     def test_names(self):
-        right = "`solver.h:solveProxy` `engine/solver.h:solveProxy` `engine/solver.cpp`"
+        right = "`solver.h:solveProxy` `engine/balance/solver.h:solveProxy` `engine/balance/solver.cpp`"
         self.assertEqual(broken_references(right), [])
         for wrong in ("`solver.h:solveProx`", "`solve.h:solveProxy`", "`devices/solver.h:Vec3`",
                       "`engine/solve.cpp`", "`CMakeLists.txt:palpate_tests`", "`:solveProxy`",

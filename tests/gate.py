@@ -4,10 +4,10 @@
 gate.py changed             prints the rooms that differ from the last gate that passed on this machine
 gate.py passed              remembers the rooms as they were when `changed` ran
 gate.py report MINUTES BUDGETS FOLDER...
-    MINUTES: the lines of .ci/minutes. BUDGETS: lines of a test and its seconds. FOLDER: build/PRESET/runs/NAME with CTest's
-    LastTest.log, console.log and status of one run. Prints where the minutes went, the dearest tests, the tests that
-    exceeded their budgets and those that passed at their second try. Ends with "N passed, N failed[, N skipped]".
-    Status 1: a test failed or is missing, or the gate took too long."""
+    MINUTES: the lines of .ci/minutes. BUDGETS: lines of a test and its seconds. FOLDER: build/PRESET/runs/NAME with
+    CTest's LastTest.log, console.log and status of one run. Prints where the minutes went, the dearest tests, the
+    tests that exceeded their budgets and those that passed at their second try. Ends with "N passed, N failed[, N
+    skipped]". Status 1: a test failed or is missing, or the gate took too long."""
 import hashlib
 import json
 import os
@@ -22,7 +22,8 @@ ROOMS = {"engine": ("engine", "tests/engine", "tests/loop", "tests/motion"),
          "samplers": ("samplers", "tests/samplers"),
          "devices": ("devices", "tests/devices"),
          "scenes": ("scenes", "tests/scenes", "tests/import")}
-# [min] of processor time, without compilers and clang-tidy: 45 minutes of two cores. A warm run takes half of it (CONTRIBUTING.md).
+# [min] of processor time, without compilers and clang-tidy: 45 minutes of two cores. A warm run takes half of it
+# (CONTRIBUTING.md).
 BUDGET = 90
 HOST_BUDGET = 240   # [s] for all tests that depend on how the machine schedules
 DEAREST = 10
@@ -45,7 +46,8 @@ def hash_of(room):
 
 
 def changed():
-    """A room that no gate has passed on this machine is not known to have changed."""
+    """Returns the rooms that differ from the last gate that passed on this machine. A room that no gate has passed
+    here is left out."""
     pending().parent.mkdir(parents=True, exist_ok=True)
     hashes = {room: hash_of(room) for room in ROOMS}
     pending().write_text(json.dumps(hashes))
@@ -86,7 +88,8 @@ def results_of(folder):
             ended.setdefault(test, []).append({"Passed": "passed", "Skipped": "skipped"}.get(match[2], "failed"))
     listed = {test for test, _ in results}
     for test, words in ended.items():
-        # A program without lines of its own is one case; so is what ended a process in the middle of its cases.
+        # A program without lines of its own is one case. A crash of a process in the middle of its cases is one case
+        # too.
         own = [outcome([word for word, _ in tries]) for (of, _), tries in results.items() if of == test]
         if test not in listed or (words[-1] == "failed" and "failed" not in own):
             results[(test, "")] = [(word, seconds[test]) for word in words]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of what gate.py makes of CTest's output."""
+"""Tests how gate.py reads CTest's output, the order of includes (structure.py) and the lint of prose (prose.py)."""
 import contextlib
 import io
 import os
@@ -11,9 +11,11 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parent / "support"))
 sys.dont_write_bytecode = True
 import gate  # noqa: E402
+import prose  # noqa: E402
+import structure  # noqa: E402
 import suite  # noqa: E402
 
-# As CTest 3.25 prints them.
+# The output format of CTest 3.25.
 CONSOLE = {
     "passed": "  1/4 Test  #1: {} .................   Passed    0.12 sec\n",
     "failed": "  1/4 Test  #1: {} .................***Failed    0.12 sec\n",
@@ -31,7 +33,7 @@ class Report(unittest.TestCase):
         self.folder.mkdir(parents=True)
 
     def report(self, console, cases="", status=0, minutes="60\t60\trelease: tests\t\n", counts=""):
-        """The exit status and the lines for one run."""
+        """Returns the exit status and the lines for one run."""
         (self.folder / "console.log").write_text("".join(CONSOLE[word].format(name) for name, word in console))
         (self.folder / "LastTest.log").write_text(cases)
         (self.folder / "status").write_text(f"{status}\n")
@@ -95,6 +97,37 @@ class Report(unittest.TestCase):
         minutes = "200\t1\trelease: host\t\n100\t1\trelease: host_suites\t\n100\t1\trelease: tests\t\n"
         words = "tests that depend on how the machine schedules: 300 s of 240: over their budget"
         self.assertIn(words, self.report([("a", "passed")], minutes=minutes)[1])
+
+
+class Structure(unittest.TestCase):
+    def test_no_include_points_up_or_aside(self):
+        fault = structure.fault_of
+        self.assertIsNone(fault("engine/tick/step.cpp", "engine/balance/solver.h"))
+        self.assertIsNone(fault("scenes/apps/view/window.cpp", "scenes/apps/common/touch.h"))
+        self.assertIn("is above", fault("engine/balance/solver.cpp", "engine/tick/step.h"))
+        self.assertIn("is above", fault("engine/tick/step.cpp", "samplers/grid/volume.h"))
+        self.assertIn("stand apart", fault("scenes/apps/cli/feel.cpp", "scenes/apps/import/reader.h"))
+        self.assertIn("has no place", fault("engine/new/one.cpp", "engine/types.h"))
+
+
+class Prose(unittest.TestCase):
+    def hits(self, name, text):
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+            root, prose.ROOT = prose.ROOT, Path(folder)
+            self.addCleanup(setattr, prose, "ROOT", root)
+            return [rule for _, rule, _ in prose.hits_of(name)[1]]
+
+    def test_what_strangers_stumble_over_is_found(self):
+        self.assertEqual(self.hits("a.h", "/// What is told to nobody.\nint a;  // begun anew\n"),
+                         ["nobody", "what-clause", "archaic"])
+        self.assertEqual(self.hits("a.cpp", "// " + "word " * 16 + "\n// " + "word " * 16 + "end.\n"), ["long"])
+        self.assertEqual(self.hits("a.md", "The force says nothing.\n```\nWhat is this\n```\n"), ["riddle"])
+
+    def test_plain_words_and_code_pass(self):
+        self.assertEqual(self.hits("a.cpp", "/// Returns the force [N].\nauto a = \"What is told\";\n"), [])
+        self.assertEqual(self.hits("a.py", "# The hand rests.\nnobody = 1\n"), [])
+        self.assertEqual(self.hits("a.md", "`What is told` is a name.\n\n" + "A short sentence. " * 20 + "\n"), [])
 
 
 if __name__ == "__main__":

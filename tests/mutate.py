@@ -26,9 +26,13 @@ FAULTS = Path(__file__).resolve().with_suffix(".json")
 ENOUGH = 97.0   # per cent
 KEYS = {"name", "file", "before", "after", "means", "runs", "preset", "lives"}
 FEW, USUAL = "10%", "100%"   # of the random cases
-# What the tests that are no Catch2 program are made of.
+# The programs that tests outside of Catch2 need.
 PARTS = {"safety.kill_table": ["palpate_victim"],
+         "scenes.igtl": ["palpate"],
          "scenes.explain_press": ["palpate", "palpate_make_volumes"]}
+
+# The folders of Catch2 programs that are not in tests/.
+FOLDERS = {"haply": "tests/devices/haply"}
 
 
 def fail(words):
@@ -36,7 +40,7 @@ def fail(words):
 
 
 def read_faults():
-    """The list, where every snippet is still in its file, once."""
+    """Returns the list of faults. Every snippet must occur exactly once in its file."""
     faults = json.loads(FAULTS.read_text())
     bad = []
     names = collections.Counter(fault["name"] for fault in faults)
@@ -64,14 +68,14 @@ def digest(*parts):
 
 
 def shown(command, **more):
-    """Of a command that has to work."""
+    """Runs a command; returns whether it succeeded, and its output."""
     run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                          check=False, **more)
     return run.returncode == 0, run.stdout
 
 
 class Tree:
-    """The copy, and what is built of it."""
+    """The copy of the sources, and its builds."""
 
     def __init__(self, folder, jobs):
         self.path = folder / "tree"
@@ -88,7 +92,7 @@ class Tree:
             content = source.read_bytes()
             if source != FAULTS:
                 hashes.append(name + hashlib.sha256(content).hexdigest())
-            # What is the same keeps its time, and so what was built of it.
+            # An unchanged file keeps its time, so that its build results stay valid.
             if not to.is_file() or to.read_bytes() != content:
                 to.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(source, to)
@@ -96,7 +100,7 @@ class Tree:
         self.hash = digest(*hashes)
 
     def build(self, preset, runs):
-        """Why it does not build; empty where it does."""
+        """Returns the error if the build fails, otherwise an empty text."""
         if preset not in self.configured:
             good, words = shown(["cmake", "--preset", preset, "-DPALPATE_TESTS=ON"], cwd=self.path)
             if not good:
@@ -111,15 +115,15 @@ class Tree:
         return "" if good else words
 
     def test(self, preset, run, cases, limit):
-        """Which test fails; None where none does."""
+        """Returns the name of the failing test, or None."""
         program, _, spec = run.partition(" ")
         build = self.path / "build" / preset
         if program in PARTS:
             command = ["ctest", "--no-tests=error", "-R", f"^{re.escape(program)}$"]
         else:
-            # What depends on the machine's scheduling is run where it is asked for, what needs data
-            # from outside is not. Named by XML, of which nothing is lost where a program dies.
-            command = [f"tests/palpate_{program}_tests",
+            # Tests that depend on the machine's scheduling run only on request; tests that need external data do not
+            # run. The failing test's name comes from an XML report, which is complete even if the program dies.
+            command = [f"{FOLDERS.get(program, 'tests')}/palpate_{program}_tests",
                        spec if "[host]" in spec else f"{spec}~[host]~[.]", "--abort",
                        "--warn", "NoTests", "--reporter", "xml"]
         with open(self.log, "wb") as log:
@@ -142,13 +146,13 @@ class Tree:
         tests = re.findall(r'<TestCase name="([^"]*)"', words)
         sanitizer = re.search(r"SUMMARY: (\w+Sanitizer: [\w -]+?)(?: [/(]|$)", words, re.MULTILINE)
         name = html.unescape(tests[-1]) if tests else program
-        # It lets a program go on to the end.
+        # A sanitizer may let the program continue to its end, so that the last test is not the failing one.
         name = sanitizer[1] if sanitizer else name
         return f"hangs: {name}" if status is None else name
 
 
 class Results:
-    """What is known by now; on disk after every fault, so that a run can be gone on with."""
+    """The results so far, saved after every fault, so that a run can resume."""
 
     def __init__(self, file, resume):
         self.file = file
@@ -162,7 +166,7 @@ class Results:
         new.replace(self.file)
 
     def base(self, tree_hash, preset, run):
-        """Seconds that its tests took without a fault, or None."""
+        """Returns the seconds that the tests took without a fault, or None."""
         known = self.known["base"].get(f"{preset} {run}", {})
         return known.get("seconds") if known.get("tree") == tree_hash else None
 
@@ -171,8 +175,8 @@ class Results:
         self.save()
 
     def verdict(self, tree_hash, key, name):
-        """One that was seen is seen for as long as its file and itself are the same; for one that
-        was not there may be a test now."""
+        """Returns the known verdict. A detected fault stays detected while its key is the same. A fault that was not
+        detected is tried again if the sources changed, because they may have a new test."""
         known = self.known["faults"].get(name, {})
         same = known.get("key") == key
         return known if same and (known["verdict"] == "died" or known["tree"] == tree_hash) else None
@@ -192,7 +196,7 @@ def try_fault(tree, fault, preset, seconds):
             return "unbuilt", words.strip().splitlines()[-1]
         for cases in (FEW, USUAL):
             for run in fault["runs"]:
-                # Beside others on the same cores.
+                # Other programs share the cores.
                 seen = tree.test(preset, run, cases, 60.0 + 5.0 * seconds[preset, run])
                 if seen:
                     return "died", f"{run.split()[0]}: {seen}"

@@ -1,15 +1,14 @@
 #!/usr/bin/env python3
-"""clang-tidy over sources that have not passed it as they are: tidy.py [--all] BUILD SOURCE...
+"""Runs clang-tidy on sources that have not passed unchanged before: tidy.py [--all] BUILD SOURCE...
 
-BUILD has a compile_commands.json. A source has passed as it is when a stamp says so: a file named
-by a hash of clang-tidy's version, its configuration, this file, the compile command, and the bytes
-of every file that the source includes, the system's among them. Stamps lie in the user's cache
-folder, as ccache's objects do, so that a fresh clone knows what another has passed. --all ignores
-the stamps, and runs the slow checks too.
+BUILD has a compile_commands.json. A source has passed unchanged if it has a stamp: a file named by a hash of
+clang-tidy's version, its configuration, this file, the compile command, and the bytes of every file that the source
+includes, system headers among them. Stamps are in the user's cache folder, as ccache's objects are, so that all clones
+share them. --all ignores the stamps and runs the slow checks too.
 
-Most of the time goes into headers, which clang-tidy 14 reads and matches anew for every source. So
-sources with the same flags are asked several in one unit; those of a unit with complaints, also
-where they do not compile side by side, are asked again, each alone, and only that counts."""
+Most of the time goes into headers, which clang-tidy 14 reads and matches again for every source. So several sources
+with the same flags are checked in one unit. If a unit has complaints, or does not compile, each of its sources is
+checked again alone, and only those results count."""
 import collections
 import concurrent.futures
 import contextlib
@@ -24,8 +23,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "tidy"
-KEPT = 90 * 86400   # seconds that a stamp nobody asks for is kept
-# These take most of the time, so that only --all checks them. One looks for copied arguments, the analyzer follows
+KEPT = 90 * 86400   # seconds for which an unused stamp is kept
+# These checks take most of the time, so that only --all runs them. One looks for copied arguments, the analyzer follows
 # paths, the others look at every expression of every header.
 SLOW = ("performance-unnecessary-value-param", "clang-analyzer-*", "bugprone-assert-side-effect",
         "bugprone-implicit-widening-of-multiplication-result", "bugprone-infinite-loop",
@@ -37,7 +36,7 @@ TIDY = ["clang-tidy", "-quiet", "--extra-arg=-Wno-unknown-warning-option",
         "--extra-arg=-Wno-unused-command-line-argument",
         "--extra-arg=-Wno-ignored-optimization-argument",
         *(f"--extra-arg={a}" for a in ("-Xclang", "-analyzer-config", "-Xclang", "mode=shallow"))]
-TOGETHER = 8        # sources of a unit at most: more take more memory, and end less evenly
+TOGETHER = 8        # sources in a unit at most: larger units take more memory and make the load uneven
 
 
 def output_of(command):
@@ -45,18 +44,18 @@ def output_of(command):
 
 
 VERSION = output_of(["clang-tidy", "--version"])
-# Debian gives it no name without its number.
+# Debian's name of the program includes the version number.
 SCANNER = "clang-scan-deps-" + re.search(r"version (\d+)", VERSION)[1]
 
 
 def included(build):
-    """For each source, every file that it is made of: by clang's own scanner, in seconds."""
+    """Returns, for each source, every file that it includes, from clang's own scanner; takes seconds."""
     rules = output_of([SCANNER, "-j", str(os.cpu_count()),
                        f"--compilation-database={build / 'compile_commands.json'}"])
     files = {}
     for rule in rules.replace("\\\n", " ").splitlines():
         source, *rest = (str(Path(f).resolve()) for f in rule.partition(": ")[2].split())
-        # A source that several targets compile is made of what any of them reads.
+        # A source compiled by several targets depends on all files that any target includes.
         files.setdefault(source, set()).update([source, *rest])
     return files
 
@@ -65,7 +64,7 @@ class Stamps:
     def __init__(self, build):
         self.files = included(build)
         self.hashes = {}
-        # The same in every clone.
+        # Makes paths equal in every clone.
         self.here = lambda text: text.replace(str(build), "build").replace(str(ROOT), ".")
         self.entries = {}
         for entry in json.loads((build / "compile_commands.json").read_text()):
@@ -82,17 +81,17 @@ class Stamps:
         return self.hashes[file]
 
     def stamp(self, source):
-        """None where no target compiles it here, so that nobody knows what it is made of."""
+        """Returns None if no target compiles the source here, because its files are then unknown."""
         if source not in self.files or source not in self.commands:
             return None
         parts = [self.common, *sorted(self.commands[source])]
-        # By the names that are the same in every clone: one may lie before /usr, another behind it.
+        # Sorted by names that are equal in every clone: the path of a clone may sort before or after /usr.
         parts += sorted(f"{self.here(file)} {self.hash_of(file)}" for file in self.files[source])
         return CACHE / hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def tidy(build, source, every):
-    """Whether it has passed, and what clang-tidy has to say."""
+    """Returns whether it has passed, and clang-tidy's output."""
     checks = [] if every else ["-checks=" + ",".join("-" + check for check in SLOW)]
     run = subprocess.run([*TIDY, *checks, f"--config-file={ROOT / '.clang-tidy'}", "-p", str(build), source], stdout=subprocess.PIPE,
                          stderr=subprocess.PIPE, text=True, check=False)
@@ -101,10 +100,10 @@ def tidy(build, source, every):
 
 
 def own_names(text):
-    """What a source defines for itself, roughly: what two of them may both define."""
+    """Returns approximately the names that a source defines for itself, which another source may define as well."""
     names = {"main"} if re.search(r"^int main\(", text, re.M) else set()
     for inside in re.findall(r"^namespace \{\n(.*?)^\}  // namespace$", text, re.M | re.S):
-        # What is not indented is at the namespace's own level.
+        # Lines without indentation are at the namespace's own level.
         for line in re.findall(r"^[A-Za-z].*", inside, re.M):
             names.update(re.findall(r"\b(?:struct|class|enum class) (\w+)", line))
             if not re.match(r"using (namespace |\w+::)", line):
@@ -113,16 +112,15 @@ def own_names(text):
 
 
 def using(source):
-    """Its using-declarations: whether one of them is used is heard only where no other source of
-    the unit has it."""
+    """Returns the using-declarations of a source. clang-tidy reports an unused one only if no other source of the
+    unit has the same."""
     return set(re.findall(r"^ *using [\w:]+::\w+;", Path(source).read_text(), re.M))
 
 
 def unit_of(sources):
-    """One text of them all: what they include first, so that a name which several of them define
-    can be told apart where it is their own. Pasted, not included: the analyzer, and some checks,
-    look at the main file's own text only; and renamed there, not by the preprocessor, behind which
-    names are not looked at."""
+    """Returns one text of all sources: first their includes, then their contents, in which own names that several
+    sources define are made distinct. The contents are pasted, not included, because the analyzer and some checks
+    read only the main file. The names are replaced in the text, because checks skip names from macros."""
     texts = {source: Path(source).read_text() for source in sources}
     headers = dict.fromkeys(h for t in texts.values() for h in re.findall(r"^#include .*", t, re.M))
     lines = [*headers]
@@ -138,7 +136,7 @@ def unit_of(sources):
 
 
 def together(sources):
-    """Shares sources out into units."""
+    """Distributes sources over units."""
     parts = [[] for _ in range(-(-len(sources) // TOGETHER))]
     for source in sources:
         mine = using(source)
@@ -152,7 +150,7 @@ def together(sources):
 
 
 def units(stamps, build, sources):
-    """Sources that are compiled alike, several to a unit: [(file, sources)]."""
+    """Groups sources with equal flags, several in a unit: [(file, sources)]."""
     alike = collections.defaultdict(list)
     for source in sources:
         commands = stamps.entries.get(source, [])
@@ -175,7 +173,7 @@ def units(stamps, build, sources):
 
 
 def ask(build, unit, every):
-    """For each source of a unit, whether it has passed, and what clang-tidy has to say."""
+    """Returns, for each source of a unit, whether it has passed, and clang-tidy's output."""
     file, sources = unit
     if len(sources) > 1:
         if tidy(build / "units", file, every)[0]:
@@ -190,7 +188,7 @@ def main():
     stamps = Stamps(build)
     CACHE.mkdir(parents=True, exist_ok=True)
     for old in CACHE.iterdir():
-        # Another clone may remove them as well.
+        # Another clone may remove stamps at the same time.
         with contextlib.suppress(FileNotFoundError):
             if time.time() - old.stat().st_mtime > KEPT:
                 old.unlink()

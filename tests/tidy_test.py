@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Of sources that tidy.py asks in one unit it hears what each would be told alone."""
+"""tidy.py reports the same complaints for sources in one unit as for each source alone."""
 import json
 import tempfile
 import unittest
@@ -16,7 +16,7 @@ int run(const Options& options) { return options.rounds; }
 }  // namespace
 int first() { return run(Options()); }
 """
-# The same names, and others within.
+# The same names, with other contents.
 OTHER = """#include <string>
 namespace {
 struct Options {
@@ -36,7 +36,7 @@ FAULTS = {
         "int left(std::string s) { take(std::move(s)); return static_cast<int>(s.size()); }\n",
     "bugprone-infinite-loop": "void wait() { int i = 0; while (i < 1) { } }\n",
 }
-# A name of one's own that the other source has as well, there for another thing.
+# A source's own name that the other source also has, for another thing.
 NAMES = "namespace {\nstruct %s {};\nint %s() { return 0; }\n}  // namespace\nint %s() { return %s(); }\n"
 
 
@@ -86,7 +86,7 @@ class Unit(unittest.TestCase):
 class Stamp(unittest.TestCase):
     def test_a_stamp_is_the_same_wherever_the_clone_lies(self):
         names = set()
-        # Before the system's headers by name, and behind them.
+        # A clone with a path that sorts before the system's headers, and one that sorts after them.
         for root in ("/home/clone", "/work/clone"):
             stamps = tidy.Stamps.__new__(tidy.Stamps)
             stamps.here = lambda text, root=root: text.replace(root, ".")

@@ -10,15 +10,16 @@
 namespace palpate::methods {
 namespace {
 
-/// The frame of the directions that some primitive constrains.
+/// Orthonormal axes of the directions that primitives constrain.
 class ConstrainedFrame {
  public:
-  /// Adds the part of a direction that is not in it yet; one within 1e-6 rad counts as in it.
+  /// Adds the part of a direction that is not in the frame yet; a direction within 1e-6 rad counts
+  /// as in the frame.
   void add(const Vec3& direction) noexcept {
     const Vec3 rest = unconstrained(direction);
     if (count_ < axes_.size() && rest.norm() > 1e-6) axes_[count_++] = rest.normalized();
   }
-  /// What of v no primitive constrains.
+  /// Returns the part of v that no primitive constrains.
   [[nodiscard]] Vec3 unconstrained(const Vec3& v) const noexcept {
     Vec3 rest = v;
     for (std::size_t i = 0; i < count_; ++i) rest -= axes_[i].dot(rest) * axes_[i];
@@ -30,7 +31,7 @@ class ConstrainedFrame {
   std::size_t count_ = 0;
 };
 
-/// Eq. (2) along eta's own direction: how far beyond s/k it reaches.
+/// Applies eq. (2) along eta's own direction: returns the part of eta beyond s/k.
 Vec3 yieldedAlong(const Vec3& eta, double strength_over_stiffness) noexcept {
   const double length = eta.norm();
   return length > strength_over_stiffness ? Vec3((1.0 - strength_over_stiffness / length) * eta)
@@ -52,7 +53,7 @@ Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
 
 Balance constraintApproach(const Vec3& probe, double stiffness,
                            std::span<const Primitive> primitives, const Vec3& start) noexcept {
-  // The spring's end, as seen from the probe, and the directions that are constrained.
+  // The spring's end relative to the probe, and the constrained directions.
   Vec3 end = Vec3::Zero();
   ConstrainedFrame constrained;
   for (const Primitive& p : primitives) {

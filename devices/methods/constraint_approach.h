@@ -14,33 +14,35 @@ struct Constraint {
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
 
-/// Eqs (1) and (2): each constraint moves the proxy on its own, and the movements are added. Right
-/// only where the directions are orthogonal (section 3.1). Eq. (2) is read for q and for -q: as it
+/// Applies eqs (1) and (2): each constraint moves the proxy by itself, and the movements are added.
+/// Correct only for orthogonal directions (section 3.1). Eq. (2) is applied to q and to -q: as it
 /// is printed, a push against q would never move the proxy.
 [[nodiscard]] Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
                                    std::span<const Constraint> constraints) noexcept;
 
-/// Eqs (1) and (2) for haptic primitives: one pass, each primitive on its own, movements added.
+/// Applies eqs (1) and (2) to haptic primitives in one pass: each primitive by itself, movements
+/// added.
 ///
-/// The paper has no such map; ours is the kindest one we know. Every set has an answer. It is the
-/// balance where the constrained directions of different primitives are orthogonal (planes with
-/// orthogonal normals, a line and the plane across it, a point alone; any directed forces besides)
-/// and no answer to speak of elsewhere, which is the paper's point.
+/// The paper has no map from primitives to constraints; this one is the most favourable that we
+/// know. Every set has an answer. The answer is the balance if the constrained directions of
+/// different primitives are orthogonal: planes with orthogonal normals, a line and the plane across
+/// it, a point alone; directed forces may be added to each. Elsewhere the answer is not useful,
+/// which is the paper's point.
 /// - A plane constrains its normal in one sense: eq. (2) with s_i against the normal, with zero
 ///   along it.
 /// - A line constrains the two directions across it, a point all three. The paper lets the frame
-///   turn with the motion; with its first axis along the part of eta that the primitive constrains
-///   only that axis moves, and the two or three strengths bound the length of the force, as they
-///   should, and not its components.
-/// - Directed forces move the spring's end: eta is taken to probe + sum s_i q_i / k.
-/// - What no primitive constrains follows that end: section 2 needs three independent constraints,
-///   and these get zero strength. They are orthogonal to all the others.
-/// - eta starts at the primitive's own anchor, not at the proxy, where the two differ: a constraint
-///   as such has no position, and without this a plane elsewhere could not be felt at all.
+///   turn with the motion. With its first axis along the constrained part of eta, only that axis
+///   moves. The two or three strengths then bound the length of the force, as they should, and not
+///   its components.
+/// - Directed forces move the spring's end: eta leads to probe + sum s_i q_i / k.
+/// - Directions that no primitive constrains follow that end: section 2 needs three independent
+///   constraints, and these get zero strength. They are orthogonal to all the others.
+/// - eta starts at the primitive's own anchor, not at the proxy, if the two differ: a constraint
+///   itself has no position, and without this a plane elsewhere could not be felt at all.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.
-/// @param start       Last proxy [m]; it does not matter where the answer is the balance.
+/// @param start       Last proxy [m]; has no effect if the answer is the balance.
 [[nodiscard]] Balance constraintApproach(const Vec3& probe, double stiffness,
                                          std::span<const Primitive> primitives,
                                          const Vec3& start) noexcept;

@@ -1,4 +1,4 @@
-/// The "simple Euler solver" of Lundin et al., section 4.3, with a step that never changes.
+/// The "simple Euler solver" of Lundin et al., section 4.3, with a constant step.
 #pragma once
 
 #include <span>
@@ -8,21 +8,21 @@
 namespace palpate::methods {
 
 struct EulerFixedParams {
-  /// Length of a step as a share of 1/k: 1 would carry the proxy straight to where the forces of
-  /// this moment balance the spring.
+  /// Length of a step as a share of 1/k: 1 would move the proxy straight to where the present
+  /// forces balance the spring.
   double step = 1e-3;
-  /// Stops when |f_res| <= tolerance * S, S the sum of strengths; the move is then below
-  /// step * tolerance * S/k.
+  /// Stops when |f_res| <= tolerance * S, with S the sum of strengths; the move is then below step
+  /// * tolerance * S/k.
   double tolerance = 1e-4;
   int max_iterations = 20000;
 };
 
-/// x <- x + (step / k) f_res(x), eq. (14) to the letter (zero on a kink), from `start`.
+/// Iterates x <- x + (step / k) f_res(x), eq. (14) to the letter (zero on a kink), from `start`.
 ///
-/// Where the balance lies on a kink f_res does not vanish near it: the proxy chatters about the
-/// kink, by up to step * s/k, and only the limit stops it. The step is thus the accuracy and its
+/// If the balance lies on a kink, f_res does not vanish near it: the proxy chatters about the kink,
+/// by up to step * s/k, and only the limit stops it. The step thus sets the accuracy, and its
 /// inverse the cost, since the error of a smooth problem falls by 1 - step an iteration. The
-/// default buys 1e-3 S/k; a chart should try others.
+/// default reaches 1e-3 S/k; a chart should try others.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

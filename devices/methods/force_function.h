@@ -1,4 +1,5 @@
-/// No proxy at all: the force functions that Lundin et al. list in section 1 as the first method.
+/// A method without a proxy: the force functions that Lundin et al. list in section 1 as the first
+/// method.
 #pragma once
 
 #include <span>
@@ -7,17 +8,17 @@
 
 namespace palpate::methods {
 
-/// The hand feels the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe
-/// itself: f = sum f_i(probe), given back as the offset f/k that would make the spring pull so.
+/// Returns the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe itself: f =
+/// sum f_i(probe), as the offset f/k at which the spring pulls with this force.
 ///
 /// The primitives stand in for the force functions of the papers cited there, each of which has its
-/// own. Equal to the balance only where no kink lies between probe and proxy: a plane that would
-/// hold the proxy still pushes with all its strength, and the force jumps at the kink, which is the
-/// instability that section 1 speaks of.
+/// own. The answer equals the balance only if no kink lies between probe and proxy. A plane that
+/// would hold the proxy still pushes with all its strength, and the force jumps at the kink: the
+/// instability that section 1 describes.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0; only the unit of the answer.
-/// @param start       Not used: there is nothing to remember.
+/// @param start       Not used: the method has no memory.
 [[nodiscard]] Balance forceFunction(const Vec3& probe, double stiffness,
                                     std::span<const Primitive> primitives,
                                     const Vec3& start) noexcept;

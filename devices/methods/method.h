@@ -1,10 +1,10 @@
-/// What every method of the literature is given and gives back. They live here for maps,
-/// charts and the tests of where they fail; the engine has one solver of its own.
+/// Input and result of the methods from the literature. They serve maps, charts and tests of where
+/// they fail; the engine has one solver of its own.
 #pragma once
 
 #include <span>
 
-#include "palpate/engine/primitive.h"
+#include "palpate/engine/balance/primitive.h"
 #include "palpate/engine/types.h"
 
 namespace palpate::methods {

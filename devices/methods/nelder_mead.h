@@ -10,15 +10,16 @@ namespace palpate::methods {
 struct NelderMeadParams {
   double size = 0.5;        ///< Edge of the first simplex as a share of S/k.
   double tolerance = 1e-5;  ///< Stops when the simplex is within this share of S/k.
-  int restarts = 1;         ///< Times it begins anew, from its best point with a tenth of `size`.
+  int restarts = 1;         ///< Restarts from the best point, with a tenth of `size`.
   int max_evaluations = 2000;
 };
 
-/// Downhill simplex (simplex.h) on the potential of eq. (14): E of engine/solver.h.
+/// Minimises the potential of eq. (14), E of engine/balance/solver.h, by downhill simplex
+/// (simplex.h).
 ///
-/// On the potential and not on |f_res|, which has other minima (smallest_residual.h): the reading
-/// that does the method justice. From `start`, pulled to within S/k of the probe, where the balance
-/// must lie: without that it would have to walk the whole way in simplex sizes.
+/// The potential, not |f_res|, is the fair reading of the method: |f_res| has other minima
+/// (smallest_residual.h). `start` is first pulled to within S/k of the probe, where the balance
+/// must lie; otherwise the search would walk the whole way in simplex sizes.
 ///
 /// Measured as in euler_adaptive.h, 200 problems a family (60 with 32 primitives): within 1e-3 S/k
 /// of the answer in 99.8 % with 2 primitives (273 evaluations on average), 99.9 % with 8 (265) and

@@ -1,24 +1,24 @@
-/// Eq. (14) to the letter and the potential behind it: what the searching methods evaluate.
+/// Eq. (14) to the letter and its potential, which the searching methods evaluate.
 ///
-/// Positions are taken relative to the probe (`offset`), so that 1e4 m from the origin costs no
-/// digits. Inline, because a method's time is mostly spent here.
+/// Positions are relative to the probe (`offset`), so that 1e4 m from the origin costs no digits.
+/// Inline, because the methods spend most of their time here.
 #pragma once
 
 #include <algorithm>
 #include <span>
 
-#include "palpate/engine/primitive.h"
+#include "palpate/engine/balance/primitive.h"
 #include "palpate/engine/types.h"
 
 namespace palpate::methods {
 
-/// From the proxy, at d from x_i, to the nearest point of a line: m of eq. (10).
+/// Returns the vector from the proxy, at d from x_i, to the nearest point of a line: m of eq. (10).
 [[nodiscard]] inline Vec3 acrossLine(const Vec3& direction, const Vec3& d) noexcept {
   return direction * direction.dot(d) - d;
 }
 
-/// A primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13): zero exactly
-/// on the kink.
+/// Returns a primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13): zero
+/// exactly on the kink.
 [[nodiscard]] inline Vec3 forceOf(const Primitive& primitive, const Vec3& d) noexcept {
   switch (primitive.kind) {
     case PrimitiveKind::kForce:
@@ -39,7 +39,7 @@ namespace palpate::methods {
   return Vec3::Zero();
 }
 
-/// f_res of eq. (14) [N] at probe + offset.
+/// Returns f_res of eq. (14) [N] at probe + offset.
 [[nodiscard]] inline Vec3 residualForce(const Vec3& offset, const Vec3& probe, double stiffness,
                                         std::span<const Primitive> primitives) noexcept {
   Vec3 force = -stiffness * offset;
@@ -47,8 +47,9 @@ namespace palpate::methods {
   return force;
 }
 
-/// E of engine/solver.h [J] at probe + offset; f_res is minus its gradient wherever it has one.
-/// That a directed force's part is counted from the probe only shifts it by a constant.
+/// Returns E of engine/balance/solver.h [J] at probe + offset; f_res is minus its gradient where
+/// that exists. The part of a directed force is counted from the probe, which only shifts E by a
+/// constant.
 [[nodiscard]] inline double potential(const Vec3& offset, const Vec3& probe, double stiffness,
                                       std::span<const Primitive> primitives) noexcept {
   double energy = 0.5 * stiffness * offset.squaredNorm();
@@ -72,15 +73,16 @@ namespace palpate::methods {
   return energy;
 }
 
-/// S, the sum of strengths [N]. The balance is never farther than S/k from the probe, so S and S/k
-/// are the scales of a problem: tolerances are shares of them.
+/// Returns S, the sum of strengths [N]. The balance is never farther than S/k from the probe, so S
+/// and S/k are the scales of a problem: tolerances are shares of S or S/k.
 [[nodiscard]] inline double sumOfStrengths(std::span<const Primitive> primitives) noexcept {
   double sum = 0.0;
   for (const Primitive& p : primitives) sum += p.strength;
   return sum;
 }
 
-/// `offset`, or where its way to the probe enters the ball of radius S/k about it: a nearer start.
+/// Returns `offset`, or the point where its path to the probe enters the ball of radius S/k about
+/// the probe: a nearer start.
 [[nodiscard]] inline Vec3 withinReach(const Vec3& offset, double reach) noexcept {
   const double distance = offset.norm();
   return distance > reach ? Vec3((reach / distance) * offset) : offset;

@@ -26,7 +26,7 @@ Balance smallestResidual(const Vec3& probe, double stiffness, std::span<const Pr
     balance.settled = found.settled;
   };
 
-  // The last proxy, the probe, then the anchors: each has kinks of its own about it.
+  // The last proxy, the probe, then the anchors: each has its own kinks around it.
   search_from(start - probe);
   if (params.searches > 1) search_from(Vec3::Zero());
   int left = params.searches - 2;

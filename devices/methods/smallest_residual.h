@@ -1,4 +1,4 @@
-/// What Lundin et al., section 4.2, literally ask for: the smallest |f_res|.
+/// The literal reading of Lundin et al., section 4.2: the smallest |f_res|.
 #pragma once
 
 #include <span>
@@ -10,25 +10,25 @@ namespace palpate::methods {
 struct SmallestResidualParams {
   double size = 0.5;        ///< Edge of each first simplex as a share of S/k.
   double tolerance = 1e-5;  ///< A search stops when its simplex is within this share of S/k.
-  int searches = 2;         ///< Starting points at most: start, probe, then anchors.
+  int searches = 2;         ///< Most starting points: start, probe, then anchors.
   int max_evaluations = 2000;
 };
 
-/// Eq. (15) solved "by minimizing the magnitude of the function", eq. (14) to the letter (zero on a
-/// kink), wherever that leads. The paper does not say how; |f_res| jumps at every kink and has a
-/// minimum of its own in many of the cells between them, so we search by downhill simplex
-/// (simplex.h), which asks for no gradient, from several points pulled to within S/k of the probe,
-/// and keep the smallest.
+/// Solves eq. (15) "by minimizing the magnitude of the function", eq. (14) to the letter (zero on a
+/// kink), wherever that leads. The paper does not say how. |f_res| jumps at every kink and has a
+/// minimum of its own in many of the cells between kinks. So we search by downhill simplex
+/// (simplex.h), which needs no gradient, from several points pulled to within S/k of the probe, and
+/// keep the smallest.
 ///
-/// The kinks of planes bound cells, and a search reaches their edges. A line or a point lets go of
-/// the proxy only on a set without volume, which floating point meets at an anchor at best.
+/// The kinks of planes bound cells, and a search reaches their edges. The force of a line or a
+/// point is zero only on a set without volume, which floating point meets at an anchor at best.
 ///
 /// Measured as in euler_adaptive.h, 200 problems a family (60 with 32 primitives): within 1e-3 S/k
 /// of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8 (386), 93 %
-/// with 32 (377). Searching from every anchor as well finds smaller |f_res| but no more balances
-/// (93 instead of 95 %, 84 and 84, 95 and 95 on 40, 40 and 15 problems a family) at 2, 4 and 12
-/// times the cost. With 8 planes in 8 of 100 problems some other place had a smaller |f_res| than
-/// any found about the balance.
+/// with 32 (377). A search from every anchor as well finds smaller |f_res| but no more balances (93
+/// instead of 95 %, 84 and 84, 95 and 95 on 40, 40 and 15 problems a family) at 2, 4 and 12 times
+/// the cost. With 8 planes, in 8 of 100 problems some other place had a smaller |f_res| than any
+/// found about the balance.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

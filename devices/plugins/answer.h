@@ -1,4 +1,4 @@
-/// What every plug-in in C++ needs about its answers: sizes, lines, frames.
+/// Private to devices: helpers for plug-ins in C++: sizes of structs, messages, frames.
 #pragma once
 
 #include <algorithm>
@@ -9,11 +9,11 @@
 #include <cstring>
 #include <exception>
 
-#include "palpate/devices/plugin.h"
+#include "palpate/devices/plugins/plugin.h"
 
 namespace palpate_plugins {
 
-/// A struct of the host's as we know it: what its compiler did not know of is zero.
+/// Returns a copy of the host's struct. Fields that the host's compiler did not know are zero.
 template <class T>
 T known(const T* theirs) {
   T ours{};
@@ -22,7 +22,7 @@ T known(const T* theirs) {
   return ours;
 }
 
-/// Fills in what the host's struct has room for, and leaves its size as it is.
+/// Fills in the fields for which the host's struct has room; leaves its size as it is.
 template <class T>
 void give(T* theirs, const T& ours) {
   const std::size_t size = std::min<std::size_t>(theirs->size, sizeof ours);
@@ -32,7 +32,7 @@ void give(T* theirs, const T& ours) {
               size - kHead);
 }
 
-/// The i-th of an array that the host's compiler has laid out.
+/// Returns the i-th entry of an array that the host's compiler has laid out.
 inline palpate_plugin_found* at(palpate_plugin_found* found, int i) {
   return reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) +
                                                  static_cast<std::size_t>(i) * found->size);
@@ -43,7 +43,7 @@ void copy(char (&to)[kRoom], const char* from) {
   std::snprintf(to, kRoom, "%s", from != nullptr ? from : "");
 }
 
-/// Why not, in one line with a remedy.
+/// Writes the cause of a failure into `error`, in one line with a remedy.
 [[gnu::format(printf, 3, 4)]] inline void tell(char* error, std::size_t room, const char* format,
                                                ...) {
   std::va_list words;
@@ -52,7 +52,8 @@ void copy(char (&to)[kRoom], const char* from) {
   va_end(words);
 }
 
-/// No exception leaves a plug-in: where `work` throws, why is told and `otherwise` is returned.
+/// Runs `work` and lets no exception leave the plug-in. If `work` throws, writes the cause into
+/// `error` and returns `otherwise`.
 template <class Result, class Work>
 Result safely(const char* plugin, char* error, std::size_t room, Result otherwise,
               Work work) noexcept {
@@ -66,7 +67,7 @@ Result safely(const char* plugin, char* error, std::size_t room, Result otherwis
   return otherwise;
 }
 
-/// The axes of an arm in W: row i says what W's axis i is made of. A rotation.
+/// The axes of an arm in W. Row i holds W's axis i in the arm's axes D. A rotation.
 struct Frame {
   double W_from_D[3][3];
 
@@ -84,8 +85,8 @@ struct Frame {
     }
   }
 
-  /// How the handle is turned, as a quaternion w, x, y, z. The handle's axes are renamed as the
-  /// arm's are: one that is not turned in the arm's axes is not turned in W.
+  /// Converts the handle's orientation from D to a quaternion w, x, y, z in W. The axes of the
+  /// handle are renamed like those of the arm: the identity in D is the identity in W.
   void toW(const double (&turned_D)[3][3], double (&q)[4]) const {
     double r[3][3] = {};
     for (int i = 0; i < 3; ++i) {
@@ -97,7 +98,7 @@ struct Frame {
         }
       }
     }
-    // The largest of its four numbers first, so that none is divided by a small one.
+    // Computes the largest of the four components first, to avoid a division by a small number.
     const double trace = r[0][0] + r[1][1] + r[2][2];
     int first = 0;
     double most = trace;

@@ -1,11 +1,11 @@
-// Arms of Force Dimension (omega, delta; a Falcon by their driver) through their SDK, libdhd:
-// docs/plugins.md says how it is built. Written by the SDK's published function names; not tried on
-// an arm by palpate's makers.
+// Plug-in for arms of Force Dimension (omega, delta; a Falcon by their driver), through their SDK,
+// libdhd. Build it as in docs/plugins.md. Written by the SDK's published function names; palpate's
+// makers have not tried it on an arm.
 //
-// Threads. The SDK's reference promises nothing of two threads that ask one arm at once, so that
-// once the arm is prepared one thread makes all calls, turn by turn: it reads, then it sends.
-// `stop` is a flag that this thread sees in its next turn, and waits for it. If the SDK itself
-// hangs, the arm's own watchdog takes the force off.
+// Threads. The SDK's reference gives no guarantee for two threads that use one arm at once. So once
+// the arm is prepared, one thread makes all calls: in each turn it reads, then it sends. `stop`
+// sets a flag that this thread sees in its next turn, and waits for that. If the SDK itself hangs,
+// the arm's own watchdog takes the force off.
 #include <atomic>
 #include <cstdlib>
 #include <dhdc.h>
@@ -19,7 +19,7 @@ namespace {
 
 using namespace palpate_plugins;
 
-// TO CHANGE: an arm that is not here is refused. Give its limits and where they are from.
+// TO CHANGE: an arm that is not listed here is refused. Give its limits and their source.
 struct Model {
   int type;  // dhdGetSystemType
   double force, stiffness, damping, radius;
@@ -46,14 +46,14 @@ constexpr unsigned char kWatchdog = 240;
 palpate_plugin_host host;
 
 struct Arm {
-  palpate_plugin_device device;  // first: a pointer to it is one to all of this
+  palpate_plugin_device device;  // first: a pointer to it is also one to the Arm
   char id = -1;
   const Model* model = nullptr;
   bool wrist = false;
   bool gripper = false;
-  bool watched = false;  // its watchdog is on
-  bool weighs = false;   // its weight can be carried in shares
-  double share = 0.0;    // the haptic thread's: of its weight, from the next write on
+  bool watched = false;  // the arm's watchdog is on
+  bool weighs = false;   // the weight can be carried in shares
+  double share = 0.0;    // haptic thread's; share of the weight from the next write on
   Newest<palpate_plugin_reading> readings;
   Orders orders;
   std::atomic<bool> gone{false};
@@ -67,7 +67,7 @@ Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
 }
 
-// ushort in some versions of the SDK, int in others.
+// The serial number is ushort in some versions of the SDK, int in others.
 template <class Number>
 int serialBy(int (*ask)(Number*, char), char id) {
   Number number{};
@@ -80,7 +80,8 @@ bool send(const Arm& arm, const double (&force_W)[3]) {
   return dhdSetForceAndTorqueAndGripperForce(f[0], f[1], f[2], 0, 0, 0, 0, arm.id) >= 0;
 }
 
-// The SDK carries the weight that the arm has in the gravity that it is told: so a share of it.
+// The SDK carries the arm's weight for the gravity that is set: a share of gravity carries a share
+// of the weight.
 constexpr double kGravity = 9.81;  // [m/s^2]
 bool carryNow(const Arm& arm, double share) {
   if (share <= 0.0) return dhdSetGravityCompensation(DHD_OFF, arm.id) >= 0;
@@ -98,18 +99,18 @@ bool stateNow(const Arm& arm, std::uint32_t& state) {
   return true;
 }
 
-// False: the arm does not answer.
+// Returns false if the arm does not answer.
 bool readNow(Arm& arm, palpate_plugin_reading& r) {
   double p[3];
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   const int got = dhdGetPositionAndOrientationFrame(&p[0], &p[1], &p[2], turned, arm.id);
   if (got < 0) return false;
-  // Asked too soon after the last time, the SDK says what it said then: that is no new reading.
+  // If asked too soon, the SDK repeats its last answer: that is not a new reading.
   if (got == DHD_TIMEGUARD && r.taken != 0) return true;
   r.taken = host.now();
   kFrame.toW(p, 1.0, r.position);
   if (arm.wrist) kFrame.toW(turned, r.orientation);
-  // It is reckoned over some readings, so that the first have none.
+  // The SDK computes the velocity over some readings: the first readings have no velocity.
   double v[3];
   if (dhdGetLinearVelocity(&v[0], &v[1], &v[2], arm.id) >= 0) kFrame.toW(v, 1.0, r.velocity);
   double angle = 0.0;
@@ -155,7 +156,7 @@ int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
   f.stiffness = arm.model->stiffness;
   f.damping = arm.model->damping;
   f.workspace_radius = arm.model->radius;
-  f.rate = 1000.0;  // at least: the SDK talks to an arm up to 4,000 times a second
+  f.rate = 1000.0;  // at least: the SDK exchanges up to 4,000 times a second
   f.watchdog = arm.watched ? kWatchdog * 125e-6 : 0.0;
   f.buttons = 1;
   copy(f.source, arm.model->source);
@@ -173,7 +174,7 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
          dhdErrorGetLastStr());
     return PALPATE_PLUGIN_FAILED;
   }
-  // An arm that does not know where it is finds out as its user moves it (its manual says how).
+  // An arm that is not calibrated calibrates itself while its user moves it (its manual says how).
   if ((state & PALPATE_PLUGIN_READY) == 0) {
     if (host.say != nullptr) host.say("dhd: calibrate the arm as its manual says");
     constexpr int kWait = 100;  // [ms]
@@ -229,7 +230,7 @@ void carry(palpate_plugin_device* device, double share) {
   of(device).share = share;
 }
 
-// Of none of the models above is the weight at the tip published; none is heavier.
+// The weight at the tip is not published for the models above; no model has more.
 constexpr double kMostWeight = 10.0;  // [N]
 constexpr palpate_plugin_weight kWeight = {sizeof(palpate_plugin_weight), 0, carry, kMostWeight};
 
@@ -242,7 +243,7 @@ int find(palpate_plugin_found* found, int room) {
   const int count = dhdGetDeviceCount();
   for (int i = 0; i < count && i < room; ++i) {
     palpate_plugin_found f{};
-    // What an arm is it only says once it is open. One that others have keeps its name to itself.
+    // An arm gives its name only once it is open. An arm that another program holds gives no name.
     const bool ours = open_arm != nullptr && open_arm->id == i;
     const int id = ours ? i : dhdOpenID(static_cast<char>(i));
     if (id >= 0) {
@@ -300,7 +301,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   arm->model = model;
   arm->wrist = dhdHasWrist(own);
   arm->gripper = dhdHasGripper(own);
-  // The watchdog is among what the SDK keeps for experts; older arms have none.
+  // The watchdog is one of the SDK's expert functions; older arms have no watchdog.
   if (dhdEnableExpertMode() >= 0) {
     arm->watched = dhdSetWatchdog(kWatchdog, own) >= 0;
     dhdDisableExpertMode();

@@ -1,4 +1,4 @@
-# The plug-in for Haply's Inverse3: optional, built where libwebsockets is.
+# The plug-in for Haply's Inverse3: optional, built if libwebsockets is installed.
 find_path(PALPATE_WEBSOCKETS_HEADERS libwebsockets.h)
 find_library(PALPATE_WEBSOCKETS_LIBRARY websockets)
 set(PALPATE_HAPLY AUTO CACHE STRING
@@ -16,13 +16,13 @@ if(NOT PALPATE_WEBSOCKETS_HEADERS OR NOT PALPATE_WEBSOCKETS_LIBRARY)
   message(FATAL_ERROR "PALPATE_HAPLY needs libwebsockets: install libwebsockets-dev")
 endif()
 
-# Messages alone, as tests and fuzzers have them: no network.
+# The messages alone, without a network: tests and fuzzers use them.
 add_library(palpate_haply_messages STATIC ${CMAKE_CURRENT_LIST_DIR}/haply_messages.cpp)
 target_include_directories(palpate_haply_messages PUBLIC ${PALPATE_INCLUDE})
 target_link_libraries(palpate_haply_messages
   PRIVATE palpate_options nlohmann_json::nlohmann_json)
 
-# haply.so: one symbol is seen.
+# haply.so exports one symbol.
 add_library(palpate_plugin_haply MODULE
   ${CMAKE_CURRENT_LIST_DIR}/haply.cpp ${CMAKE_CURRENT_LIST_DIR}/haply_service.cpp)
 target_include_directories(palpate_plugin_haply PRIVATE ${PALPATE_INCLUDE})
@@ -31,9 +31,9 @@ target_link_libraries(palpate_plugin_haply
   PRIVATE palpate_haply_messages palpate_options Threads::Threads ${PALPATE_WEBSOCKETS_LIBRARY})
 set_target_properties(palpate_haply_messages palpate_plugin_haply PROPERTIES
   CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
-# clang's tools, which read the commands of a build with stubs, do not know the option.
+# clang's tools read the compile commands of a build with stubs and do not know the option.
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND NOT PALPATE_PLUGIN_STUBS)
-  # Else what the standard library shares between libraries would be seen as well.
+  # Without the option, symbols that the standard library shares between libraries would also be exported.
   target_compile_options(palpate_haply_messages PRIVATE -fno-gnu-unique)
   target_compile_options(palpate_plugin_haply PRIVATE -fno-gnu-unique)
 endif()

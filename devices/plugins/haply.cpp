@@ -10,36 +10,36 @@
 #include <string>
 #include <string_view>
 
-#include "palpate/devices/plugin.h"
 #include "palpate/devices/plugins/haply_messages.h"
 #include "palpate/devices/plugins/haply_service.h"
+#include "palpate/devices/plugins/plugin.h"
 
 namespace {
 
 using namespace palpate::haply;
 
-// What the maker says of the Inverse3, where it says it: docs/haply.md.
+// The maker's numbers for the Inverse3, with their sources in docs/haply.md.
 constexpr double kForce = 4.0;        ///< [N], in 80 % of the workspace; the peak is 10.
 constexpr double kStiffness = 400.0;  ///< [N/m]
 constexpr double kDamping = 3.0;      ///< [N s/m]
 constexpr double kRadius = 0.1;       ///< [m]
 constexpr double kResolution = 1e-5;  ///< [m]
-constexpr double kContinuous = 2.0;   ///< [N]; nobody says: half of what it gives.
-constexpr double kHeating = 10.0;     ///< [s]; likewise.
-constexpr double kRate = 1000.0;      ///< [Hz]; it can 4000.
+constexpr double kContinuous = 2.0;   ///< [N]; not published: half of kForce.
+constexpr double kHeating = 10.0;     ///< [s]; not published: assumed.
+constexpr double kRate = 1000.0;      ///< [Hz]; the arm can 4000.
 constexpr char kSource[] =
     "4 N in 80 % of the workspace (peak 10 N) and 0.01 mm: Inverse3's data sheet; 0.1 m: Haply's "
     "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; 2 N for ever and 10 s: "
     "assumed, not published";
-/// Of the workspace from the arm's base, where Haply's own example of a state is [m].
+/// Middle of the workspace from the arm's base, as in Haply's own example of a state [m].
 constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
-constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Of the service [ns].
-constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Of the user [ns].
-constexpr std::int64_t kFirstAnswer = 1'000'000'000;    ///< After open, before words [ns].
-constexpr std::int64_t kStopTime = 15'000'000;          ///< Of the service thread, at most [ns].
-constexpr std::int64_t kStopPoll = 100'000;             ///< [ns]
-constexpr std::int64_t kPoll = 2'000'000;               ///< [ns]
+constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Longest wait for the service [ns].
+constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Longest wait for the user [ns].
+constexpr std::int64_t kFirstAnswer = 1'000'000'000;    ///< Time after open before messages [ns].
+constexpr std::int64_t kStopTime = 15'000'000;  ///< Longest wait for the service thread [ns].
+constexpr std::int64_t kStopPoll = 100'000;     ///< [ns]
+constexpr std::int64_t kPoll = 2'000'000;       ///< [ns]
 
 struct Host {
   void (*say)(const char*) = nullptr;
@@ -49,7 +49,7 @@ struct Host {
 Host host;
 Address address;
 std::unique_ptr<Service> service;
-int users = 0;  ///< Of `service`.
+int users = 0;  ///< Users of `service`.
 
 std::int64_t machineNow() {
   timespec now{};
@@ -71,7 +71,7 @@ void tell(char* error, std::size_t room, const std::string& words) {
   std::snprintf(error, room, "%s", words.c_str());
 }
 
-/// As long as it lives there is a connection.
+/// Keeps the connection open during its lifetime.
 class Using {
  public:
   Using() {
@@ -84,7 +84,7 @@ class Using {
   Using& operator=(const Using&) = delete;
 };
 
-/// What the service has, once it has answered; empty `why`: it has.
+/// Waits for an answer of the service and returns its inventory. Empty `why`: success.
 Inventory ask(std::string& why) {
   const std::int64_t since = machineNow();
   Inventory inventory = service->inventory();
@@ -121,7 +121,7 @@ std::string modelOf(const Named& arm) {
   return arm.config.left ? "Haply Inverse3 (left)" : "Haply Inverse3";
 }
 
-/// Why this arm is not one that can be felt with; empty: it is.
+/// Returns why this arm cannot be used; empty: it can.
 std::string refusal(const Named& arm) {
   const std::string name = "the arm " + std::string(arm.id.view());
   if (arm.config.miniature) {
@@ -138,15 +138,15 @@ std::string refusal(const Named& arm) {
   return {};
 }
 
-/// An arm that is open.
+/// An open arm.
 struct Device {
   Line line;
   palpate_plugin_device face{};
   Triple middle_D{};
-  // Of the haptic thread.
+  // Used by the haptic thread.
   std::uint64_t seen_losses = 0;
   std::uint64_t acknowledged = 1;
-  Using connection;  ///< Ends when `line` has been let go of.
+  Using connection;  ///< Ends after `line` has been released.
   bool turns = false;
   int buttons = 0;
 };
@@ -155,7 +155,7 @@ Device& of(palpate_plugin_device* device) {
   return *static_cast<Device*>(device->data);
 }
 
-/// Fills in what the caller has room for; its `size` stays.
+/// Fills in the fields for which the caller has room; `size` stays.
 template <class T>
 void give(const T& from, T* to) {
   const std::uint32_t size = to->size;
@@ -178,7 +178,7 @@ int facts(palpate_plugin_device* face, palpate_plugin_facts* out) {
   all.resolution = kResolution;
   all.joints = 3;
   all.buttons = static_cast<std::uint32_t>(device.buttons);
-  // A handle without a cable has three with letters.
+  // A handle without a cable has three buttons, named by letters.
   if (device.buttons == 3) {
     for (std::size_t i = 0; i < 3; ++i) {
       all.button[i][0] = static_cast<char>('a' + static_cast<int>(i));
@@ -226,7 +226,7 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
 
 int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   Device& device = of(face);
-  // A loss is told even where the arm is back before it was asked.
+  // Reports a loss even if the arm came back before this read.
   const std::uint64_t losses = device.line.losses.load();
   if (losses != device.seen_losses) {
     device.seen_losses = losses;
@@ -237,8 +237,7 @@ int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   const Reading& reading = device.line.readings.current();
   palpate_plugin_reading all{};
   all.taken = reading.taken;
-  // Somebody who has moved, turned or scaled the workspace has made its metres others than the
-  // hand's.
+  // If the workspace was moved, turned or scaled, its metres are not the hand's.
   const bool ready = device.line.ready == 1 && device.line.calibrated != 0 &&
                      device.line.powered != 0 && !reading.arm.transformed;
   if (ready) all.state |= PALPATE_PLUGIN_READY;
@@ -280,7 +279,8 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* face) {
   Line& line = of(face).line;
   const std::uint64_t stops = line.stops.fetch_add(1) + 1;
-  // When it returns the process may end: by then zero has been sent, where anything can be.
+  // When this function returns the process may end. By then zero has been sent, if anything can be
+  // sent.
   const std::int64_t since = machineNow();
   while (!line.away && line.obeyed.load() < stops && machineNow() - since < kStopTime) {
     const timespec time{0, kStopPoll};
@@ -308,7 +308,7 @@ int find(palpate_plugin_found* found, int room) {
     const std::string model = modelOf(inventory.arms[i]);
     serial.copy(all.serial, sizeof(all.serial) - 1);
     model.copy(all.model, sizeof(all.model) - 1);
-    // Each is of the size that its caller knows.
+    // Each entry has the size that the caller knows.
     auto* to =
         reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) + i * found->size);
     give(all, to);

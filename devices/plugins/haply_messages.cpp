@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// How deep brackets nest, outside strings: JSON or not.
+/// Returns how deep brackets nest outside of strings; the text need not be JSON.
 int nesting(std::string_view bytes) {
   int depth = 0;
   int deepest = 0;
@@ -36,7 +36,7 @@ int nesting(std::string_view bytes) {
   return deepest;
 }
 
-/// The member of that name; null where there is none, or `of` is no object.
+/// Returns the member with that name; null if it is missing, or if `of` is not an object.
 const Json* member(const Json* of, const char* name) {
   if (of == nullptr || !of->is_object()) return nullptr;
   const auto found = of->find(name);
@@ -68,7 +68,8 @@ std::optional<std::array<double, 4>> quaternion(const Json* of) {
   const auto v = triple(of, kAxes, 2.0);
   if (!w || !v) return std::nullopt;
   const double length = std::hypot(std::hypot(*w, (*v)[0]), std::hypot((*v)[1], (*v)[2]));
-  // Rounded to 14 bits on their way it is one to a thousandth; zeros are a handle that sleeps.
+  // Components are rounded to 14 bits on their way, so the length is 1 to a thousandth. A handle
+  // that sleeps sends zeros.
   if (!(std::abs(length - 1.0) < 0.1)) return std::nullopt;
   return std::array<double, 4>{*w / length, (*v)[0] / length, (*v)[1] / length, (*v)[2] / length};
 }
@@ -83,13 +84,13 @@ std::string_view text(const Json* of) {
   return of->get_ref<const std::string&>();
 }
 
-/// Whether a part of a transform is there and is not that number.
+/// Returns whether a part of a transform is present and differs from `from`.
 bool differs(const Json* part, const char* name, double from) {
   const Json* value = member(part, name);
   return value != nullptr && !(value->is_number() && value->get<double>() == from);
 }
 
-/// What equals the identity may be left out.
+/// Returns whether a transform is not the identity. Parts that equal the identity may be missing.
 bool transforms(const Json* transform) {
   if (transform == nullptr) return false;
   const Json* turned = member(transform, "rotation");
@@ -116,7 +117,7 @@ ArmConfig readConfig(const Json* config) {
   return out;
 }
 
-/// False where it has no id.
+/// Returns false if the arm has no id.
 bool readArm(std::string_view id, const Json& of, ArmState& out) {
   out = {};
   if (!out.id.assign(id)) return false;
@@ -149,7 +150,7 @@ bool readGrip(std::string_view id, const Json& of, GripState& out) {
     out.turned = true;
     out.orientation_D = *orientation;
   }
-  // With a cable one button; without one a, b, c, or by number.
+  // A handle with a cable has one button. Without a cable the buttons are a, b, c, or numbered.
   if (const std::int8_t pressed = truth(member(state, "button")); pressed >= 0) {
     out.button_count = 1;
     out.buttons = pressed == 1 ? 1U : 0U;
@@ -167,8 +168,8 @@ bool readGrip(std::string_view id, const Json& of, GripState& out) {
   return true;
 }
 
-/// The devices of a list; those that have no id, and those for which there is no room, are left
-/// out.
+/// Reads the devices of a list. Leaves out devices without an id, and those for which there is no
+/// room.
 template <class Device, std::size_t N, class Read>
 void readList(const Json* list, std::array<Device, N>& out, std::size_t& count, Read read) {
   if (list == nullptr) return;
@@ -181,7 +182,7 @@ void readList(const Json* list, std::array<Device, N>& out, std::size_t& count, 
   }
 }
 
-/// Adds to a message; remembers that it did not fit.
+/// Appends to a message, and remembers if a part did not fit.
 class Writer {
  public:
   explicit Writer(std::span<char> out) : out_(out) {}

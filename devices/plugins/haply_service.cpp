@@ -45,7 +45,7 @@ int called(lws* wsi, lws_callback_reasons reason, void*, void* bytes, std::size_
   }
 }
 
-constexpr std::size_t kChunk = 16384;  ///< [bytes] that come at a time.
+constexpr std::size_t kChunk = 16384;  ///< [bytes] received at a time.
 const std::array<lws_protocols, 2> kProtocols{{
     {"palpate-haply", called, 0, kChunk, 0, nullptr, 0},
     {nullptr, nullptr, 0, 0, 0, nullptr, 0},
@@ -83,7 +83,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   if (out.host == "[::1]") {
     out.host = "::1";
   } else if (out.host == "localhost" || out.host == "127.0.0.1") {
-    // By number: what a name stands for is for others to say.
+    // Uses the number: the system's settings may resolve the name to another machine.
     out.host = "127.0.0.1";
   } else if (!anywhere) {
     why = "\"" + url + "\" is not this machine, and forces go over no network" + remedy +
@@ -124,7 +124,7 @@ void Service::release(Line& line) {
 }
 
 void Service::lose(Line& line) {
-  // In this order: who has seen the loss finds the force off.
+  // In this order: a thread that sees the loss finds the force off.
   line.stops.fetch_add(1);
   line.away = true;
   line.losses.fetch_add(1);
@@ -175,9 +175,9 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
     partial_.append(bytes, size);
   }
   if (!last) return;
-  // What cannot be read is an answer as well: the next message may go.
+  // A message that cannot be read is also an answer: the next message may go.
   answered_ = true;
-  // The first one of a connection may come unasked.
+  // The first message of a connection may come without a request.
   got_ = std::min(got_ + 1, asked_);
   answered_at_ = machineNow();
   if (!too_long_) message(partial_);
@@ -188,9 +188,10 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
 void Service::message(std::string_view bytes) {
   const std::int64_t now = now_();
   if (readMessage(bytes, in_) != Verdict::kState) return;
-  // Whether an update of 3.5 has session_id as well is not said: once seen it stays.
+  // It is not documented whether updates of 3.5 have session_id too: once 3.5 is seen, it stays.
   generation_ = std::max(generation_, in_.generation);
-  // Which handle is on which arm is not said: the first on the first, of those that are awake.
+  // The messages do not say which handle is on which arm: of the awake handles, the first belongs
+  // to the first arm.
   std::array<const GripState*, kMaxGrips> awake{};
   std::size_t awake_count = 0;
   for (std::size_t i = 0; i < in_.grip_count; ++i) {
@@ -217,7 +218,7 @@ void Service::message(std::string_view bytes) {
   const std::lock_guard lock(mutex_);
   inventory_.answered = true;
   inventory_.generation = generation_;
-  // An arm that has gone is no longer named; what was said of the others once stays.
+  // Drops arms that are gone. Keeps the properties that the service sent only once.
   std::vector<Named> named;
   for (std::size_t i = 0; i < in_.arm_count; ++i) {
     const ArmState& arm = in_.arms[i];
@@ -245,7 +246,8 @@ void Service::attend(std::int64_t machine) {
   }
   const bool known = generation_ == Generation::k31 || generation_ == Generation::k35;
   const std::int64_t pause = !served || !known ? kAskForArms : answered_ ? kPeriod : kAskAgain;
-  // What waits in the service is told before a zero is: no more than so many.
+  // The service handles waiting messages before a new zero: so the number of waiting messages is
+  // limited.
   const bool full = asked_ - got_ >= kMostUnanswered;
   if (full && machine - std::max(sent_, answered_at_) >= kSilence) got_ = asked_;  // lost
   if (!full && machine - sent_ >= pause) lws_callback_on_writable(wsi_);
@@ -257,7 +259,7 @@ int Service::writable(lws* to) {
   const std::span<char> text(room.data() + LWS_PRE, kRoom);
   std::array<ForceTo, kMaxArms> forces{};
   std::array<Line*, kMaxArms> served{};
-  std::array<bool, kMaxArms> leaving{};  // As long as its force was asked for, which is zero then.
+  std::array<bool, kMaxArms> leaving{};  // Read before its force, which is then zero.
   std::array<std::uint64_t, kMaxArms> stops{};
   std::size_t count = 0;
   for (auto& one : lines_) {
@@ -283,7 +285,7 @@ int Service::writable(lws* to) {
   sent_ = machineNow();
   introduced_ = introduced_ || driving;
   for (std::size_t i = 0; i < count; ++i) {
-    // A force after those stops is one that was written after zero was.
+    // A force sent after those stops was written after a zero.
     served[i]->obeyed = stops[i];
     if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
@@ -297,7 +299,7 @@ void Service::letGo(std::int64_t machine) {
   for (auto& one : lines_) {
     Line* line = one.load();
     if (line == nullptr || !line->leaves) continue;
-    // A socket that is closed with an answer unread may take the zero force with it.
+    // If a socket is closed with an answer unread, the zero force may be lost with it.
     if (line->leaves_at == 0) line->leaves_at = machine;
     const bool told =
         (line->told_zero && got_ >= line->told_in) || machine - line->leaves_at > kLeaving;
@@ -328,7 +330,7 @@ void Service::run() {
   info.port = CONTEXT_PORT_NO_LISTEN;
   info.protocols = kProtocols.data();
   info.user = this;
-  // Else what http_proxy names would be asked.
+  // Without this, libwebsockets would connect to the proxy in http_proxy.
   info.http_proxy_address = "";
   lws_context* context = lws_create_context(&info);
   while (!ends_) {

@@ -1,13 +1,13 @@
-/// The connection to Haply's Inverse Service: one for all arms of a process, on a thread of its
-/// own.
+/// Private to devices: the connection to Haply's Inverse Service. A process has one connection for
+/// all its arms, on a thread of its own.
 ///
-/// The service says one state for each message that it is sent, so the thread keeps asking, with
-/// the newest forces, as fast as it is answered and at most every kPeriod. What the haptic thread
-/// reads and writes goes through mailboxes.
+/// The service sends one state for each message that it receives. So the thread keeps sending the
+/// newest forces, as soon as the last message is answered and at most once per kPeriod. The haptic
+/// thread reads and writes through mailboxes.
 ///
-/// A force is sent while three things hold, and zero otherwise, at once: it was written less than
-/// kForceHolds ago; the arm has been heard of less than kSilence ago; neither stop() nor a silence
-/// has come since a zero force was written.
+/// A force is sent while three conditions hold: it was written less than kForceHolds ago; the last
+/// valid position of the arm arrived less than kSilence ago; a zero force was written since the
+/// last stop() or silence. Otherwise the thread sends zero at once.
 #pragma once
 
 #include <array>
@@ -19,88 +19,88 @@
 #include <vector>
 
 #include "palpate/devices/plugins/haply_messages.h"
-#include "palpate/engine/mailbox.h"
+#include "palpate/engine/loop/mailbox.h"
 
 struct lws;
 struct lws_context;
 
 namespace palpate::haply {
 
-/// By the clock of the host, which may be a test's.
-inline constexpr std::int64_t kForceHolds = 40'000'000;  ///< [ns], so that 50 ms are never full.
+/// These two use the host's clock, which may be a test's clock.
+inline constexpr std::int64_t kForceHolds = 40'000'000;  ///< [ns]; so a force ends before 50 ms.
 inline constexpr std::int64_t kSilence = 30'000'000;     ///< [ns]
-/// By the machine's.
-inline constexpr std::int64_t kPeriod = 500'000;          ///< Between messages, once answered [ns].
-inline constexpr std::int64_t kAskAgain = 5'000'000;      ///< Where no answer comes [ns].
+/// These four use the machine's clock.
+inline constexpr std::int64_t kPeriod = 500'000;      ///< Between messages, after an answer [ns].
+inline constexpr std::int64_t kAskAgain = 5'000'000;  ///< Between messages, without an answer [ns].
 inline constexpr std::int64_t kAskForArms = 250'000'000;  ///< While no arm is open [ns].
 inline constexpr std::int64_t kTryAgain = 100'000'000;  ///< Until the next attempt to connect [ns].
 
-/// What a reading has, still in the service's axes.
+/// A reading, still in the service's axes.
 struct Reading {
-  std::int64_t taken = 0;  ///< When its message arrived, by the host's clock [ns].
+  std::int64_t taken = 0;  ///< Arrival time of its message, by the host's clock [ns].
   ArmState arm;
   GripState grip;
 };
 
-/// What the haptic thread has written.
+/// A force that the haptic thread has written.
 struct Order {
   Triple force_D{};
-  std::int64_t when = 0;           ///< By the host's clock [ns].
-  std::uint64_t acknowledged = 1;  ///< So many stops were known when zero was written last.
+  std::int64_t when = 0;           ///< Time of the write, by the host's clock [ns].
+  std::uint64_t acknowledged = 1;  ///< Value of Line::stops when zero was last written.
 };
 
-/// An arm that is open: what the threads share of it.
+/// The data of an open arm that the threads share.
 struct Line {
   Mailbox<Reading> readings;  ///< Service thread to haptic thread.
   Mailbox<Order> orders;      ///< Haptic thread to service thread.
   DeviceId id;
-  std::atomic<std::uint64_t> stops{1};   ///< Reasons so far for no force until zero is written.
-  std::atomic<std::uint64_t> obeyed{0};  ///< Those that the last message has obeyed.
-  std::atomic<std::uint64_t> losses{0};  ///< How often it has fallen silent.
-  std::atomic<int> powered{-1};          ///< As ArmState, as far as it has been said.
+  std::atomic<std::uint64_t> stops{1};  ///< Events so far that end the force until zero is written.
+  std::atomic<std::uint64_t> obeyed{0};  ///< Value of `stops` that the last message obeyed.
+  std::atomic<std::uint64_t> losses{0};  ///< Times that the arm has fallen silent.
+  std::atomic<int> powered{-1};          ///< ArmState::powered of the last message that had it.
   std::atomic<int> ready{-1};
   std::atomic<int> calibrated{-1};
-  std::atomic<bool> away{true};     ///< It is silent, or there is no connection.
-  std::atomic<bool> leaves{false};  ///< It is to have zero force, and to be let go of.
-  std::atomic<bool> left{false};    ///< No thread but its owner's knows it any more.
+  std::atomic<bool> away{true};     ///< The arm is silent, or the connection is down.
+  std::atomic<bool> leaves{false};  ///< Requests zero force and then the arm's release.
+  std::atomic<bool> left{false};    ///< Only the owner's thread still refers to this line.
 
-  // The service thread's own.
-  bool told_zero = false;      ///< Since it leaves,
-  std::int64_t leaves_at = 0;  ///< When that was seen first [ns].
-  long told_in = 0;            ///< in the message of this number.
-  std::int64_t heard = 0;      ///< By the host's clock [ns].
+  // Used by the service thread only.
+  bool told_zero = false;      ///< A zero force was sent after `leaves` was set.
+  std::int64_t leaves_at = 0;  ///< Time when the thread first saw `leaves` [ns].
+  long told_in = 0;            ///< Number of the message with that zero force.
+  std::int64_t heard = 0;      ///< Time of the last valid position, by the host's clock [ns].
 };
 
-/// An arm that the service has named.
+/// An arm in the service's list.
 struct Named {
   DeviceId id;
   ArmConfig config;
 };
 
-/// What is known of the service.
+/// The known state of the service.
 struct Inventory {
   bool connected = false;
-  bool answered = false;  ///< A list of devices has come.
-  int refusals = 0;       ///< Attempts to connect that have failed.
+  bool answered = false;  ///< A list of devices has arrived.
+  int refusals = 0;       ///< Failed attempts to connect.
   Generation generation = Generation::kUnknown;
   std::vector<Named> arms;
-  int button_count = 0;  ///< Of its handles, the most.
-  bool grips = false;    ///< There is a handle that says how it is held.
+  int button_count = 0;  ///< Largest button count of its handles.
+  bool grips = false;    ///< A handle reports its orientation.
 };
 
-/// Where the service is.
+/// Address of the service.
 struct Address {
   std::string host = "127.0.0.1";
   int port = 10001;
   std::string path = "/";
-  std::string words = "ws://localhost:10001";  ///< As the user would say it.
+  std::string words = "ws://localhost:10001";  ///< The address shown to the user.
 };
 
-/// Reads `url`, ws://HOST[:PORT][/PATH]. HOST is this machine (localhost, 127.0.0.1, [::1]) unless
-/// `anywhere`. False: `why`, with a remedy.
+/// Reads `url`, ws://HOST[:PORT][/PATH]. HOST must be this machine (localhost, 127.0.0.1, [::1])
+/// unless `anywhere` is set. On failure returns false, with cause and remedy in `why`.
 bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& why);
 
-/// The connection. Made, asked and ended on the main thread.
+/// Private to devices: the connection. Created, queried and destroyed on the main thread.
 class Service {
  public:
   /// `now`: the host's clock, called on any thread.
@@ -110,12 +110,14 @@ class Service {
   Service& operator=(const Service&) = delete;
 
   [[nodiscard]] Inventory inventory();
-  /// False: there are as many as it can serve. `line` lives until release() has returned.
+  /// Adds an arm. Returns false if kMaxArms arms are served already. `line` must live until
+  /// release() has returned.
   bool serve(Line& line);
-  /// Zero force first, where there is a connection, and until it has been answered or 1 s.
+  /// Removes an arm. If there is a connection, first sends zero force and waits for the answer, at
+  /// most 1 s.
   void release(Line& line);
 
-  /// What libwebsockets calls, on the thread.
+  /// Callbacks of libwebsockets, on the service thread.
   int connected();
   void disconnected();
   void received(const char* bytes, std::size_t size, bool is_text, bool last);
@@ -134,17 +136,17 @@ class Service {
   std::int64_t (*const now_)();
   std::atomic<bool> ends_{false};
   std::array<std::atomic<Line*>, kMaxArms> lines_{};
-  std::mutex mutex_;  ///< Of inventory_: main and service thread.
+  std::mutex mutex_;  ///< Guards inventory_ between main and service thread.
   Inventory inventory_;
 
-  // The thread's own.
+  // Used by the service thread only.
   lws* wsi_ = nullptr;
   bool up_ = false;
   bool introduced_ = false;
-  bool answered_ = false;         ///< Something has come since the last message.
-  long asked_ = 0;                ///< Messages of this connection,
-  long got_ = 0;                  ///< and answers.
-  std::int64_t answered_at_ = 0;  ///< [ns], the last one.
+  bool answered_ = false;         ///< An answer has arrived since the last message.
+  long asked_ = 0;                ///< Messages sent on this connection.
+  long got_ = 0;                  ///< Answers on this connection.
+  std::int64_t answered_at_ = 0;  ///< Time of the last answer [ns].
   Generation generation_ = Generation::kUnknown;
   std::int64_t tried_ = 0;
   std::int64_t sent_ = 0;

@@ -1,5 +1,5 @@
-/// What passes between an SDK's thread and palpate's, without a lock: the newest reading one way,
-/// the force the other. For plug-ins in C++; needs nothing but the standard library.
+/// Private to devices: lock-free exchange between an SDK's thread and palpate's: the newest reading
+/// one way, the force the other. For plug-ins in C++; needs only the standard library.
 #pragma once
 
 #include <atomic>
@@ -9,12 +9,12 @@
 #include <ctime>
 #include <type_traits>
 
-#include "palpate/devices/plugin.h"
+#include "palpate/devices/plugins/plugin.h"
 
 namespace palpate_plugins {
 
-/// The newest value of one writer's for one reader; neither ever waits. (Tests have an `Atomic`
-/// that lets one in between two steps of the other.)
+/// The newest value from one writer to one reader; neither ever waits. (Tests pass an `Atomic` that
+/// lets the other side run between two steps.)
 template <class T, template <class> class Atomic = std::atomic>
 class Newest {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -29,14 +29,15 @@ class Newest {
     turn_.store(turn + 2, std::memory_order_release);
   }
 
-  /// False: none since the last one taken (or it is being written just now), `value` is as it was.
+  /// Returns false, with `value` as it was, if no value has come since the last one taken, or if
+  /// the writer is just writing one.
   [[nodiscard]] bool take(T& value) noexcept {
     std::uint64_t words[kWords];
     for (int tries = 0; tries < 1000; ++tries) {
       const std::uint64_t turn = turn_.load(std::memory_order_acquire);
       if (turn == taken_) return false;
       if (turn % 2 == 1) continue;
-      // Who reads a word of a later turn sees that turn's number below.
+      // A reader that sees a word of a later turn also sees that turn's number below.
       for (int i = 0; i < kWords; ++i) words[i] = words_[i].load(std::memory_order_acquire);
       if (turn_.load(std::memory_order_relaxed) != turn) continue;
       std::memcpy(&value, words, sizeof value);
@@ -50,25 +51,25 @@ class Newest {
   static constexpr int kWords = (sizeof(T) + 7) / 8;
   Atomic<std::uint64_t> turn_{0};
   Atomic<std::uint64_t> words_[kWords] = {};
-  std::uint64_t taken_ = 0;  // the reader's
+  std::uint64_t taken_ = 0;  // owned by the reader
 };
 
-/// What the motors are to give.
+/// A force for the motors.
 struct Order {
   double force[3] = {};      ///< In W [N].
-  double share = 0.0;        ///< Of the arm's weight, that they carry besides.
+  double share = 0.0;        ///< Share of the arm's weight that the motors carry in addition.
   std::int64_t written = 0;  ///< [ns]
-  std::uint32_t stops = 0;   ///< That had come before it.
+  std::uint32_t stops = 0;   ///< Number of stops before this order.
 };
 
-/// palpate's forces on their way to an SDK's thread.
+/// Passes palpate's forces to an SDK's thread.
 class Orders {
  public:
-  /// A thread that goes on sending keeps the arm's own watchdog from ever seeing that palpate
-  /// hangs: no force is sent on for longer than this [ns].
+  /// Longest time for which one order is sent [ns]. A thread that continued to send would keep the
+  /// arm's own watchdog from detecting that palpate hangs.
   static constexpr std::int64_t kHolds = 50'000'000;
 
-  /// On the haptic thread; what `write` of a device returns.
+  /// Passes on a force; called on the haptic thread. Returns the result for a device's `write`.
   int write(const palpate_plugin_force& force, double share, std::int64_t now) noexcept {
     Order order;
     bool zero = true;
@@ -85,13 +86,15 @@ class Orders {
     order.share = share;
     order.written = now;
     newest_.put(order);
-    // After the zero, so that whoever finds the latch open finds no older force.
+    // Opens the latch after the zero is stored: a thread that finds the latch open finds no older
+    // force.
     if (zero) stopped_.store(false, std::memory_order_release);
     return PALPATE_PLUGIN_OK;
   }
 
-  /// On any thread, and in a signal's handler. Returns when a zero has been sent, as the process
-  /// may end next; where the SDK's thread does not come to it, after some 10 ms.
+  /// Stops the force, on any thread and in signal handlers. Returns when a zero has been sent,
+  /// because the process may end next. If the SDK's thread does not send a zero, returns after
+  /// about 10 ms.
   void stop(int tries = 100) noexcept {
     stopped_.store(true, std::memory_order_release);
     const std::uint32_t stops = stops_.fetch_add(1, std::memory_order_acq_rel) + 1;
@@ -102,21 +105,21 @@ class Orders {
     }
   }
 
-  /// Whether an SDK's thread sends what now() returns.
+  /// Sets whether an SDK's thread sends the orders from now().
   void serve(bool served) noexcept { served_.store(served, std::memory_order_release); }
 
-  /// On the SDK's thread: the arm has been given this.
+  /// Records that the arm was given this order; called on the SDK's thread.
   void sent(const Order& order) noexcept {
     if (order.force[0] != 0.0 || order.force[1] != 0.0 || order.force[2] != 0.0) return;
     zeros_.store(order.stops, std::memory_order_release);
   }
 
-  /// What is to be sent now, on the SDK's thread: zeros once stopped, and where none has come for
-  /// long.
+  /// Returns the order to send now; called on the SDK's thread. The order is zero after a stop, and
+  /// if the last one is older than kHolds.
   [[nodiscard]] Order now(std::int64_t now) noexcept {
     const std::uint32_t stops = stops_.load(std::memory_order_acquire);
-    // Before the force: whoever finds that a zero has ended the stop finds that zero, or what came
-    // after it.
+    // Reads the latch before the force: a thread that sees the stop ended by a zero also sees that
+    // zero or a later order.
     const bool stopped = stopped_.load(std::memory_order_acquire);
     (void)newest_.take(last_);
     Order order = stopped || now - last_.written > kHolds ? Order{} : last_;
@@ -126,7 +129,7 @@ class Orders {
 
  private:
   Newest<Order> newest_;
-  Order last_;  // the SDK's thread's
+  Order last_;  // owned by the SDK's thread
   std::atomic<bool> stopped_{false};
   std::atomic<bool> served_{false};
   std::atomic<std::uint32_t> stops_{0};

@@ -1,8 +1,8 @@
-// The Novint Falcon through libnifalcon (BSD): docs/plugins.md says how it is built. Written by the
-// library's published names; not tried on an arm by palpate's makers.
+// Plug-in for the Novint Falcon through libnifalcon (BSD). Build it as in docs/plugins.md. Written
+// by the library's published names; palpate's makers have not tried it on an arm.
 //
-// Threads. The library has no locks, so that once the arm is prepared one thread makes all calls.
-// `stop` is a flag that this thread sees in its next turn, and waits for it, as a rule for a
+// Threads. The library has no locks, so once the arm is prepared one thread makes all calls. `stop`
+// sets a flag that this thread sees in its next turn, and waits for that, as a rule for a
 // millisecond. A Falcon is not known to take its force off by itself.
 #include <atomic>
 #include <cstdlib>
@@ -23,10 +23,10 @@
 namespace {
 
 using namespace palpate_plugins;
-using namespace libnifalcon;  // its firmware is within, or beside, by version
+using namespace libnifalcon;  // the firmware is in this namespace or outside, by version
 
-// TO CHANGE: the limits, and where they are from. Two sources differ by four in stiffness (CHAI3D
-// 3.3.0 has 3,000 N/m): the smaller one is taken.
+// TO CHANGE: the limits and their source. Two sources differ by a factor of four in stiffness
+// (CHAI3D 3.3.0 has 3,000 N/m): the smaller one is used.
 constexpr double kForce = 8.0;
 constexpr double kStiffness = 800.0;
 constexpr double kDamping = 20.0;
@@ -34,10 +34,12 @@ constexpr double kRadius = 0.04;
 constexpr const char* kSource =
     "HAPI; force, damping and radius as CHAI3D 3.3.0, CFalconDevice.cpp";
 
-// TO CHECK: the library has x to the right, y up, z to the user [m]; the middle is its kinematics'.
+// TO CHECK: the library has x to the right, y up, z to the user [m]; its kinematics gives the
+// middle.
 constexpr Frame kFrame = {{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}}};
 
-// Where nothing has come for so long, the arm is lost: the library only says "not now" [ns].
+// Time without an answer after which the arm counts as lost [ns]: the library only reports "not
+// now".
 constexpr std::int64_t kLost = 100'000'000;
 
 palpate_plugin_host host;
@@ -59,7 +61,7 @@ Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
 }
 
-// boost::array in the library's older versions, std::array in newer ones.
+// These are boost::array in older versions of the library, std::array in newer ones.
 using Vector = decltype(std::declval<FalconDevice&>().getPosition());
 using Motors = decltype(std::declval<FalconFirmware&>().getEncoderValues());
 
@@ -68,7 +70,7 @@ void pauseFor(long microseconds) {
   nanosleep(&time, nullptr);
 }
 
-// isHomed() is true from the first motor on; a position needs all three.
+// The library's isHomed() is true from the first motor on; a position needs all three.
 bool isHomed(FalconDevice& falcon) {
   constexpr unsigned kAll = FalconFirmware::ENCODER_1_HOMED | FalconFirmware::ENCODER_2_HOMED |
                             FalconFirmware::ENCODER_3_HOMED;
@@ -81,11 +83,11 @@ void setForce(FalconDevice& falcon, const double (&force_W)[3]) {
   Vector force{};
   for (std::size_t i = 0; i < 3; ++i) force[i] = f[i];
   falcon.setForce(force);
-  // Where its kinematics fails, the motors would keep what they had.
+  // If the kinematics fails, the motors would keep their last force.
   if (f[0] == 0.0 && f[1] == 0.0 && f[2] == 0.0) falcon.getFalconFirmware()->setForces(Motors{});
 }
 
-// One exchange with the arm; false: it has said nothing new.
+// Does one exchange with the arm. Returns false if the arm sent no new data.
 bool exchange(FalconDevice& falcon) {
   const auto before = falcon.getFalconFirmware()->getLoopCount();
   falcon.runIOLoop();
@@ -108,7 +110,7 @@ void turnsOf(Arm& arm) {
       continue;
     }
     heard = now;
-    arm.orders.sent(order);  // the exchange begins with the zero that setForce has left
+    arm.orders.sent(order);  // the exchange begins with the zero from setForce
     palpate_plugin_reading r{};
     r.size = sizeof r;
     r.taken = now;
@@ -120,7 +122,7 @@ void turnsOf(Arm& arm) {
     r.buttons = arm.falcon.getFalconGrip()->getDigitalInputs() & 0xfU;
     arm.readings.put(r);
   }
-  // The library sends what was set in the exchange after it.
+  // A force goes out one exchange late, the zero of setForce in the first: two, to be sure.
   constexpr int kTries = 20;
   int sent = 0;
   for (int i = 0; i < kTries && sent < 2; ++i) {
@@ -135,7 +137,7 @@ void turnsOf(Arm& arm) {
 
 void turns(Arm& arm) noexcept {
   char line[1];
-  // What the library throws is an arm that is lost.
+  // An exception from the library means that the arm is lost.
   const bool ended = safely("nifalcon", line, sizeof line, false, [&arm] {
     turnsOf(arm);
     return true;
@@ -161,7 +163,8 @@ int facts(palpate_plugin_device*, palpate_plugin_facts* theirs) {
 int home(Arm& arm, char* error, std::size_t room) {
   FalconDevice& falcon = arm.falcon;
   auto firmware = falcon.getFalconFirmware();
-  // An arm that has been without power has no firmware; it is sent, and now and then not taken.
+  // An arm that was without power has no firmware. The firmware is sent; the arm does not always
+  // take it.
   bool loaded = falcon.isFirmwareLoaded();
   constexpr int kTries = 10;
   for (int i = 0; i < kTries && !loaded; ++i) {
@@ -255,7 +258,7 @@ unsigned countNow() {
   });
 }
 
-// The library knows no serial numbers: `serial` stays empty.
+// The library has no serial numbers: `serial` stays empty.
 int find(palpate_plugin_found* found, int room) {
   const int count = static_cast<int>(countNow());
   for (int i = 0; i < count && i < room; ++i) {
@@ -266,7 +269,7 @@ int find(palpate_plugin_found* found, int room) {
   return count;
 }
 
-// `serial` is 0 for the first that the library finds, 1 for the second, ...
+// `serial` is 0 for the first arm that the library finds, 1 for the second, ...
 palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   if (open_arm != nullptr) {
     tell(error, room, "nifalcon: an arm is open already; close it first");

@@ -1,11 +1,12 @@
-// The Touch and the Phantoms (3D Systems, SensAble) through OpenHaptics' HD API, libHD:
-// docs/plugins.md says how it is built. Written by the API's published function names; not tried on
-// an arm by palpate's makers.
+// Plug-in for the Touch and the Phantoms (3D Systems, SensAble) through OpenHaptics' HD API, libHD.
+// Build it as in docs/plugins.md. Written by the API's published function names; palpate's makers
+// have not tried it on an arm.
 //
-// Threads. The API's reference has an arm asked and driven within a frame, on the scheduler's
-// thread. So the servo loop is a callback of that scheduler, and palpate's side is the newest
-// value of a slot each way. `stop` is a flag that the callback sees in its next frame, and waits
-// for it, as a rule for a millisecond; no function of the API is called for it.
+// Threads. By the API's reference an arm is read and driven within a frame, on the scheduler's
+// thread. So the servo loop is a callback of that scheduler. palpate exchanges values with the
+// callback through two slots, each with the newest value. `stop` sets a flag that the callback sees
+// in its next frame, and waits for that, as a rule for a millisecond; it calls no function of the
+// API.
 #include <HD/hd.h>
 #include <atomic>
 #include <ctime>
@@ -18,8 +19,8 @@ namespace {
 
 using namespace palpate_plugins;
 
-// TO CHANGE: limits of your model, by the name that the API gives it, and where they are from.
-// A model that is not here has what the API calls nominal.
+// TO CHANGE: limits of your model, by the name that the API gives it, and their source. A model
+// that is not listed here gets the API's nominal limits.
 struct Model {
   const char* name;  // HD_DEVICE_MODEL_TYPE
   double force, stiffness, damping, radius;
@@ -45,15 +46,15 @@ struct Arm {
   char model[64] = {};
   palpate_plugin_facts facts{};
   double middle[3] = {};  // of the workspace, in the API's axes [mm]
-  HDint style = 0;        // how it finds out where it is
+  HDint style = 0;        // how the arm is calibrated
   HDSchedulerHandle callback = 0;
   bool runs = false;
   Newest<palpate_plugin_reading> readings;
   Orders orders;
   std::atomic<bool> gone{false};
-  std::atomic<bool> refused{false};  // a force, since the last write
+  std::atomic<bool> refused{false};  // a force was refused since the last write
   std::atomic<HDenum> calibration{HD_CALIBRATION_NEEDS_MANUAL_INPUT};
-  std::atomic<HDenum> calibrate{0};  // by this style, in the next frame
+  std::atomic<HDenum> calibrate{0};  // style of calibration for the next frame; 0: no request
 };
 
 Arm* open_arm = nullptr;  // [main]; the API has one scheduler for all arms
@@ -62,7 +63,8 @@ Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
 }
 
-// What the API has put on its stack of errors, which is emptied: none stays for the next call.
+// Errors on the API's error stack. Reading them empties the stack, so that no error stays for the
+// next call.
 struct Errors {
   HDerror newest = HD_SUCCESS;
   bool lost = false;
@@ -88,7 +90,7 @@ Errors errorsNow() {
         errors.refused = true;  // the API has taken the force off
         break;
       default:
-        errors.lost = true;  // the cable, the arm, or a call that is wrong
+        errors.lost = true;  // the cable, the arm, or a wrong call
     }
   }
   return errors;
@@ -102,7 +104,7 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
   const HDenum calibration = hdCheckCalibration();
   arm.calibration.store(calibration, std::memory_order_release);
 
-  hdBeginFrame(arm.handle);  // every frame is a reading of its own
+  hdBeginFrame(arm.handle);  // every frame is a new reading
   palpate_plugin_reading r{};
   r.size = sizeof r;
   r.taken = host.now();
@@ -139,7 +141,7 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
                                  position[2] - arm.middle[2]};
   kFrame.toW(from_middle, kMillimetre, r.position);
   kFrame.toW(velocity, kMillimetre, r.velocity);
-  // Column by column, as OpenGL has it.
+  // Column by column, as in OpenGL.
   double turned[3][3];
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) turned[i][j] = transform[4 * j + i];
@@ -150,11 +152,11 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
   return HD_CALLBACK_CONTINUE;
 }
 
-// What the API says of the arm that is current, before the scheduler runs.
+// Reads the facts of the current arm, before the scheduler runs.
 void describe(Arm& arm) {
   copy(arm.serial, hdGetString(HD_DEVICE_SERIAL_NUMBER));
   copy(arm.model, hdGetString(HD_DEVICE_MODEL_TYPE));
-  // Six numbers: the least x, y, z, and the largest [mm].
+  // Six numbers: the smallest x, y, z, then the largest [mm].
   HDdouble room[6] = {};
   hdGetDoublev(HD_USABLE_WORKSPACE_DIMENSIONS, room);
   double smallest = room[3] - room[0];
@@ -188,8 +190,8 @@ void describe(Arm& arm) {
     f.workspace_radius = m.radius;
     copy(f.source, m.source);
   }
-  // `continuous` stays zero: the API names a force, but not how fast its motors grow hot. They are
-  // watched by HD_WARM_MOTORS.
+  // `continuous` stays zero: the API gives a force, but not how fast the motors grow hot.
+  // HD_WARM_MOTORS reports their heat instead.
 }
 
 int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
@@ -207,7 +209,7 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
   if (!arm.runs) {
     hdMakeCurrentDevice(arm.handle);
     arm.callback = hdScheduleAsynchronous(onServo, &arm, HD_DEFAULT_SCHEDULER_PRIORITY);
-    hdEnable(HD_FORCE_OUTPUT);  // of zero: no order has come yet
+    hdEnable(HD_FORCE_OUTPUT);  // the force is zero: no order has come yet
     hdStartScheduler();
     const Errors errors = errorsNow();
     if (errors.newest != HD_SUCCESS) {
@@ -290,7 +292,8 @@ const void* extensionOf(palpate_plugin_device*, const char*) {
   return nullptr;
 }
 
-// Opens and describes the arm of this name in the maker's own set-up; false: why.
+// Opens and describes the arm with this name in the maker's own set-up. On failure returns false,
+// with the cause in `why`.
 bool begin(Arm& arm, const char* name, HDerror& why) {
   errorsNow();
   arm.handle = hdInitDevice(name);
@@ -301,7 +304,7 @@ bool begin(Arm& arm, const char* name, HDerror& why) {
   return true;
 }
 
-// The API lists no arms: the default one is asked. Others are opened by their name.
+// The API cannot list arms: only the default arm is opened. Other arms are opened by their name.
 int find(palpate_plugin_found* found, int room) {
   palpate_plugin_found f{};
   if (open_arm != nullptr) {
@@ -319,7 +322,7 @@ int find(palpate_plugin_found* found, int room) {
   return 1;
 }
 
-// `serial` is the default arm's serial number, or the name of one in the maker's own set-up.
+// `serial` is the default arm's serial number, or the name of an arm in the maker's own set-up.
 palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   if (open_arm != nullptr) {
     tell(error, room, "openhaptics: an arm is open already; close it first");

@@ -1,14 +1,14 @@
-/// palpate-plugin: the process that a plug-in runs in. Started by palpate, never by hand but to see
-/// what a plug-in says: palpate-plugin list FILE.
+/// palpate-plugin: the process in which a plug-in runs. palpate starts it. Start it by hand only to
+/// see what a plug-in reports: palpate-plugin list FILE.
 #include <cstdio>
 #include <fcntl.h>
 #include <string>
 
-#include "palpate/devices/plugin_server.h"
+#include "palpate/devices/plugins/plugin_server.h"
 
 int main(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
-  // Without a program at the other end there is nobody to serve.
+  // Serves only if a program is at the other end.
   if (what == "serve" && argc == 4 && fcntl(palpate::kPluginZero, F_GETFD) >= 0) {
     return palpate::servePlugin(argv[2], argv[3]);
   }

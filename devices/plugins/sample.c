@@ -1,8 +1,7 @@
-/* The sample of a plug-in: an arm made of numbers, to be read, copied and changed
- * (docs/plugins.md).
+/* The sample of a plug-in: a simulated arm, to be read, copied and changed (docs/plugins.md).
  *
- * The tip is a mass between a spring and a damper, about a path that a slow hand takes; the force
- * moves it. Time is the host's: what is not asked for does not happen.
+ * The tip is a mass on a spring and a damper about a path that a slow hand takes; the force moves
+ * the tip. Time is the host's clock: the simulation advances only when the host reads.
  *
  * C99 with the compiler's own atomics; needs libc and libm.
  */
@@ -12,34 +11,34 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "palpate/devices/plugin.h"
+#include "palpate/devices/plugins/plugin.h"
 
 static const double kMass = 0.1;                /* [kg] */
 static const double kSpring = 30.0;             /* [N/m] */
 static const double kDamper = 2.0;              /* [N s/m] */
 static const double kWeight = 0.3;              /* [N] */
 static const double kPeak = 4.0;                /* [N] */
-static const double kContinuous = 1.5;          /* What the motors hold for ever [N], */
-static const double kHeating = 20.0;            /* and how fast they grow hot [s]. */
-static const int64_t kPeriod = 1000000;         /* Of a position [ns]. */
+static const double kContinuous = 1.5;          /* Force that the motors hold for ever [N]. */
+static const double kHeating = 20.0;            /* Time constant of their heat [s]. */
+static const int64_t kPeriod = 1000000;         /* Period of the positions [ns]. */
 static const int64_t kWatchdog = 50000000;     /* [ns] */
-static const int64_t kLongest = 200 * 1000000L; /* The most that is made up for [ns]. */
+static const int64_t kLongest = 200 * 1000000L; /* Longest time that one read simulates [ns]. */
 
-/* The device comes first, so that a pointer to it is one to all of this. All but `stopped` belongs
- * to the haptic thread, and to the main one while no haptic one is. */
+/* The device comes first: a pointer to it is also a pointer to the arm. All members but `stopped`
+ * belong to the haptic thread, and to the main thread before and after that thread runs. */
 typedef struct arm {
   palpate_plugin_device device;
   palpate_plugin_weight weight;
   palpate_plugin_heat heat;
   int open;
   int ready;
-  int stopped; /* Only by __atomic: stop comes on any thread. */
+  int stopped; /* Access only by __atomic: stop is called on any thread. */
   int64_t began;
   int64_t at; /* Time of the newest sample [ns]. */
   int64_t written;
   double force[3];
-  double share, next_share; /* Of the weight that is carried; from the next write on. */
-  double hot;               /* 1: as hot as it may be. */
+  double share, next_share; /* Share of the weight that is carried now; from the next write on. */
+  double hot;               /* Heat; 1: the limit. */
   double given;             /* Share of the force that the motors give. */
   double offset[3], speed[3];
 } arm;
@@ -52,8 +51,8 @@ static size_t least(size_t a, size_t b) {
   return a < b ? a : b;
 }
 
-/* Fills in what the caller's struct has room for, and leaves its size as it is: a host that is
- * older has less, one that is newer has more. */
+/* Fills in the fields for which the caller's struct has room, and leaves its size as it is: the
+ * struct of an older host is smaller, that of a newer host is larger. */
 static void give(void* theirs, const void* ours, size_t ours_size) {
   uint32_t size;
   memcpy(&size, theirs, sizeof size);
@@ -62,16 +61,17 @@ static void give(void* theirs, const void* ours, size_t ours_size) {
          least(size, ours_size) - sizeof size);
 }
 
-/* ---- The arm, made of numbers. A real one is asked by its maker's library instead. ---- */
+/* ---- The simulated arm. A plug-in for a real arm calls its maker's library instead. ---- */
 
-/* The motors' force in one period: nothing once stopped, nothing where none has come for long. */
+/* Computes the motors' force in one period: zero after a stop, and if the last write is older than
+ * kWatchdog. */
 static void forceNow(arm* a, double out[3]) {
   const int off =
       __atomic_load_n(&a->stopped, __ATOMIC_ACQUIRE) || !a->ready || a->at - a->written > kWatchdog;
   double size = 0.0;
   for (int i = 0; i < 3; ++i) size += a->force[i] * a->force[i];
   size = sqrt(size);
-  /* As hot as they may be, motors give what they hold for ever. */
+  /* At the heat limit the motors give the force that they hold for ever. */
   a->given = a->hot >= 1.0 && size > kContinuous ? kContinuous / size : 1.0;
   for (int i = 0; i < 3; ++i) out[i] = off ? 0.0 : a->given * a->force[i];
   size = off ? 0.0 : a->given * size;
@@ -113,7 +113,7 @@ static void measure(const arm* a, palpate_plugin_reading* r) {
                                                                << 1;
 }
 
-/* ---- What palpate calls. ---- */
+/* ---- Functions that palpate calls. ---- */
 
 static int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
   (void)device;
@@ -127,7 +127,7 @@ static int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
   f.workspace_radius = 0.15;
   f.rate = 1e9 / (double)kPeriod;
   f.watchdog = 1e-9 * (double)kWatchdog;
-  /* `continuous` and `heating` stay zero: the extension of heat knows better. */
+  /* `continuous` and `heating` stay zero: the heat extension reports the heat itself. */
   f.buttons = 2;
   strcpy(f.button[0], "front");
   strcpy(f.button[1], "rear");
@@ -138,8 +138,7 @@ static int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
 
 static int prepare(palpate_plugin_device* device, char* error, size_t room) {
   arm* a = (arm*)device;
-  /* Here a real arm is homed, which may take minutes: ask the host whether they are still wanted.
-   */
+  /* A real arm is homed here, which may take minutes: check host.ends in between. */
   if (host.ends()) {
     snprintf(error, room, "the program ends");
     return PALPATE_PLUGIN_FAILED;
@@ -154,7 +153,7 @@ static int readArm(palpate_plugin_device* device, palpate_plugin_reading* theirs
   arm* a = (arm*)device;
   const int64_t now = host.now();
   if (now - a->at < kPeriod) return PALPATE_PLUGIN_NOTHING;
-  /* After a long pause the arm has stood still meanwhile: a bounded number of steps. */
+  /* After a long pause, skips time: the number of steps is bounded. */
   if (now - a->at > kLongest) a->at += (now - a->at - kLongest) / kPeriod * kPeriod;
   while (now - a->at >= kPeriod) step(a);
   palpate_plugin_reading r;
@@ -173,7 +172,7 @@ static int writeArm(palpate_plugin_device* device, const palpate_plugin_force* t
   memcpy(a->force, f.force, sizeof a->force);
   a->share = a->next_share;
   a->written = host.now();
-  /* After the zero is there: a stop ends with it, and with nothing else. */
+  /* Clears the stop after the zero is stored: only a zero force ends a stop. */
   if (zero) __atomic_store_n(&a->stopped, 0, __ATOMIC_RELEASE);
   return PALPATE_PLUGIN_OK;
 }
@@ -209,7 +208,7 @@ static int find(palpate_plugin_found* found, int room) {
     strcpy(f.serial, kSerials[i]);
     strcpy(f.model, "an arm made of numbers");
     give(at, &f, sizeof f);
-    /* The next one is where the host's compiler has put it. */
+    /* The next entry is where the host's compiler has put it. */
     at += ((palpate_plugin_found*)at)->size;
   }
   return 2;
@@ -247,7 +246,7 @@ static palpate_plugin_device* openArm(const char* serial, char* error, size_t ro
 static int init(const palpate_plugin_host* theirs) {
   memset(&host, 0, sizeof host);
   memcpy(&host, theirs, least(theirs->size, sizeof host));
-  /* What every host has, it has to have. */
+  /* Every host must have these functions. */
   if (!host.ends || !host.now) {
     if (host.say) host.say("sample: this palpate is too old for it; take a newer one");
     return -1;

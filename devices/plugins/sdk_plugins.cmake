@@ -1,4 +1,4 @@
-# FOLDER/NAME.so with one symbol, that links nothing of palpate.
+# Adds the module FOLDER/NAME.so, which exports one symbol and does not link palpate.
 function(palpate_plugin target name source folder)
   add_library(${target} MODULE ${source})
   set_target_properties(${target} PROPERTIES
@@ -9,13 +9,13 @@ function(palpate_plugin target name source folder)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wconversion)
 endfunction()
 
-# Against makers' libraries, where a lab has them. Tests build the same sources against stubs.
+# Builds against the makers' libraries, if a lab has them. Tests build the same sources against stubs.
 option(PALPATE_PLUGIN_SDKS
        "Build plug-ins for the SDKs in PALPATE_OPENHAPTICS, PALPATE_DHD, PALPATE_NIFALCON" OFF)
 foreach(name OPENHAPTICS DHD NIFALCON)
   set(PALPATE_${name} "" CACHE PATH "Folder of that SDK, with include/ and lib/")
 endforeach()
-# NAME.cpp against the SDK that has HEADER and LIBRARY; one that is static needs what follows.
+# Builds NAME.cpp against the SDK that has HEADER and LIBRARY. A static LIBRARY also needs the libraries that follow.
 function(palpate_sdk_plugin name header library)
   string(TOUPPER ${name} key)
   if(NOT PALPATE_${key})

@@ -1,6 +1,6 @@
-# What cmake --install puts in place, by component, and the .debs that cpack makes of it:
+# Installs each component with cmake --install, and packs the components into .debs with cpack:
 #
-#   programs  palpate          what a person with an arm needs
+#   programs  palpate          programs for a user with an arm
 #   import    palpate-import   the importer with VTK
 #   view      palpate-view     the window
 #   library   libpalpate-dev   for find_package(palpate)
@@ -11,23 +11,23 @@ set(here ${PROJECT_SOURCE_DIR}/scenes/package)
 if(NOT PALPATE_ENGINE_ONLY)
   install(TARGETS palpate palpate-plugin
     RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
-  # Run by palpate alone: nobody types their names.
-  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/feel_picture.py
-                   ${PROJECT_SOURCE_DIR}/scenes/stability_picture.py
-                   ${PROJECT_SOURCE_DIR}/scenes/trace_picture.py
+  # Only palpate runs these scripts; users do not.
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/apps/cli/feel_picture.py
+                   ${PROJECT_SOURCE_DIR}/scenes/apps/cli/stability_picture.py
+                   ${PROJECT_SOURCE_DIR}/scenes/apps/cli/trace_picture.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
-  # What one runs once, to make keys for sites.
-  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/site/site_keys.sh
+  # A user runs this script once, to make keys for sites.
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/network/sites/site_keys.sh
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
-  install(FILES ${PROJECT_SOURCE_DIR}/scenes/picture_style.py
+  install(FILES ${PROJECT_SOURCE_DIR}/scenes/apps/cli/picture_style.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/devices/70-palpate-arms.rules ${here}/70-palpate-realtime.rules
     DESTINATION lib/udev/rules.d COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/scenes/scene.schema.json
-                ${PROJECT_SOURCE_DIR}/devices/hid_profile.schema.json
+                ${PROJECT_SOURCE_DIR}/devices/hid/hid_profile.schema.json
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
-  # Patterns for profiles of one's own; they find their schema one folder up.
-  install(DIRECTORY ${PROJECT_SOURCE_DIR}/devices/profiles ${PROJECT_SOURCE_DIR}/scenes/examples
+  # Patterns for users' own profiles. Their schema is one folder up.
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/devices/hid/profiles ${PROJECT_SOURCE_DIR}/scenes/examples
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
@@ -42,14 +42,14 @@ if(NOT PALPATE_ENGINE_ONLY)
       RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT view)
   endif()
   if(PALPATE_PYTHON)
-    # Debian's folder for what packages bring, where the prefix is the system's.
+    # Debian's folder for the modules of packages, if the prefix is the system's.
     set(PALPATE_PYTHON_FOLDER lib/python3/dist-packages
         CACHE STRING "Where the Python module goes, below the prefix")
     install(TARGETS palpate_python
       LIBRARY DESTINATION ${PALPATE_PYTHON_FOLDER} COMPONENT python)
   endif()
 
-  # What shells complete by, and a page a verb: out of what the programs say of themselves.
+  # Shell completions and a manual page for each verb are generated from the programs' help.
   set(words ${PROJECT_BINARY_DIR}/words)
   set(speakers palpate palpate-import-light)
   if(PALPATE_VTK)
@@ -84,7 +84,7 @@ if(NOT PALPATE_ENGINE_ONLY)
   endif()
 endif()
 
-# The libraries that there are: of the engine alone those that need Eigen only.
+# The libraries that exist in this build. With the engine alone: those that need only Eigen.
 set(libraries "")
 foreach(library analytic devices engine guardian hid json openvdb options plugins record
         samplers scenes)
@@ -112,19 +112,23 @@ write_basic_package_version_file(${PALPATE_GENERATED}/palpate-config-version.cma
 install(FILES ${PALPATE_GENERATED}/palpate-config.cmake
               ${PALPATE_GENERATED}/palpate-config-version.cmake
   DESTINATION ${config} COMPONENT library)
-# Public headers: those that do not begin with "Private to". Of the engine alone those that do not
-# name the rest.
-foreach(room engine samplers devices scenes)
-  file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
-  if(PALPATE_ENGINE_ONLY AND room STREQUAL samplers)
-    set(headers ${PROJECT_SOURCE_DIR}/samplers/analytic_field.h)
-  elseif(PALPATE_ENGINE_ONLY AND room STREQUAL scenes)
+# Public headers are those that do not begin with "Private to". With the engine alone: those that do not include the
+# rest.
+foreach(folder
+    engine engine/balance engine/field engine/loop engine/modes engine/safety engine/scene engine/tick
+    samplers samplers/grid samplers/time samplers/bricks
+    devices devices/arm devices/hid devices/json devices/plugins devices/recording devices/simulated
+    scenes scenes/bindings/c scenes/guess scenes/library)
+  file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${folder}/*.h)
+  if(PALPATE_ENGINE_ONLY AND folder STREQUAL samplers/grid)
+    set(headers ${PROJECT_SOURCE_DIR}/samplers/grid/analytic_field.h)
+  elseif(PALPATE_ENGINE_ONLY AND folder MATCHES "^(samplers|scenes)")
     set(headers "")
   endif()
   foreach(header ${headers})
     file(STRINGS ${header} first LIMIT_COUNT 1)
     if(NOT first MATCHES "^/// Private to")
-      install(FILES ${header} DESTINATION include/palpate/${room} COMPONENT library)
+      install(FILES ${header} DESTINATION include/palpate/${folder} COMPONENT library)
     endif()
   endforeach()
 endforeach()
@@ -152,7 +156,7 @@ set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")
-# For palpate::samplers, ::hid and ::scenes; the engine is content with Eigen.
+# Required by palpate::samplers, ::hid and ::scenes; the engine needs only Eigen.
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_RECOMMENDS "libopenvdb-dev, libtbb-dev, libfmt-dev, \
 nlohmann-json3-dev, libhidapi-dev, libboost-iostreams-dev, zlib1g-dev, \
 libzstd-dev, libcurl4-gnutls-dev | libcurl4-openssl-dev")
@@ -165,14 +169,14 @@ if(TARGET palpate-view)
   list(APPEND CPACK_COMPONENTS_ALL view)
   set(CPACK_DEBIAN_VIEW_PACKAGE_NAME palpate-view)
   set(CPACK_DEBIAN_VIEW_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
-  # Pictures where there is no display.
+  # Needed for pictures on a machine without a display.
   set(CPACK_DEBIAN_VIEW_PACKAGE_RECOMMENDS "libgl1-mesa-dri, xvfb")
 endif()
 if(PALPATE_PYTHON)
   list(APPEND CPACK_COMPONENTS_ALL python)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-palpate)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
-  # The module is of one version of Python's binary interface.
+  # The module works with one version of Python's binary interface.
   math(EXPR next "${Python_VERSION_MINOR} + 1")
   set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= 3.${Python_VERSION_MINOR}), \
 python3 (<< 3.${next}), python3-numpy")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The bench of loading, on small files: load_test.py PROGRAM MAKE_VOLUMES. No time is tested."""
+"""Tests the benchmark of loading, with small files: load_test.py PROGRAM MAKE_VOLUMES. Times are not tested."""
 import subprocess
 import sys
 import tempfile

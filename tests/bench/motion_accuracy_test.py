@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The chart of motion, from end to end: motion_accuracy_test.py PROGRAM CHART. No time is tested."""
+"""Tests the chart of motion, from end to end: motion_accuracy_test.py PROGRAM CHART. Times are not tested."""
 import json
 import os
 import subprocess
@@ -75,7 +75,7 @@ class MotionAccuracy(unittest.TestCase):
         coarse_first = sorted(OURS, key=lambda m: -float(m[1]))
         for case in SPHERES:
             errors = [self.row("surfaces", case, *m)["off"] for m in coarse_first]
-            # Where one reading is enough for several they are the same, but for rounding.
+            # If one reading is enough for several tolerances, their errors are equal except for rounding.
             for wide, narrow in zip(errors, errors[1:]):
                 self.assertLessEqual(narrow, 1.05 * wide, case)
 
@@ -84,7 +84,7 @@ class MotionAccuracy(unittest.TestCase):
         one = self.row("surfaces", "sphere, radius 40", "plane", "1")
         self.assertEqual(one["lost"], 0)
         self.assertGreater(one["off"], 100 * ours["off"])
-        # Ours reads the field no more often.
+        # The engine reads the field no more often.
         self.assertLessEqual(ours["reads"], 1.1 * one["reads"])
 
     def test_no_number_of_steps_makes_up_for_memory_in_fog(self):

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""README.md's figures are read out of what commands print, or nothing is written:
-readme_figures_test.py SOURCE_DIR. The commands are recorded (readme_figures/)."""
+"""README.md's figures are read from the output of commands; otherwise the page stays unchanged:
+readme_figures_test.py SOURCE_DIR. The outputs of the commands are recorded (readme_figures/)."""
 import json
 import os
 import subprocess
@@ -14,7 +14,7 @@ SCRIPT = ROOT / "bench" / "readme_figures.py"
 RECORDED = ROOT / "tests" / "bench" / "readme_figures"
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(SCRIPT.parent))
-import readme_figures as figures  # noqa: E402  (it stands there)
+import readme_figures as figures  # noqa: E402  (in the folder bench)
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 import suite  # noqa: E402
@@ -31,7 +31,7 @@ CELLS = {
     9: ["at most 16 ms"],
     10: ["0, 0, 0"],
 }
-# Of each figure, what it is read from, and what else might stand there.
+# For each figure, the text from which it is read, and a wrong text in its place.
 OTHERWISE = {1: ("1e-09 |", "1e-08 |"), 2: ("10000000 problems", "20000 problems"),
              3: ('"walk, carried", "primitives": 8', '"walk, carried", "primitives": 4'),
              4: ("1 kHz, asleep", "1 kHz, early"), 5: ("along 1000", "along 100"),
@@ -125,7 +125,7 @@ class Writing(unittest.TestCase):
         self.assertIn("figure 8: PALPATE_CASES=100000000 palpate_loop_tests",
                       self.run_it("--write", self.page, fails="8", status=1))
         self.untouched()
-        # The others are kept.
+        # The other figures are kept.
         told = self.run_it("--write", self.page, "--resume")
         self.assertEqual([n for n in CELLS if f"\n{n}: " in told], [8, 9, 10])
         self.assertEqual(figures.Page(self.page).cells, CELLS)

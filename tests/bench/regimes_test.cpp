@@ -1,5 +1,5 @@
-/// docs/stability.md, section 6: where other methods fail, they do, and the engine does
-/// not. The numbers are printed: palpate_map_tests "regime*".
+/// docs/stability.md, section 6: other methods fail in the cases of that section, and the engine
+/// does not. Prints the numbers: palpate_map_tests "regime*".
 #include <cmath>
 #include <iostream>
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The chart of samplers, from end to end: sampler_accuracy_test.py PROGRAM CHART. No time is tested."""
+"""Tests the chart of samplers, from end to end: sampler_accuracy_test.py PROGRAM CHART. Times are not tested."""
 import json
 import os
 import subprocess
@@ -36,13 +36,13 @@ class SamplerAccuracy(unittest.TestCase):
         cls.holder.cleanup()
 
     def errors(self, field, method, quantity="value", which="rms"):
-        """By voxels to a wavelength, coarse to fine."""
+        """Returns the errors by voxels in a wavelength, coarse to fine."""
         found = {r["voxels"]: r[quantity][which] for r in self.data["errors"]
                  if r["field"] == field and r["method"] == method}
         return [found[voxels] for voxels in VOXELS]
 
     def falls(self, method, quantity, factor, field="waves"):
-        _, *fine = self.errors(field, method, quantity)  # four voxels are too few for an order
+        _, *fine = self.errors(field, method, quantity)  # four voxels are too few to show an order
         for coarse, half in zip(fine, fine[1:]):
             self.assertGreaterEqual(coarse / half, factor, (method, field, quantity, fine))
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The chart of stability, from end to end: stability_accuracy_test.py PROGRAM CHART. No time is tested."""
+"""Tests the chart of stability, from end to end: stability_accuracy_test.py PROGRAM CHART. Times are not tested."""
 import json
 import subprocess
 import sys
@@ -44,7 +44,8 @@ class StabilityAccuracy(unittest.TestCase):
             none = self.of(contact, "force function")
             self.assertGreater(none["force_error"], 1.0)
             self.assertEqual([at["stiffness"] for at in none["stable"]], [0, 0])
-        # Not orthogonal: the constraint approach adds what one plane carries to the other.
+        # The planes are not orthogonal: the constraint approach adds the load that one plane carries to the other
+        # plane's.
         self.assertGreater(self.of("two planes", "constraint approach")["force_error"], 0.1)
         self.assertLess(self.of("a wall", "constraint approach")["force_error"], 1e-9)
 

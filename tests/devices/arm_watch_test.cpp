@@ -1,5 +1,5 @@
-/// What is shown of an arm that is made of memory.
-#include "palpate/devices/arm_watch.h"
+/// Checks the display of a simulated arm.
+#include "palpate/devices/hid/arm_watch.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -15,16 +15,16 @@ using Catch::Contains;
 
 namespace {
 
-/// Gives what it has been given, and takes nothing.
+/// Returns the reports of the test. Ignores writes.
 class Says final : public ReportPort {
  public:
-  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
-    if (!there) return Got::kGone;
-    if (waiting.empty()) return Got::kNothing;
+  [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    if (!there) return ReadStatus::kGone;
+    if (waiting.empty()) return ReadStatus::kNothing;
     size = std::min(to.size(), waiting.front().size());
     std::copy_n(waiting.front().begin(), size, to.begin());
     waiting.pop_front();
-    return Got::kReport;
+    return ReadStatus::kReport;
   }
   [[nodiscard]] bool write(std::span<const std::byte> /*report*/) noexcept override {
     ++sent;
@@ -43,7 +43,7 @@ class Says final : public ReportPort {
   int sent = 0;
 };
 
-/// Two kinds of reports: three counters of 10 um, and a switch.
+/// Returns a profile with two kinds of reports: three counters of 10 um, and a switch.
 HidProfile arm(const char* home) {
   return parseHidProfile(std::string(R"({
     "palpate_arm": 1, "name": "mine", "firmware": "f",
@@ -78,7 +78,7 @@ std::int64_t ms(std::int64_t t) {
 TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags", "[profile]") {
   ArmWatch watch(arm(""));
   Says port;
-  CHECK(watch.take(port, ms(1000)) == Got::kNothing);
+  CHECK(watch.take(port, ms(1000)) == ReadStatus::kNothing);
   const std::string silent = watch.picture(ms(1100));
   CHECK_THAT(silent,
              Contains("report 1: none has come\n") && Contains("report 2: none has come\n"));
@@ -86,12 +86,12 @@ TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags",
   CHECK_THAT(silent, Contains("flag homed (switch is 1): not known"));
   CHECK_THAT(silent, Contains("some firmware only answers, and nothing is sent here"));
 
-  // 500 ms at 1 kHz; the switch at 10 Hz; one that the profile does not know, once.
+  // 500 ms at 1 kHz; the switch at 10 Hz; once a report that the profile does not have.
   for (int i = 1; i <= 500; ++i) {
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
     if (i % 100 == 0) port.say({2, 0x01});
     if (i == 7) port.say({9, 0xAB, 0xCD});
-    CHECK(watch.take(port, ms(1100 + i)) == Got::kReport);
+    CHECK(watch.take(port, ms(1100 + i)) == ReadStatus::kReport);
   }
   const std::string shown = watch.picture(ms(1600));
   CHECK_THAT(shown, Contains("report 1, 6 bytes: 1000 a second, the last one 0.00 s ago\n"
@@ -106,7 +106,7 @@ TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags",
   CHECK_THAT(shown, Contains("tip at (-0.01000, 0.01000, 0.00000) m in the hand's world\n"));
   CHECK_THAT(shown, Contains("flag homed (switch is 1): yes\n"));
 
-  // Positions go on, the switch has stopped; then they stop as well.
+  // Positions continue while the switch has stopped; then positions stop too.
   for (int i = 1; i <= 500; ++i) {
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
     (void)watch.take(port, ms(1600 + i));
@@ -117,7 +117,8 @@ TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags",
   CHECK_THAT(stopped, Contains("report 1, 6 bytes: STOPPED, the last one came 2.50 s ago"));
   CHECK_THAT(stopped, Contains("m in the hand's world, 2.50 s ago\n"));
 
-  // Too short for a field; none at all; more kinds than anybody looks at; gone.
+  // A report too short for a field; an empty report; more kinds of reports than the watch shows; an
+  // unplugged arm.
   port.say({1, 0x10, 0x00, 0x00});
   port.say({});
   for (int id = 10; id < 40; ++id) port.say({id});
@@ -127,7 +128,7 @@ TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags",
   CHECK_THAT(odd, Contains("reports of yet other numbers\n"));
   CHECK(odd.size() < 3000);
   port.there = false;
-  CHECK(watch.take(port, ms(5200)) == Got::kGone);
+  CHECK(watch.take(port, ms(5200)) == ReadStatus::kGone);
   CHECK(port.sent == 0);
 }
 

@@ -1,16 +1,22 @@
 #include <algorithm>
 #include <cmath>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
 #include <sstream>
 #include <stdexcept>
 #include <streambuf>
+#include <string>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/csv.h"
-#include "palpate/devices/path_device.h"
-#include "palpate/devices/simulated_device.h"
+#include "palpate/devices/recording/csv.h"
+#include "palpate/devices/simulated/path_device.h"
+#include "palpate/devices/simulated/simulated_device.h"
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/counters.h"
 
 namespace palpate::devices_test {
@@ -68,6 +74,21 @@ TEST_CASE("a path that cannot be read to its end is refused", "[path]") {
   CHECK_THROWS_WITH(readPath(in, "p.csv"), Contains("p.csv: reading failed after line 3"));
 }
 
+TEST_CASE("a path in a pipe or a device is refused before it is read", "[path][safety]") {
+  const auto place =
+      std::filesystem::temp_directory_path() / ("palpate_pipe_" + std::to_string(getpid()));
+  REQUIRE(mkfifo(place.c_str(), 0600) == 0);
+  // With a writer, so that opening the pipe does not wait.
+  const int writer = open(place.c_str(), O_RDWR | O_CLOEXEC);
+  for (const std::string& file : {std::string("/dev/zero"), place.string()}) {
+    std::ifstream holder;
+    CHECK_THROWS_WITH(openInput(file, holder), Contains(file + ": it is a pipe or a device"));
+    CHECK(!holder.is_open());
+  }
+  close(writer);
+  std::filesystem::remove(place);
+}
+
 TEST_CASE("a path may start at any time and have one row", "[path]") {
   PathDevice device(path("t,x,y,z\n5,1,2,3\n"), 1000.0);
   CHECK(device.read().position == Vec3(1, 2, 3));
@@ -88,7 +109,7 @@ TEST_CASE("a bad path is one line that names the row", "[path]") {
 }
 
 TEST_CASE("a free arm with friction slows as its closed form says", "[simulated]") {
-  // Released, no Coulomb, no encoder: v = v0 exp(-b t/m) after a push of one tick.
+  // Released, without Coulomb friction and encoder: v = v0 exp(-b t/m) after a push of one tick.
   ArmParams arm;
   arm.coulomb = 0.0;
   arm.encoder = 0.0;
@@ -134,7 +155,7 @@ TEST_CASE("a force acts after the delay, whole and fractional", "[simulated]") {
 }
 
 TEST_CASE("a hand's target is asked once a tick, and never for the past", "[simulated]") {
-  // So it may be one that remembers: here each asking moves it by a millimetre, 1 m/s at 1 kHz.
+  // So the target may have memory: here each call moves it by a millimetre, 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
     asked.push_back(t);
@@ -148,7 +169,7 @@ TEST_CASE("a hand's target is asked once a tick, and never for the past", "[simu
   REQUIRE(asked.size() == 1001);
   CHECK(std::is_sorted(asked.begin(), asked.end()));
   CHECK(asked.back() == 0.999);
-  // The hand's damper pulls it along: without friction it is not behind, but for half a tick.
+  // The hand's damper pulls the arm along. Without friction the arm is half a tick behind.
   CHECK(device.velocity().x() == Approx(1.0).epsilon(2e-3));
   CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }
@@ -214,7 +235,7 @@ TEST_CASE("the exploration starts and ends outside and goes deep between", "[sim
     for (int i = 0; i <= 1000; ++i) {
       const Vec3 p = target.at(seconds * i / 1000.0);
       REQUIRE(p.allFinite());
-      // No jumps: at most 1 m/s in the time there is.
+      // The path does not jump: at most 1 m/s in the given time.
       if (seconds >= 5.0 && i > 0) {
         REQUIRE((p - target.at(seconds * (i - 1) / 1000.0)).norm() < seconds / 1000.0);
       }

@@ -1,6 +1,7 @@
-/// What a loop makes of a device with a trouble: why it cuts the force, how soon, and for how long.
-/// Prints the table of docs/loop.md, in ticks: how long reads and writes hang is the clock's.
-#include "palpate/devices/faulty_device.h"
+/// Checks a loop's reaction to a faulty device: why the loop cuts the force, how soon, and for how
+/// long. Prints the table of docs/loop.md, in ticks. The durations of hanging reads and writes are
+/// the clock's.
+#include "palpate/devices/simulated/faulty_device.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,8 +12,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/scenes.h"
 
 namespace palpate::faulty_device_test {
@@ -28,8 +29,8 @@ constexpr double kEnd = 3.5;
 constexpr double kClear = 4.5;
 constexpr double kSeconds = 7.0;
 
-/// Presses until the trouble is over, and again before and after the fault is taken back: a proxy
-/// that begins inside has to come out first.
+/// Presses until the trouble is over, and again before and after the fault is cleared. A proxy that
+/// begins inside has to come out first.
 std::unique_ptr<Device> pressing() {
   ArmParams arm;
   arm.hand = true;
@@ -45,7 +46,7 @@ std::unique_ptr<Device> pressing() {
   return std::make_unique<SimulatedDevice>(arm, GripParams{}, alongPath(path), kRate);
 }
 
-/// What arrives at an arm.
+/// Keeps the force that arrives at an arm.
 struct Arrived final : Device {
   explicit Arrived(Vec3& force) : inner(pressing()), last(force) {}
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner->info(); }
@@ -58,7 +59,8 @@ struct Arrived final : Device {
   Vec3& last;
 };
 
-/// Ticks of a hand that presses a ball, and what its device was sent: never more than it may be.
+/// Ticks a hand that presses on a ball. Checks that the force on the device stays within its
+/// limits.
 class Pressed {
  public:
   explicit Pressed(std::unique_ptr<Device> device)
@@ -96,9 +98,9 @@ class Pressed {
 
 struct Expected {
   Trouble trouble;
-  Fault fault;      ///< kNone: none.
-  double zero;      ///< The force is gone so soon [s]; infinity: it stays.
-  const char* why;  ///< By which limit.
+  Fault fault;      ///< kNone: no fault.
+  double zero;      ///< Time until the force is zero [s]; infinity: it stays.
+  const char* why;  ///< Name of the limit.
 };
 constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr double kTick = 1.0 / kRate;
@@ -130,21 +132,21 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
     CAPTURE(wordFor(expected.trouble));
     CHECK(troubleOf(wordFor(expected.trouble)) == expected.trouble);
     Vec3 arrived = Vec3::Zero();
-    // What hangs does so by the clock: ten ticks of it.
+    // Troubles that hang do so by the clock, so they last ten ticks.
     const double end = needsClock(expected.trouble) ? kBegin + 0.01 : kEnd;
     Pressed pressed(std::make_unique<FaultyDevice>(std::make_unique<Arrived>(arrived),
                                                    expected.trouble, kRate, kBegin, end));
-    // Where nothing arrives any more the guardian has a descriptor of its own.
+    // If no write arrives any more, the guardian has a descriptor of its own.
     const bool lost = expected.trouble == Trouble::kUnwritten || expected.trouble == Trouble::kGone;
     const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
     double before = 0.0;
     Fault fault = Fault::kNone;
-    double latest = -1.0;  // [s] from the trouble's begin: the last tick with force, and one more
+    double latest = -1.0;  // [s] from the trouble's begin: one tick after the last with force
     double back = 0.0;
     for (long i = 0; i < ticks(kSeconds); ++i) {
       if (i == ticks(kClear)) pressed.loop().clear();
       const double t = static_cast<double>(i) / kRate;
-      // Only where a clock is needed: a tick of a machine that is busy is late as well.
+      // Only if the trouble needs a clock: on a busy machine other ticks are late as well.
       pressed.tick(0.0, needsClock(expected.trouble) && t >= kBegin && t < end);
       const double force = pressed.force.norm();
       if (i == ticks(kBegin) - 1) before = force;
@@ -154,7 +156,7 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
         if (lost) REQUIRE(arrived.norm() == Approx(before));
         if (!lost) REQUIRE(arrived.norm() == force);
       }
-      // Latched: also when its cause is gone.
+      // The fault is latched, also when its cause is gone.
       if (expected.fault != Fault::kNone && t >= end && t < kClear) {
         REQUIRE(force == 0.0);
         REQUIRE(pressed.told.fault == expected.fault);
@@ -198,7 +200,8 @@ TEST_CASE("a clock that leaps cuts the force, one that goes back lets nothing mo
     for (int i = 0; i < 2000; ++i) pressed.tick();
     REQUIRE(pressed.force.norm() > 1.0);
     const double before = pressed.force.norm();
-    // Forwards a tick is late; backwards none is, and its time is less than none.
+    // A forward leap makes a tick late. After a backward leap no tick is late, and its time is
+    // negative.
     pressed.tick(leap);
     CHECK(pressed.told.fault == (leap > 0.0 ? Fault::kLate : Fault::kNone));
     if (leap > 0.0) CHECK(pressed.force.norm() == 0.0);
@@ -217,7 +220,8 @@ TEST_CASE("a thousand scenes a second are felt without a kick", "[fault]") {
   REQUIRE(before > 1.0);
   double least = before;
   double most = before;
-  // Every tick another one: other numbers, then other volumes, each of which engages anew.
+  // Every tick has another scene: first with other numbers, then with other volumes. Each new
+  // volume engages from zero.
   for (int i = 0; i < 2000; ++i) {
     const bool edit = i < 1400;
     pressed.loop().publish(ballScene(edit ? pressed.field() : ballField(), 3.0 + 0.1 * (i % 5)));
@@ -230,10 +234,10 @@ TEST_CASE("a thousand scenes a second are felt without a kick", "[fault]") {
   CHECK(pressed.within);
   CHECK(least > 0.9 * before);
   CHECK(most < 1.1 * before);
-  // Where every scene is another object, none is felt: each engagement begins again.
+  // If every scene is another object, no force is felt: each engagement starts again.
   CHECK(pressed.force.norm() < 0.1);
   for (int i = 0; i < 2000; ++i) pressed.tick();
-  // The last one is.
+  // The last scene is felt.
   CHECK(std::abs(pressed.force.norm() - before) < 0.1 * before);
 }
 

@@ -1,4 +1,4 @@
-/// Arms that are heavier than their friction: their weight is found, and carried.
+/// Arms that are heavier than their friction: the device measures and carries their weight.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -12,11 +12,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/hid_device.h"
-#include "palpate/devices/profile_facts.h"
-#include "palpate/devices/self_test.h"
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/limit_force.h"
+#include "palpate/devices/arm/self_test.h"
+#include "palpate/devices/hid/hid_device.h"
+#include "palpate/devices/hid/profile_facts.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/safety/limit_force.h"
 #include "tests/support/random.h"
 
 namespace palpate::gravity_test {
@@ -42,7 +42,7 @@ ReportField int32(const char* name, std::size_t i) {
   return field;
 }
 
-/// Three links as the WoodenHaptics', of 32 bits each way.
+/// Returns a profile with three links as the WoodenHaptics', of 32 bits each way.
 HidProfile woody() {
   HidProfile profile;
   profile.name = "heavy";
@@ -77,7 +77,7 @@ HidProfile woody() {
   return profile;
 }
 
-/// The arm behind the bytes: a tip that moves as SimulatedDevice has it, weights of links at the
+/// Simulates the arm behind the bytes: a tip that moves as SimulatedDevice, weights of links at the
 /// tip, torques of motors.
 class HeavyArm {
  public:
@@ -87,7 +87,7 @@ class HeavyArm {
     profile_.masses = std::move(masses);
     for (std::size_t i = 0; i < 3; ++i) joints_[i] = profile_.joints[i].home;
   }
-  /// Its weight at the tip, where it is now.
+  /// Returns its weight at the tip, at the current pose.
   [[nodiscard]] Vec3 weight() const {
     return -forceOf(profile_, profile_.kinematics->at(joints_), carryingTorques(profile_, joints_));
   }
@@ -100,7 +100,7 @@ class HeavyArm {
     const ArmPose pose = profile_.kinematics->at(joints_);
     const Vec3 motors = forceOf(profile_, pose, torques);
     tip_.write(motors + weight());
-    // The joints of where the tip is.
+    // Solves for the joints of the current tip.
     for (int i = 0; i < 4; ++i) {
       const ArmPose here = profile_.kinematics->at(joints_);
       Mat3 jacobian;
@@ -128,7 +128,7 @@ class HeavyArm {
     const std::lock_guard lock(mutex_);
     return {sent_[0], sent_[1], sent_[2]};
   }
-  std::atomic<bool> waits{true};  ///< A report does.
+  std::atomic<bool> waits{true};  ///< A report waits.
 
  private:
   HidProfile profile_;
@@ -141,12 +141,12 @@ class HeavyArm {
 class Port final : public ReportPort {
  public:
   explicit Port(HeavyArm& arm) : arm_(arm) {}
-  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
-    if (!arm_.waits.exchange(false)) return Got::kNothing;
+  [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    if (!arm_.waits.exchange(false)) return ReadStatus::kNothing;
     const auto report = arm_.report();
     size = report.size();
     std::copy(report.begin(), report.end(), to.begin());
-    return Got::kReport;
+    return ReadStatus::kReport;
   }
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
     arm_.take(report);
@@ -180,13 +180,14 @@ HidHost inVirtualTime() {
   return host;
 }
 
-/// As palpate devices --test does it, with a hand that holds the arm for the first second.
+/// Runs the self-test as palpate devices --test, with a hand that holds the arm for the first
+/// second.
 Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
   ArmParams params;
   params.mass = 0.15;
   params.viscous = 0.5;
   params.coulomb = 0.05;
-  params.encoder = 0.0;  // it has counts of joints
+  params.encoder = 0.0;  // the joints have counts
   params.delay = 1e-3;
   HeavyArm arm(profile, params, masses);
   HidDevice device(profile, std::make_unique<Port>(arm), false, inVirtualTime());
@@ -233,7 +234,7 @@ TEST_CASE("an arm heavier than its friction is weighed, and passes once it is ca
     CHECK(falls.farthest < 0.06);
     CHECK(falls.result.held == (scale == 1.0));
     const double weight = falls.weight.norm();
-    // Of one that could not be held it is what its friction leaves.
+    // If the arm could not be held, the measured weight is the true weight less its friction.
     CHECK(falls.result.weight + (falls.result.held ? 0.0 : 0.05) == Approx(weight).epsilon(0.1));
     WARN("weight " << weight << " N, found " << falls.result.weight
                    << (falls.result.held ? "" : " and what friction holds"));
@@ -272,7 +273,7 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   };
   auto device = open();
   std::int64_t count = 0;
-  /// Motors after so many ticks.
+  /// Returns the motors' torques after a number of ticks.
   const auto after = [&](int ticks, bool may, const Vec3& force = Vec3::Zero()) {
     for (int i = 0; i < ticks; ++i) {
       arm.waits = true;
@@ -289,7 +290,7 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   const Vec3 whole(all[0], all[1], all[2]);
   CHECK(whole.norm() > 0.1 * kG * 0.19);
   CHECK(after(1, false).norm() == 0.0);
-  // It comes in over half a second, evenly, and goes at once.
+  // The weight's torques grow evenly over half a second, and go to zero at once.
   Vec3 last = after(1, true);
   for (int i = 0; i < 499; ++i) {
     const Vec3 now = after(1, true);
@@ -300,7 +301,7 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   CHECK(after(1, false).norm() == 0.0);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
-  // A force is beside it; what a motor cannot give of both is taken from the force.
+  // A force adds to the weight. If a motor cannot give both, the force is reduced.
   const Vec3 push(0.0, 0.0, 2.0);
   const ArmPose pose = profile.kinematics->at(home);
   const auto torquesOf = [&](const Vec3& force) {
@@ -313,7 +314,8 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   CHECK(device->given() < 0.5);
   CHECK(most.cwiseAbs().maxCoeff() <= 1.0 + kTorque);
   CHECK((most - whole - device->given() * torquesOf(10.0 * push)).norm() < 5.0 * kTorque);
-  // Reports that do not come, or nobody who reads them: nothing is carried, and then gently again.
+  // If reports stop, or the program stops reading, the weight drops to zero. It then grows gently
+  // again.
   (void)after(10, true);
   for (int i = 0; i < 60; ++i) {
     virtual_now += 1000000;
@@ -325,13 +327,13 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   CHECK(arm.motors().norm() == 0.0);
   CHECK(after(2, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
-  // Forbidden and allowed between two readings it begins anew as well.
+  // If carrying is forbidden and allowed between two readings, the weight also starts from zero.
   device->carry(false);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
   device.reset();
   CHECK(arm.motors().norm() == 0.0);
-  // One that has not passed its test carries no more than it is allowed.
+  // An untested arm carries no more than its limit.
   tested = false;
   profile.masses[0].mass = 1.0;
   device = open();
@@ -349,7 +351,7 @@ TEST_CASE("no motor that carries weight becomes hotter than it may, whatever for
   const ArmPose pose = profile.kinematics->at({0.0, 0.3, M_PI / 2});
   const Joints weight = carryingTorques(profile, {0.0, 0.3, M_PI / 2});
   test::Random random(17);
-  for (const double holds : {0.35, 0.1}) {  // more than its weight asks, and less
+  for (const double holds : {0.35, 0.1}) {  // more than its weight needs, and less
     CAPTURE(holds);
     for (HidJoint& joint : profile.joints) {
       joint.continuous = holds;
@@ -358,11 +360,11 @@ TEST_CASE("no motor that carries weight becomes hotter than it may, whatever for
     HeavyArm arm(profile, ArmParams{}, {});
     HidDevice device(profile, std::make_unique<Port>(arm), true, inVirtualTime());
     std::int64_t count = 0;
-    Vec3 heat = Vec3::Constant(holds * holds);  // from whoever had it before
+    Vec3 heat = Vec3::Constant(holds * holds);  // from an earlier program
     Vec3 told = Vec3::Zero();
     double hottest = 0.0;
-    double off = 0.0;  // from what was to be given beside the weight
-    long whole = 0;    // times that the weight was all there
+    double off = 0.0;  // error of the force beside the weight
+    long whole = 0;    // times that the weight was fully carried
     const long cases = test::cases(20000);
     for (long i = 0; i < cases; ++i) {
       const double dt = random.uniform(0.0, MotorHeat::kHold);
@@ -377,7 +379,7 @@ TEST_CASE("no motor that carries weight becomes hotter than it may, whatever for
       awaitWrites(device, ++count);
       told = kTorque * arm.motors();
       REQUIRE(told.cwiseAbs().maxCoeff() <= 1.0 + 1e-9);
-      // What is told is the weight's share, less at first, and the force's.
+      // The torques are those of the weight's share, smaller at first, and those of the force.
       Vec3 carried = told;
       for (std::size_t j = 0; j < 3; ++j) {
         carried[static_cast<Eigen::Index>(j)] -= device.given() * pose.jacobian[j].dot(force);

@@ -1,5 +1,5 @@
-/// What devices say of their reports, and profiles that say otherwise.
-#include "palpate/devices/hid_descriptor.h"
+/// Reports of descriptors, and profiles that contradict them.
+#include "palpate/devices/hid/hid_descriptor.h"
 
 #include <cstdint>
 #include <string>
@@ -77,7 +77,8 @@ TEST_CASE("a descriptor's reports are known by way, number and size", "[hid]") {
   CHECK(text(bytes({0x75, 8, 0x95, 2, 0xA4, 0x95, 4, 0x81, 2, 0xB4, 0x81, 2})) == " in0:6");
   CHECK(text(bytes({0x85, 9, 0x75, 8, 0x95, 1, 0x81, 2, 0x85, 7, 0x81, 2, 0x85, 9, 0x81, 2})) ==
         "# in9:2 in7:1");
-  // Numbers of four bytes; a long item is passed over; what is not numbered cannot be asked for.
+  // Numbers of four bytes; a long item is skipped; a report without a number beside numbered ones
+  // is left out.
   CHECK(text(bytes({0x77, 8, 0, 0, 0, 0x96, 0x2C, 0x01, 0x81, 2})) == " in0:300");
   CHECK(text(bytes({0xFE, 2, 0x10, 0x85, 0, 0x75, 8, 0x95, 1, 0xB1, 2})) == " feature0:1");
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
@@ -87,17 +88,17 @@ TEST_CASE("what is no descriptor says nothing", "[hid]") {
   for (const std::vector<int>& none : std::vector<std::vector<int>>{
            {},
            {0x75},                                               // cut off
-           {0x77, 8, 0},                                         // likewise
-           {0xFE, 5, 0, 1},                                      // a long item, likewise
+           {0x77, 8, 0},                                         // cut off
+           {0xFE, 5, 0, 1},                                      // a long item, cut off
            {0xFE},                                               //
            {0x06, 0, 0xFF, 0xC0},                                // no report
-           {0x75, 8, 0x95, 0, 0x81, 2},                          // of nothing
+           {0x75, 8, 0x95, 0, 0x81, 2},                          // an empty report
            {0xB4, 0x75, 8, 0x95, 1, 0x81, 2},                    // popped, never pushed
            {0x85, 0, 0x75, 8, 0x95, 1, 0x81, 2},                 // the number 0
-           {0x86, 0, 1, 0x75, 8, 0x95, 1, 0x81, 2},              // and 256
+           {0x86, 0, 1, 0x75, 8, 0x95, 1, 0x81, 2},              // the number 256
            {0x77, 255, 255, 255, 255, 0x97, 255, 255, 255, 255,  //
             0x81, 2},                                            // of 2 EB
-           {0x75, 8, 0x96, 0, 0x40, 0x81, 2, 0x95, 1, 0x81, 2},  // 16 kB and one
+           {0x75, 8, 0x96, 0, 0x40, 0x81, 2, 0x95, 1, 0x81, 2},  // 16 kB and 1 byte
        }) {
     CAPTURE(none);
     CHECK(text(bytes(none)) == "none");
@@ -112,7 +113,8 @@ TEST_CASE("a descriptor's fields are known by place, ends, usages and collection
     REQUIRE_FALSE(descriptor->fields.empty());
     return descriptor->fields;
   };
-  // Two of 8 bits, then one of 16 whose upper end comes before the lower; the page after a usage.
+  // Two fields of 8 bits, then one of 16 whose upper end comes before the lower; the page after a
+  // usage.
   const auto fields =
       read({0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x05, 0x0F, 0x0B, 0x31, 0,
             1,    0,    0x15, 0,    0x25, 0xFF, 0x75, 8,    0x95, 2,    0x81, 2,    0x09,
@@ -121,7 +123,7 @@ TEST_CASE("a descriptor's fields are known by place, ends, usages and collection
   REQUIRE(fields.size() == 4);
   CHECK(fields[0].usage(0) == 0x0F0030);
   CHECK(fields[0].usage(1) == 0x010031);
-  CHECK(fields[0].usage(2) == 0x010031);  // where they end the last goes on
+  CHECK(fields[0].usage(2) == 0x010031);  // beyond the usages the last one continues
   CHECK(fields[0].most == 255);
   CHECK(fields[0].inside == std::vector<std::uint32_t>{0x010004});
   CHECK_FALSE(fields[0].array);
@@ -134,11 +136,11 @@ TEST_CASE("a descriptor's fields are known by place, ends, usages and collection
   CHECK(fields[1].relative);
   CHECK(fields[1].physical_most == 32767.0);
   CHECK(fields[2].array);
-  CHECK(fields[2].usages.empty());  // they were the one before's
+  CHECK(fields[2].usages.empty());  // they belonged to the field before
   CHECK(fields[3].constant);
   CHECK(fields[3].bit == 16);
   CHECK(fields[3].inside.empty());
-  // A range, and where something is in it.
+  // A range, and the index of a usage in it.
   const auto range = read({0x05, 9, 0x19, 1, 0x29, 12, 0x75, 1, 0x95, 12, 0x81, 2})[0];
   CHECK(range.usage(11) == 0x09000C);
   CHECK(range.placeOf(0x090003) == 2U);
@@ -205,7 +207,7 @@ TEST_CASE("a profile is told what the device has otherwise, and what to write", 
   arm.open = {feature(bytes({3, 0, 1})), feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8}))};
   CHECK(complaint(arm, virtualArm()) == "none");
 
-  // A number that is forgotten shifts every field by a byte.
+  // A forgotten number shifts every field by a byte.
   arm.input[0].id.reset();
   CHECK(complaint(arm, virtualArm()) ==
         "/input/0: the device has input report 1 of 40 bytes, and this has no number: write "
@@ -230,7 +232,7 @@ TEST_CASE("a profile is told what the device has otherwise, and what to write", 
   arm.open = {feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8, 9}))};
   CHECK_THAT(complaint(arm, virtualArm()), Contains("8 bytes after its number, not 9: send no"));
 
-  // One too many.
+  // A profile with a number too many.
   arm.open.clear();
   CHECK(complaint(arm, bytes(kRawHid)) ==
         "/input/0: the device does not number its reports: remove every \"id\"");
@@ -245,13 +247,13 @@ TEST_CASE("a profile is told what the device has otherwise, and what to write", 
   CHECK_THAT(complaint(arm, bytes(kRawHid)),
              Contains("/close/0/feature: the device has no feature report"));
 
-  // Of a device that drives nothing the end of a report may be left unread, no more.
+  // An arm without motors may leave the end of a report unread, but not read beyond it.
   HidProfile puck;
   puck.input = {report(1, 12)};
   CHECK(complaint(puck, virtualArm()) == "none");
   puck.input = {report(1, 41)};
   CHECK(complaint(puck, virtualArm()) != "none");
-  // Of many the first few are said.
+  // Of many reports the message lists the first few.
   std::vector<int> many{0x75, 8, 0x95, 1};
   for (int id = 1; id <= 200; ++id) many.insert(many.end(), {0x85, id, 0x81, 2});
   puck.input = {report(std::nullopt, 1)};

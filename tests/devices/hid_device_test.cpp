@@ -1,5 +1,5 @@
-/// An arm on a HID device that is made of memory: what is read, sent, lost and found again.
-#include "palpate/devices/hid_device.h"
+/// Checks an arm on a simulated HID device: its positions, forces, loss and return.
+#include "palpate/devices/hid/hid_device.h"
 
 #include <array>
 #include <atomic>
@@ -15,11 +15,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/pace.h"
-#include "palpate/devices/simulated_device.h"
+#include "palpate/devices/arm/pace.h"
+#include "palpate/devices/simulated/simulated_device.h"
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_loop.h"
-#include "palpate/engine/haptic_thread.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/engine/loop/haptic_thread.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -33,14 +33,14 @@ namespace {
 
 constexpr std::size_t kRing = 63;
 
-/// What is at the other end: a ring that keeps the oldest, and what has been sent.
+/// The other end of the device: a ring that keeps the oldest reports, and the sent reports.
 class FakeArm {
  public:
   void give(const std::vector<std::byte>& report) {
     const std::lock_guard lock(mutex_);
     if (ring_.size() < kRing) ring_.push_back(report);
   }
-  /// A report of three signed counts and a state.
+  /// Adds a report of three signed counts and a state.
   void giveCounts(int a, int b, int c, int state = 1) {
     std::vector<std::byte> report(8);
     int k = 0;
@@ -50,13 +50,13 @@ class FakeArm {
     }
     give(report);
   }
-  /// A force is one of so many that have been written.
+  /// Returns how many writes were done; each force is one write.
   [[nodiscard]] long written() const { return written_; }
   std::vector<std::vector<std::byte>> sent() {
     const std::lock_guard lock(mutex_);
     return sent_;
   }
-  /// The last force, in raw units.
+  /// Returns the last force, in raw units.
   std::array<int, 3> driven() {
     const std::lock_guard lock(mutex_);
     std::array<int, 3> out{};
@@ -69,11 +69,11 @@ class FakeArm {
   }
 
   std::atomic<bool> there{true};
-  std::atomic<bool> holds{false};    ///< A write does not come back ...
+  std::atomic<bool> holds{false};    ///< A write does not return ...
   std::atomic<bool> holding{false};  ///< ... and has begun.
-  std::atomic<int> fails{0};         ///< So many of the next writes.
-  std::atomic<bool> answers{false};  ///< Gives a report for every one it gets.
-  std::vector<int> again;            ///< Counts and state that it says whenever it is asked.
+  std::atomic<int> fails{0};         ///< Number of next writes that fail.
+  std::atomic<bool> answers{false};  ///< Adds a report after every write.
+  std::vector<int> again;            ///< Counts and state of a report at every second read.
 
  private:
   friend class FakePort;
@@ -83,8 +83,8 @@ class FakeArm {
   std::atomic<long> written_{0};
 };
 
-/// Writes of an arm do not come back as long as this lives: declare it after the device, which
-/// waits for its writer.
+/// Blocks the writes of an arm while this object lives. Declare it after the device, which waits
+/// for its writer.
 class Held {
  public:
   explicit Held(FakeArm& arm) : arm_(arm) { arm_.holds = true; }
@@ -100,18 +100,18 @@ class Held {
 class FakePort final : public ReportPort {
  public:
   explicit FakePort(FakeArm& arm) : arm_(arm) {}
-  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
-    if (!arm_.there) return Got::kGone;
+  [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    if (!arm_.there) return ReadStatus::kGone;
     if (!arm_.again.empty() && (asked_ = !asked_)) {
       arm_.giveCounts(arm_.again[0], arm_.again[1], arm_.again[2], arm_.again[3]);
     }
     const std::lock_guard lock(arm_.mutex_);
-    if (arm_.ring_.empty()) return Got::kNothing;
+    if (arm_.ring_.empty()) return ReadStatus::kNothing;
     const auto& report = arm_.ring_.front();
     size = std::min(report.size(), to.size());
     std::copy_n(report.begin(), size, to.begin());
     arm_.ring_.pop_front();
-    return Got::kReport;
+    return ReadStatus::kReport;
   }
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
     while (arm_.holds) {
@@ -134,7 +134,7 @@ class FakePort final : public ReportPort {
 
  private:
   FakeArm& arm_;
-  bool asked_ = false;  ///< Every other look finds one.
+  bool asked_ = false;  ///< Every second read finds a report.
 };
 
 ReportField counts(const char* name, std::uint32_t bit) {
@@ -146,7 +146,7 @@ ReportField counts(const char* name, std::uint32_t bit) {
   return field;
 }
 
-/// Three slides of 10 um a count, three motors of 1 mN.
+/// Returns a profile with three slides of 10 um a count, three motors of 1 mN.
 HidProfile slides() {
   HidProfile profile;
   profile.name = "slides";
@@ -179,7 +179,7 @@ HidProfile slides() {
   return profile;
 }
 
-/// The same whose counters are unsigned, of 12 bits: 4 cm, of a workspace of 20.
+/// Returns the same with unsigned counters of 12 bits: 4 cm of a workspace of 20.
 HidProfile narrowSlides() {
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) {
@@ -189,7 +189,7 @@ HidProfile narrowSlides() {
   return profile;
 }
 
-/// A step of a sequence of slides: until its state is that.
+/// Returns a step of a sequence of slides: waits until the state has a value.
 HidStep waitForState(double equals, double seconds, const char* words = "") {
   HidStep wait;
   wait.kind = HidStep::Kind::kWait;
@@ -200,8 +200,8 @@ HidStep waitForState(double equals, double seconds, const char* words = "") {
   return wait;
 }
 
-/// The clock that reports grow old by: it stands still until a test lets time pass, whatever the
-/// machine does meanwhile.
+/// The clock by which reports grow old. The clock stands still until a test lets time pass,
+/// independent of the machine.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -231,7 +231,7 @@ void await(What what) {
   }
 }
 
-/// Ticks a loop in virtual time: its force has gone out before more time passes.
+/// Ticks a loop in virtual time. Its force has gone out before more time passes.
 void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
   const std::int64_t before = device.writes().count;
   pass(time.dt);
@@ -243,7 +243,7 @@ void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
     std::this_thread::yield();
   }
 }
-/// So many forces a second no test in virtual time waits for.
+/// A rate of forces so high that tests in virtual time never wait for it.
 constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
@@ -288,7 +288,7 @@ TEST_CASE("what an arm says beside where its tip is goes to the application", "[
 TEST_CASE("what is no number leaves a handle as it was", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
-  // Its state is half of a float, whose exponent it has.
+  // Its state is the upper half of a float, including the exponent.
   ReportField odd = profile.input[0].fields[3];
   odd.name = "odd";
   odd.type = ReportField::Type::kFloat;
@@ -322,12 +322,12 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
   CHECK(hand.age == 0.0);
   device->write({1.0, 2.0, -3.0});
   await([&] { return arm.driven() == std::array<int, 3>{2000, -1000, -3000}; });
-  // The sense of joints, home and gears.
+  // The resolution does not depend on the sense of joints, home and gears.
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
 }
 
 TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays", "[hid]") {
-  // Two motors that hold 1 and 0.5 for ever, and may be given 4.
+  // Two motors that hold 1 and 0.5 for ever, and give at most 4.
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
   const std::array<double, 2> holds{1.0, 0.5};
@@ -338,7 +338,8 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
   }
   FakeArm arm;
   const auto device = open(arm, profile);
-  // Their windings by what has been sent, held until the next. Somebody else has driven them.
+  // The windings' heat follows from the sent forces, each held until the next. Another program has
+  // driven them before.
   std::array<double, 2> heat{holds[0] * holds[0], holds[1] * holds[1]};
   std::array<double, 2> hottest{};
   std::array<int, 3> driven{};
@@ -360,14 +361,14 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
     }
   };
 
-  // Hot from before it has what it holds; rested, its peak.
+  // A motor that is hot from before gives its continuous force; a rested motor gives its peak.
   step({2.5, 0.0, 2.0}, 0.0);
   CHECK(2.5 * share == Approx(1.0));
   step({0.4, 0.2, 0.0}, 1e-3);
   for (int i = 0; i < 40; ++i) step(Vec3::Zero(), 0.5);
   CHECK(heat[0] < 1e-3);
 
-  // Pushed without an end: all at first, then gradually less, at last what it holds.
+  // Pushed without an end: full force at first, then gradually less, at last the continuous force.
   double last = 1.0;
   double steepest = 0.0;
   for (int i = 0; i < 12000; ++i) {
@@ -377,13 +378,13 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
     last = share;
     if (i == 150) REQUIRE(share == 1.0);
   }
-  CHECK(steepest < 0.02);  // of a motor that is given six times its heat
+  CHECK(steepest < 0.02);  // for a motor that gets six times its heat
   CHECK(2.5 * share == Approx(1.0).epsilon(1e-3));
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[0] > 0.99);
   CHECK(device->writes().weakened > 0);
 
-  // Where it has nothing to do the others have all again, as gently as a force comes in.
+  // If the hot motor has no load, the others return to full force, as gently as a force comes in.
   double quickest = 0.0;
   for (int i = 0; i < 600; ++i) {
     step({0.0, 0.1, 2.0}, 1e-3);
@@ -393,7 +394,7 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
   CHECK(share == 1.0);
   CHECK(quickest <= 1e-3 / kEngage + 1e-12);
 
-  // Whatever is wanted, for however long each force holds.
+  // Random forces, each held for a random time.
   test::Random random(11);
   const long cases = test::cases(20000);
   for (long i = 0; i < cases; ++i) {
@@ -402,7 +403,7 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
   }
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[1] <= 1.0);
-  // What is no number heats nothing and is none.
+  // A NaN adds no heat and is not a force.
   device->write({NAN, 0.0, 0.0});
   CHECK(device->given() == 0.0);
 }
@@ -414,12 +415,12 @@ TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[
   for (int i = 1; i <= 40; ++i) arm.giveCounts(10 * i, 0, 0);
   CHECK(device->read().position.x() == Approx(0.004));
   CHECK(device->reads().passed_by >= 39);
-  // Nothing new: the same again, older.
+  // No new report: the same position, older.
   pass(0.02);
   const HandState again = device->read();
   CHECK(again.position.x() == Approx(0.004));
   CHECK(again.age == Approx(0.02));
-  // 300 reports in a pause: the ring holds the first 63. None of them is where the hand is.
+  // 300 reports in a pause: the ring holds the first 63. The hand is at none of them.
   for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
@@ -430,8 +431,8 @@ TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[
   const HandState fresh = device->read();
   CHECK(fresh.position.x() == Approx(0.015));
   CHECK(fresh.age == 0.0);
-  // Where nobody has looked for longer than a position may be old, the arm is not ready until it
-  // has spoken; and it is stale where it does not.
+  // If the program did not read for longer than a position may be old, the arm is not ready until
+  // its next report. Without a report the arm is stale.
   pass(0.06);
   for (int i = 0; i < 100; ++i) arm.giveCounts(9 * i, 0, 0);
   const HandState back = device->read();
@@ -469,7 +470,7 @@ TEST_CASE("strange reports change nothing", "[hid]") {
   arm.give({std::byte{1}, std::byte{2}, std::byte{3}});
   CHECK(device->read().position.x() == Approx(1e-3));
   CHECK(device->reads().strange == 2);
-  // Longer ones have what they have.
+  // Longer reports are read for the fields that they have.
   arm.give(std::vector<std::byte>(4096, std::byte{0}));
   CHECK(device->read().position.x() == 0.0);
 }
@@ -495,7 +496,7 @@ TEST_CASE("numbered reports are told apart", "[hid]") {
   CHECK(device.read().fault == Fault::kTemperature);
   arm.give({std::byte{8}, std::byte{0}});
   CHECK(device.read().fault == Fault::kTemperature);
-  // What says how the arm is does not say where it is: its position grows old all the same.
+  // A report of the arm's state has no position: the position grows old.
   pass(0.03);
   arm.give({std::byte{9}, std::byte{1}});
   CHECK(device.read().age == Approx(0.03));
@@ -526,15 +527,15 @@ TEST_CASE("flags say whether the arm is ready, and what is wrong", "[hid]") {
 TEST_CASE("a motor's limit weakens the force and keeps its direction", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
-  device->write({2.0, -8.0, 1.0});  // 8 N where a motor gives 4
+  device->write({2.0, -8.0, 1.0});  // 8 N from a motor of 4
   await([&] { return arm.driven() == std::array<int, 3>{1000, -4000, 500}; });
   CHECK(device->writes().weakened == 1);
   CHECK(device->given() == Approx(0.5));
-  // Rounding adds none.
+  // Rounding adds no force.
   device->write({0.0019, -0.0019, 0.0});
   await([&] { return arm.driven() == std::array<int, 3>{1, -1, 0}; });
   CHECK(device->given() == 1.0);
-  // Rubbish is no force.
+  // Invalid numbers give no force.
   device->write({std::nan(""), 0, 1e300});
   await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
   CHECK(device->given() == 0.0);
@@ -579,7 +580,7 @@ TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
     arm.giveCounts(0, 0, 0);
     const HandState hand = device->read();
     CHECK((hand.drives - Vec3(1, 1, 0).asDiagonal().toDenseMatrix()).norm() < 1e-9);
-    // A tank cannot rely on friction that no motor has measured.
+    // A tank cannot rely on friction that the self-test did not measure.
     CHECK((device->info().limits.tank.use != TankUse::kOff) == planar);
     device->write({1, 0, 0});
     await([&] { return arm.driven()[0] != 0; });
@@ -588,7 +589,8 @@ TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
     device->write({1, 0, 4});
     await([&] { return device->writes().count >= 2 && arm.driven() == without; });
     CHECK(device->given() == 1.0);
-    // The loop counts, limits and tells what is given. The ball's surface lies across z.
+    // The loop counts and limits the force, and reports the given share. The ball's surface lies
+    // across z.
     struct Held final : public Device {
       HidDevice& inner;
       DeviceInfo about;
@@ -629,7 +631,7 @@ TEST_CASE("one report a tick, and a slow wire holds nobody up", "[hid]") {
     await([&] { return device->writes().count == i; });
   }
   CHECK(arm.sent().size() == before + 50);
-  // A write that does not come back: ticks go on, and the newest force is next.
+  // A write that does not return: ticks continue, and the newest force is next.
   Held held(arm);
   device->write({0, 0, 0.5});
   await([&] { return arm.holding.load(); });
@@ -654,7 +656,7 @@ TEST_CASE("an arm is sent no more forces a second than it takes, and the newest"
   await([&] { return arm.driven()[0] == 500; });
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
   CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
-  // What takes the force off does not wait for that, nor does its end.
+  // A report that takes the force off does not wait for the pace, nor does the end of the device.
   profile.output_rate = 0.01;
   {
     FakeArm cut;
@@ -692,7 +694,8 @@ TEST_CASE("a write that does not come back is a fault", "[hid]") {
 
 TEST_CASE("a force that does not go out is a fault, whatever its writer waits for",
           "[hid][safety]") {
-  // It waits for the pace, by the machine's clock: by the test's that never comes.
+  // The writer waits for its pace by the machine's clock, so in the test's time the pace never
+  // comes.
   HidProfile profile = slides();
   profile.output_rate = 1e-3;
   FakeArm arm;
@@ -708,19 +711,19 @@ TEST_CASE("a force that does not go out is a fault, whatever its writer waits fo
     }
     return hand;
   };
-  // Nothing is to go out.
+  // No force is due.
   CHECK(readFor(2000.0).fault == Fault::kNone);
   device->write({2, 0, 0});
   CHECK(readFor(1000.0).fault == Fault::kNone);
   CHECK(readFor(0.04).fault == Fault::kWrite);
-  // Whoever has not looked for a while does not know.
+  // A program that has not read for a while cannot know.
   pass(0.1);
   CHECK(device->read().fault == Fault::kNone);
 }
 
 TEST_CASE("at their own pace no forces wait, however late some come", "[hid][passivity]") {
-  // Ticks of a clock, each late by up to the way to the next, some of them left out; and a writer
-  // that takes the newest when it may. What another overtakes goes out as that one.
+  // Ticks of a clock, each late by up to the time to the next, some of them left out; and a writer
+  // that takes the newest when the pace allows it. An overtaken force goes out as the newer one.
   test::Random random(7);
   const long cases = test::cases(2000);
   for (long i = 0; i < cases; ++i) {
@@ -737,7 +740,7 @@ TEST_CASE("at their own pace no forces wait, however late some come", "[hid][pas
       const double late = typical * (random.integer(20) == 0 ? 0.99 : 0.1 * random.uniform(0, 1));
       asked.push_back(when(k, late));
     }
-    Pace pace(takes, 0);  // it begins before the loop
+    Pace pace(takes, 0);  // begins before the loop
     std::int64_t longest = 0;
     long gone = 0;
     for (std::size_t k = 0; k < asked.size(); ++gone) {
@@ -746,7 +749,7 @@ TEST_CASE("at their own pace no forces wait, however late some come", "[hid][pas
       pace.go(goes);
       while (k < asked.size() && asked[k] <= goes) ++k;
     }
-    // What HapticLoop tells the tank of it.
+    // The value that HapticLoop passes to the tank.
     const std::int64_t told = takes < rate ? std::llround(1e9 / takes) : 0;
     REQUIRE(longest <= told);
     const double seconds = 1e-9 * static_cast<double>(asked.back() - asked.front() + longest);
@@ -802,7 +805,7 @@ TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hi
   profile.home_at_open = true;
   profile.joints[2].home = 0.05;
   arm.giveCounts(1234, 50, -9);
-  profile.input[0].fields[2].offset = 0.02;  // what its field says at home does not count
+  profile.input[0].fields[2].offset = 0.02;  // the field's offset at home does not count
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
     return std::make_unique<FakePort>(arm);
   };
@@ -854,7 +857,7 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
     arm.giveCounts(0, 0, 0);
     CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(arm), true),
                       Contains("it does not say state = 5") && Contains("press the button"));
-    // The command went out, and no motor was driven by any of it.
+    // The command went out, and no report of the sequence drove a motor.
     bool commanded = false;
     for (const auto& report : arm.sent()) {
       commanded = commanded || report[7] == std::byte{1};
@@ -863,7 +866,7 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
     CHECK(commanded);
   }
   {
-    // A button that was pressed before it was asked for is not what was asked for.
+    // A button that was pressed before the request does not count.
     FakeArm pressed;
     profile.home[1].seconds = 0.2;
     for (int i = 0; i < 3; ++i) pressed.giveCounts(0, 0, 0, 5);
@@ -871,7 +874,7 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
     CHECK_THROWS_WITH(
         HidDevice(profile, std::make_unique<FakePort>(pressed), true),
         Contains("it has said state = 5 all the time: let go first; then press the button"));
-    // What only the device does may be so before it is asked.
+    // A state that the device sets without the user may hold before the request.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
     profile.home[1].words = "press the button";
@@ -925,7 +928,7 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   CHECK(std::chrono::steady_clock::now() - began < 30s);  // of 60
   user.join();
   CHECK(closed(stopped));
-  // One that is stopped before it has spoken is not open.
+  // A device that is stopped before its first report does not open.
   profile.home.clear();
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
@@ -970,7 +973,7 @@ TEST_CASE("a report that is sent again is none", "[hid]") {
   const auto device = open(arm, profile);
   arm.giveCounts(100, 0, 0, 2);
   CHECK(device->read().age == 0.0);
-  // Firmware that hangs but for its sending.
+  // Firmware that hangs but still sends.
   for (int i = 1; i <= 51; ++i) {
     pass(1e-3);
     arm.giveCounts(100, 0, 0, 2);
@@ -1007,7 +1010,7 @@ TEST_CASE("a switch is believed for as long as its report comes", "[hid]") {
   givePlace();
   const HidHost host = inVirtualTime();
   HidDevice device(profile, std::make_unique<FakePort>(arm), true, host);
-  // Nothing is known of it yet.
+  // The state of the switch is not known yet.
   givePlace();
   CHECK_FALSE(device.read().ready);
   CHECK_THAT(device.whyNotReady(), Contains("dead-man switch"));
@@ -1027,7 +1030,7 @@ TEST_CASE("a switch is believed for as long as its report comes", "[hid]") {
   CHECK_FALSE(device.read().ready);
   giveSwitch(1);
   CHECK(device.read().ready);
-  // Nobody has looked for a while: what it said before is not known to be so still.
+  // The program has not read for a while, so the last state of the switch may be outdated.
   pass(0.06);
   givePlace();
   (void)device.read();
@@ -1039,8 +1042,8 @@ TEST_CASE("a switch is believed for as long as its report comes", "[hid]") {
 }
 
 TEST_CASE("an arm that says the same count for ever gets no force for ever", "[hid][safety]") {
-  // Firmware that repeats its last counters, without a number that would tell: the hand is in the
-  // ball as far as anybody knows.
+  // Firmware that repeats its last counters, without a number that would show it. To the loop the
+  // hand is in the ball.
   FakeArm arm;
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
@@ -1067,7 +1070,7 @@ TEST_CASE("an arm that says the same count for ever gets no force for ever", "[h
   CHECK(ticks < 700);
   CHECK(loop.latest().fault == Fault::kNone);
   CHECK(loop.latest().report.moving == 0.0);
-  // One count, and it comes back, no faster than it went.
+  // The arm moves by one count, and the force comes back, no faster than it went.
   double last = 0.0;
   z -= 1;
   for (int i = 0; i < 600; ++i) {
@@ -1077,7 +1080,7 @@ TEST_CASE("an arm that says the same count for ever gets no force for ever", "[h
     if (i % 100 == 0) z -= 1;
   }
   CHECK(last > 3.5);
-  // Less than friction is no sign of anything.
+  // A force below friction proves nothing.
   for (; z < 2990; z += 5) (void)tick();
   for (int i = 0; i < 1500; ++i) (void)tick();
   CHECK(loop.latest().report.force.norm() > 0.02);
@@ -1087,7 +1090,7 @@ TEST_CASE("an arm that says the same count for ever gets no force for ever", "[h
 
 namespace {
 
-/// A simulated arm that says how long its counters have stood still; or does not.
+/// A simulated arm that reports how long its counters have stood still, or does not.
 class Counting final : public Device {
  public:
   Counting(SimulatedDevice& arm, double friction, bool tells)
@@ -1114,12 +1117,12 @@ class Counting final : public Device {
 
 /// A hand that presses on a ball with 3 N and holds.
 struct Holding {
-  bool sways = true;  ///< By a percent of its force, slowly, and 20 um at 9 Hz.
+  bool sways = true;  ///< By 1 % of its force, slowly, and 20 um at 9 Hz.
   double step = 1e-5, grip = 300.0, coulomb = 0.02;
 
   struct Held {
     std::vector<Vec3> places;  ///< Of the arm, not rounded.
-    long faded = 0;            ///< Ticks.
+    long faded = 0;            ///< Ticks in which the force faded.
     double force = 0.0;        ///< At the end [N].
   };
   [[nodiscard]] Held play(const FieldPtr& ball, bool tells) const {
@@ -1156,7 +1159,7 @@ struct Holding {
 }  // namespace
 
 TEST_CASE("a joint that does not move the tip is no sign of life", "[hid][safety]") {
-  // A planar arm with a third joint that is only sensed, as a wrist's, whose last bit trembles.
+  // A planar arm with a third joint that is only sensed, as a wrist's. Its last bit trembles.
   HidProfile profile = slides();
   profile.kinematics = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   profile.joints[0].home = M_PI / 2 - 0.3;
@@ -1178,8 +1181,8 @@ TEST_CASE("a joint that does not move the tip is no sign of life", "[hid][safety
 
 TEST_CASE("a hand that lives feels no more of it than the arm's friction and a count",
           "[hid][safety]") {
-  // Friction holds the arm while the force fades, and its hand feels no less; once it moves by a
-  // count the force comes back.
+  // Friction holds the arm while the force fades, and the hand feels no less. Once the arm moves by
+  // a count the force comes back.
   const FieldPtr ball = test::ballField();
   test::Thinned combinations(7);
   for (const bool sways : {true, false}) {
@@ -1196,7 +1199,8 @@ TEST_CASE("a hand that lives feels no more of it than the arm's friction and a c
           }
           CAPTURE(sways, step, grip, coulomb, fading.faded, moved, grip * moved);
           CHECK(grip * moved <= 1.3 * coulomb + grip * step + 0.02);
-          // Where its sway moves the arm by a count, or every report has a number, never.
+          // If the sway moves the arm by a count, or every report has a number, the force never
+          // fades.
           if (sways && step <= 1e-5 && coulomb <= 0.02) CHECK(fading.faded == 0);
           if (!sways) CHECK(fading.faded > 0);
         }
@@ -1265,7 +1269,7 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   CHECK(device->read().position.x() == Approx(0.0204));
   pass(0.1);
   arm.giveCounts(-2000, 0, 0);
-  // What has waited meanwhile is not looked at.
+  // Reports that waited in between are not used.
   CHECK(device->read().fault == Fault::kNone);
   arm.giveCounts(-2000, 0, 0);
   const HandState hand = device->read();
@@ -1301,7 +1305,7 @@ TEST_CASE("an arm that says it is homed is believed, however long nobody has loo
   profile.flags.push_back(homed);
   FakeArm arm;
   const auto device = open(arm, profile);
-  // A scene is built meanwhile, and the hand goes elsewhere.
+  // A scene is built in between, and the hand moves away.
   pass(3.0);
   arm.giveCounts(-3, 1000, 3000);
   (void)device->read();
@@ -1309,11 +1313,11 @@ TEST_CASE("an arm that says it is homed is believed, however long nobody has loo
   const HandState hand = device->read();
   CHECK(hand.fault == Fault::kNone);
   CHECK(hand.ready);
-  // Each by the range that is nearest to the middle.
+  // Each counter is in the range that is nearest to the middle.
   CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
   arm.giveCounts(-40, 1000, 3000);
   CHECK(device->read().position.x() == Approx(-4e-4));
-  // From now on it is followed.
+  // From now on the counter is followed.
   pass(0.2);
   CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
@@ -1349,7 +1353,7 @@ TEST_CASE("an arm that is miscounted is told to give no force, and what it needs
   const bool at_once = GENERATE(false, true);
   if (!at_once) {
     await([&] { return arm.sent().back()[7] == std::byte{9}; });
-    // That is said when it has been sent.
+    // The message comes after the command was sent.
     await([&] {
       const std::lock_guard lock(mutex);
       return said.find("start the program again") != std::string::npos;
@@ -1389,7 +1393,7 @@ TEST_CASE("a counter is not followed while the arm is not homed", "[hid]") {
   };
   CHECK_FALSE(at(30000, 0).ready);
   CHECK_THAT(device->whyNotReady(), Contains("not homed"));
-  // Homing sets it to what the pose is: no way of half a range was gone.
+  // Homing sets the counter from the pose: the arm did not move by half a range.
   CHECK(at(-20000, 1).position.x() == Approx(-0.2));
   CHECK(device->whyNotReady().empty());
 }
@@ -1470,13 +1474,14 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
     REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
   }
   CHECK(device.read().position.norm() == Approx(0.1));
-  // Nobody has looked for a while: it is not where a second of its velocity would have it.
+  // The program has not read for a while. The position is not extrapolated over that time.
   arm.giveCounts(-350, 0, 350);
   (void)device.read();
   const Vec3 looked = device.read().position;
   pass(0.3);
   CHECK((device.read().position - looked).norm() < 0.1 * 2 * 0.021);
-  // It says nothing more, but not that it rests: it moves on until that is stale, and stays there.
+  // The arm sends no further report, but did not report rest. The position moves on until the
+  // report is stale, and stays there.
   arm.giveCounts(0, 350, 0);
   const Vec3 last = device.read().position;
   for (int i = 0; i < 200; ++i) {
@@ -1488,12 +1493,12 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
   CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
   pass(0.3);
   CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
-  // Its next word counts from then on.
+  // The next report counts from then on.
   arm.giveCounts(0, -350, 0);
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.05));
   pass(0.01);
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.04));
-  // Unplugged it stays.
+  // If unplugged, the position stays.
   arm.there = false;
   const Vec3 left = device.read().position;
   pass(0.05);
@@ -1512,7 +1517,7 @@ TEST_CASE("reading and writing take no memory", "[hid]") {
     device->write({0.001 * i, 0, 0});
     allocations += test::CountScope::counts().allocations;
   }
-  // The deque of the arm that is made of memory frees a block now and then, and takes none.
+  // The deque of the simulated arm frees a block now and then; no block is allocated.
   CHECK(allocations == 0);
   CHECK(sum.allFinite());
 }
@@ -1541,7 +1546,7 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
     params.realtime = {0, -1, false, false};
     HapticThread hand(patient, params);
     hand.publish(test::ballScene(test::ballField()));
-    // By ticks, not by time: a machine that runs tests stops whom it likes.
+    // By ticks, not by time: a busy machine stops any process.
     const auto ticks = [&](std::int64_t count) {
       const std::int64_t last = hand.latest().tick + count;
       await([&] { return hand.latest().tick >= last; });
@@ -1553,8 +1558,8 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
         ticks(2);
       }
     };
-    // A machine that stops the loop in the middle of a write for as long as a blocked one takes has
-    // the force cut, rightly: that is not what is tested.
+    // If the machine stops the loop in the middle of a write for as long as a blocked write takes,
+    // the loop rightly cuts the force. This test is not about that.
     const auto stopped = [&] { return hand.latest().fault == Fault::kWrite; };
     const auto press = [&] {
       for (;;) {
@@ -1578,7 +1583,7 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
     arm.there = true;
     await([&] { return device->pluggings() == 2; });
     ticks(50);
-    // It is back, and still off: somebody must say so.
+    // The arm is back, and the force is still off: the program must clear the fault.
     CHECK(hand.latest().fault == Fault::kGone);
     CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
     hand.clear();

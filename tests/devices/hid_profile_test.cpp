@@ -1,5 +1,5 @@
 /// Files that describe arms.
-#include "palpate/devices/hid_profile.h"
+#include "palpate/devices/hid/hid_profile.h"
 
 #include <array>
 #include <csignal>
@@ -18,10 +18,10 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/devices/hid_port.h"
-#include "palpate/devices/open_arm.h"
-#include "palpate/devices/profile_facts.h"
-#include "palpate/devices/tested_arms.h"
+#include "palpate/devices/arm/tested_arms.h"
+#include "palpate/devices/hid/hid_port.h"
+#include "palpate/devices/hid/open_arm.h"
+#include "palpate/devices/hid/profile_facts.h"
 #include "palpate/engine/error.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/pid_model.h"
@@ -112,7 +112,7 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
     const char* pointer;
     Json value;
     const char* says;
-    bool schema;  ///< It sees it as well.
+    bool schema;  ///< The schema rejects the file too.
   };
   const std::vector<Bad> cases{
       {"/palpate_arm", 2, "/palpate_arm: 2 is a version this program does not know", true},
@@ -268,10 +268,10 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
 }
 
 TEST_CASE("the schema that is shipped is the one that the table prints", "[profile]") {
-  std::ifstream in(test::sourceDir() + "/devices/hid_profile.schema.json");
+  std::ifstream in(test::sourceDir() + "/devices/hid/hid_profile.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
-  // build/release/bin/palpate schema arm > devices/hid_profile.schema.json
+  // build/release/bin/palpate schema arm > devices/hid/hid_profile.schema.json
   CHECK(shipped.str() == hidProfileSchema());
 }
 
@@ -294,8 +294,8 @@ TEST_CASE("a counter that only a flag homes has a range as wide as the workspace
   Json json = full();
   json.erase("home");
   REQUIRE(trouble(json) == "none");  // 32 bits of 1 um
-  // 16 bits of 1 um: 66 mm, in a workspace of 200 mm. Of four places that the counter may mean one
-  // was guessed.
+  // 16 bits of 1 um: 66 mm, in a workspace of 200 mm. The counter may mean four places, one of
+  // which would be a guess.
   json["input"][0]["fields"]["a"]["bits"] = 16;
   CHECK_THAT(trouble(json),
              Contains("/kinematics/joints/0/from: a begins anew every 0.0655 m of the "
@@ -314,7 +314,7 @@ TEST_CASE("a counter that only a flag homes has a range as wide as the workspace
   at_open["kinematics"]["home_words"] = "in the middle";
   CHECK(trouble(at_open) == "none");
 
-  // A wrist that turns on the spot, and one of whole turns, are where they are all the same.
+  // A wrist that turns on the spot, and a joint of whole turns, are still unambiguous.
   Json chain = full();
   chain.erase("home");
   chain["kinematics"] = Json::parse(R"({"model": "chain", "tip": [0.01, 0, 0],
@@ -345,7 +345,7 @@ TEST_CASE("a device is one program's", "[profile]") {
   CHECK_NOTHROW(claim(ours, file));
   const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
   CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") has it"));
-  // A guardian keeps it for a program that was killed, until it has written its zero.
+  // A guardian keeps the device for a killed program until it has written its zero.
   const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
   close(ours);
   CHECK_THROWS_AS(claim(second, file), DeviceError);
@@ -358,8 +358,8 @@ TEST_CASE("what a killed program leaves to its guardian is waited for, and said"
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
-  // A program with a guardian, which keeps the device for so long after the program was killed; a
-  // zombie until it is waited for.
+  // A program with a guardian, which keeps the device for a time after the program was killed. The
+  // program stays a zombie until waitpid().
   const auto killed = [&](unsigned keeps_ms) {
     std::array<int, 2> ready{};
     REQUIRE(pipe(ready.data()) == 0);
@@ -395,7 +395,7 @@ TEST_CASE("what a killed program leaves to its guardian is waited for, and said"
   CHECK(waitpid(short_one, nullptr, 0) == short_one);
   REQUIRE(flock(ours, LOCK_UN) == 0);
 
-  // Not for ever; and no name of a program that is none any more.
+  // The wait is limited; the message has no name of a program that has ended.
   const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
   CHECK(waitpid(long_one, nullptr, 0) == long_one);
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
@@ -460,7 +460,7 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
     if (joints < 3) json["output"]["fields"].erase("fc");
     CAPTURE(json["kinematics"].dump());
     CHECK(schemaAccepts(json));
-    // The middle of the world has to be where the tip can be.
+    // The tip must reach the middle of the world.
     json["mount"]["origin"] = {0.0, 0.0, 1.9};
     CHECK_THAT(trouble(json), Contains("/mount/origin: the middle of the hand's world is"));
     json["mount"]["origin"] = {middle.x(), middle.y(), middle.z()};
@@ -503,12 +503,12 @@ TEST_CASE("what an arm carries of its weight is read", "[profile]") {
   CHECK_FALSE(arm.masses[0].link);
   CHECK(arm.masses[1].link == 1U);
   CHECK(arm.masses[1].centre.x() == 0.1);
-  // The second hangs on slides that do not go up and down.
+  // The second mass hangs on slides that do not go up and down.
   const ProfileFacts facts = factsOf(arm);
   CHECK((facts.carried_W - Vec3(0, 0, 0.1 * 9.80665)).norm() < 1e-4);
   CHECK(facts.motors[2].carries == Approx(0.1 * 9.80665 / 2.0));
   CHECK(facts.motors[0].carries == 0.0);
-  // No more than half of what a motor may be given, or can hold.
+  // At most half of a motor's largest force, or of its continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
   CHECK_THAT(trouble(json),
              Contains("/gravity: to carry its masses fc is asked for 4.9, of 5 that"));
@@ -560,7 +560,7 @@ TEST_CASE("where an arm moves, and where its motors push it, is found", "[profil
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}},
                           {"rotation_wxyz", {0.9659258, 0.258819, 0, 0}}})) ==
         "xy (0, 0.866, 0.5)|xy (0, 0.866, 0.5)|");
-  // Three turning joints, all about the same way.
+  // Three rotary joints, all about the same axis.
   CHECK(
       axes(with(R"({"model": "chain", "links": [{"across": 0.2}, {"across": 0.2}, {"across": 0.1}],
           "joints": [{"from": "a", "motor": "fa", "torque_constant": 0.1},
@@ -622,13 +622,13 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.9e-3));
   CHECK(measuredArm(identityOf(arm, "S2")).viscous == 0.0);
   CHECK_FALSE(isTested(identityOf(arm, "")));
-  // A changed sign is another profile.
+  // A changed sign makes another profile.
   Json other = full();
   other["kinematics"]["joints"][0]["ratio"] = -1;
   CHECK_FALSE(isTested(identityOf(parseHidProfile(other.dump(), "arm.json"), "S1")));
   rememberTest(identityOf(parseHidProfile(other.dump(), "arm.json"), "S2"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // Rubbish in the file is no test, and no trouble.
+  // Invalid contents of the file are not a test, and not an error.
   for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
     std::ofstream(testedArmsFile()) << text;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
@@ -640,7 +640,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   CHECK_FALSE(isTested(identityOf(arm, "S1")));
   rememberTest(identityOf(arm, "S1"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // One of a test that measured no scale, or along one way only.
+  // The entry of a test that measured no scale, or a scale along one axis only.
   for (const Json& scale : {Json(), Json(1.0)}) {
     std::ifstream in(testedArmsFile());
     Json json = Json::parse(in);
@@ -648,7 +648,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
     std::ofstream(testedArmsFile()) << json;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
   }
-  // What a planar arm has no motor for was not measured, and is not relied on.
+  // An axis of a planar arm without a motor was not measured, and is not used.
   rememberTest(identityOf(arm, "S1"), measured);
   CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
   measured.axes[1] = {};
@@ -703,7 +703,7 @@ TEST_CASE("an arm's name is taken apart", "[profile]") {
 }
 
 TEST_CASE("a name that several editions share names none of them", "[profile]") {
-  // Their motors differ twelvefold: one taken for the other is driven with so many times its force.
+  // Their motors differ twelvefold: one taken for the other would get twelve times its force.
   const std::string editions =
       "hid:woodenhaptics: it may be woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
       "differ";
@@ -733,7 +733,7 @@ TEST_CASE("the shipped profiles are good, and say where every number comes from"
   CHECK(names == std::set<std::string>{"polhem", "spacemouse", "teensy-arm", "woodenhaptics-v2015",
                                        "woodenhaptics-v2019"});
   for (const std::string& name : names) {
-    std::ifstream in(test::sourceDir() + "/devices/profiles/" + name + ".json");
+    std::ifstream in(test::sourceDir() + "/devices/hid/profiles/" + name + ".json");
     const Json json = Json::parse(in);
     CAPTURE(name);
     CHECK(schemaAccepts(json));
@@ -747,7 +747,7 @@ TEST_CASE("the shipped profiles are good, and say where every number comes from"
       }
       CHECK(said);
     }
-    // The system lets a user open it.
+    // The system lets a user open the arm.
     std::ifstream rules(test::sourceDir() + "/devices/70-palpate-arms.rules");
     const std::string text((std::istreambuf_iterator<char>(rules)), {});
     for (const Json& match : json.at("match")) {
@@ -767,7 +767,7 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   mine["name"] = "polhem";
   std::ofstream(folder / "a.json") << mine.dump();
   std::ofstream(folder / "b.json") << "{";
-  // Who has numbers of his own for an arm does not want others instead.
+  // If a user has a file for an arm, the numbers of other files do not replace it.
   std::ofstream(folder / "teensy-arm.json") << "{";
   Json broken = full();
   broken["name"] = "woodenhaptics-v2015";
@@ -786,7 +786,7 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   CHECK(notes.size() == 4);
   CHECK_THAT(notes[0], Contains("a.json: /name: it calls itself polhem, as one of palpate's own"));
   CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
-  // Two of one name.
+  // Two files with one name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
   CHECK(hidProfiles(folder.path(), notes).size() == 3);
@@ -807,7 +807,7 @@ TEST_CASE("the known arms have limits and sources", "[profile]") {
 
 TEST_CASE("damaged profiles are refused or read, never worse", "[profile]") {
   const std::string good = full().dump();
-  // Every byte in turn replaced, left out, or the end cut off there.
+  // At every byte in turn: the byte is replaced or left out, or the text ends there.
   for (std::size_t i = 0; i < good.size(); ++i) {
     for (const char c : {'0', '"', '}', '-', '9'}) {
       std::string bad = good;
@@ -845,15 +845,15 @@ TEST_CASE("a PID device's profile gives its ways in metres and its forces in new
   CHECK(arm.pid[0].axis == 0);  // in order
   CHECK(arm.pid[0].way == 0.3);
   CHECK(arm.pid[1].force == 8.0);
-  CHECK(arm.output_rate == 250.0);  // forces a second: each is a report an axis
+  CHECK(arm.output_rate == 250.0);  // [forces/s]: each is a report an axis
   const ProfileFacts facts = factsOf(arm);
   CHECK(facts.off < 1e-6);
   CHECK(facts.moves.isApprox(Mat3(Vec3(1, 1, 0).asDiagonal())));
   REQUIRE(facts.motors.size() == 2);
-  CHECK(facts.motors[0].asked == Approx(5.0));  // of all that it gives [N]
+  CHECK(facts.motors[0].asked == Approx(5.0));  // of all that the device gives [N]
   CHECK(facts.motors[0].room == Approx(10.0));
 
-  // The one that docs/profiles.md shows.
+  // The profile in docs/profiles.md.
   std::ifstream in(test::sourceDir() + "/docs/profiles.md");
   std::ostringstream page;
   page << in.rdbuf();
@@ -892,7 +892,7 @@ TEST_CASE("a PID device's profile gives its ways in metres and its forces in new
     CHECK_THAT(trouble(json), Contains("arm.json") && Contains(bad.says));
     if (bad.schema) CHECK_FALSE(schemaAccepts(json));
   }
-  // No force without limits, nor without a rate.
+  // A profile without limits, or without a rate, has no force.
   for (const char* needed : {"limits", "pid"}) {
     Json json = good;
     json.erase(needed);

@@ -1,5 +1,5 @@
-/// Bytes and numbers.
-#include "palpate/devices/hid_report.h"
+/// Converts bytes to numbers and back.
+#include "palpate/devices/hid/hid_report.h"
 
 #include <array>
 #include <bit>
@@ -82,7 +82,7 @@ TEST_CASE("what is put in is read out, and nothing else is touched", "[hid]") {
                              : std::floor(random.uniform(f.least, f.most + 1.0));
     putRaw(report, f, value);
     REQUIRE(rawOf(report, f) == value);
-    // Put back what was there: all as it was.
+    // Another value leaves all other bits unchanged.
     putRaw(report, f, 0.0);
     double changed = 0.0;
     for (std::uint32_t b = 0; b < 64; ++b) {
@@ -116,7 +116,7 @@ TEST_CASE("a counter is followed beyond its ends", "[hid]") {
     const bool with_sign = random.integer(2) == 0;
     if (with_sign && truth > 0.5 * range) truth -= range;
     for (int i = 0; i < 10000; ++i) {
-      // As the device counts: modulo its range, with a sign or without.
+      // The device counts modulo its range, with a sign or without.
       double raw = truth - range * std::floor(truth / range);
       if (with_sign && raw >= 0.5 * range) raw -= range;
       REQUIRE(counter.follow(raw, bits, 0.0) == truth);

@@ -1,5 +1,5 @@
-/// Where tips are: closed forms against finite differences, round trips, edges.
-#include "palpate/devices/kinematics.h"
+/// Checks the positions of tips: closed forms against finite differences, round trips, edges.
+#include "palpate/devices/hid/kinematics.h"
 
 #include <cmath>
 #include <functional>
@@ -127,8 +127,8 @@ TEST_CASE("points of links move as their Jacobians say, and the tip is one of th
 }
 
 TEST_CASE("a force is given back by its torques", "[kinematics]") {
-  // Virtual work, both ways: torques of a force do its work, and the force that those torques make
-  // at the tip, by the Jacobian's transpose solved, is the same.
+  // Virtual work, both ways: the torques of a force do its work. The force that those torques make
+  // at the tip, solved by the Jacobian's transpose, is the same.
   Random random(5);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -149,7 +149,7 @@ TEST_CASE("a force is given back by its torques", "[kinematics]") {
                                                   Eigen::ComputeThinU | Eigen::ComputeThinV);
       if (svd.singularValues().tail(1)[0] < 1e-3) continue;
       const Vec3 back = svd.solve(torques);
-      // What a planar arm cannot push is not there.
+      // A planar arm has no force across its plane.
       const Vec3 wanted = n == 2 ? Vec3(force.x(), force.y(), 0.0) : force;
       REQUIRE((back - wanted).norm() < 1e-9);
     }
@@ -161,13 +161,13 @@ TEST_CASE("known poses", "[kinematics]") {
   const auto woody = makeCapstanArm(0.08, 0.205, 0.245);
   CHECK((woody->at({0, 0, M_PI / 2}).position_D - Vec3(0.245, 0, 0.285)).norm() < 1e-15);
   CHECK((woody->at({M_PI / 2, 0, M_PI / 2}).position_D - Vec3(0, 0.245, 0.285)).norm() < 1e-15);
-  // A delta whose arms are alike is on its axis; arms level: fore^2 = (base - plate + upper)^2 +
-  // z^2.
+  // The tip of a delta with equal arms is on its axis. With arms level: fore^2 = (base - plate +
+  // upper)^2 + z^2.
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.14);
   const Vec3 tip = delta->at({0, 0, 0}).position_D;
   CHECK((tip - Vec3(0, 0, -std::sqrt(0.14 * 0.14 - 0.11 * 0.11))).norm() < 1e-12);
   CHECK(delta->at({0.3, 0.3, 0.3}).position_D.z() < tip.z());
-  // A symmetric pantograph is in its middle.
+  // The tip of a symmetric pantograph is in its middle.
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   const Vec3 middle = panto->at({M_PI / 2 - 0.3, M_PI / 2 + 0.3}).position_D;
   CHECK(middle.x() == Approx(-0.025));
@@ -183,7 +183,7 @@ TEST_CASE("beyond reach and without hold no motor is driven, and every number is
           "[kinematics]") {
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
-  // Elbows farther apart than the rods are long; rods in one line: the tip has no hold.
+  // Elbows farther apart than the rods are long; rods in one line, so that the tip is not held.
   CHECK_FALSE(makeDelta(0.08, 0.03, 0.06, 0.1)->at({0, 0, 0}).reachable);
   CHECK_FALSE(panto->at({0.0, M_PI}).reachable);
   const double along = std::acos((0.1 - 0.025) / 0.08);  // elbows 0.2 apart: rods in one line
@@ -199,7 +199,7 @@ TEST_CASE("beyond reach and without hold no motor is driven, and every number is
       REQUIRE(pose.position_D.allFinite());
       for (std::size_t j = 0; j < model->joints(); ++j) REQUIRE(pose.jacobian[j].allFinite());
       lost += pose.reachable ? 0 : 1;
-      // Held ones never ask for torques without bound: 1 N at most at a lever of 12 m.
+      // Reachable poses never need torques without bound: 1 N at most at a lever of 12 m.
       for (std::size_t j = 0; j < model->joints(); ++j) {
         REQUIRE(std::abs(Kinematics::torque(pose, j, Vec3::UnitX())) < 12.0);
       }

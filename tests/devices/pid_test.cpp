@@ -1,5 +1,5 @@
-/// Arms of USB's PID class that are made of memory: how they are found out, driven, lost and let go
-/// of, and what their firmware does otherwise.
+/// Simulated arms of USB's PID class: how they are detected, driven, lost and released, and how
+/// their firmware may differ.
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -13,8 +13,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/pid_device.h"
-#include "palpate/devices/stability.h"
+#include "palpate/devices/hid/pid_device.h"
+#include "palpate/devices/simulated/stability.h"
 #include "palpate/engine/error.h"
 #include "tests/fuzz/pid_entry.h"
 #include "tests/support/counters.h"
@@ -29,7 +29,7 @@ using test::PidShape;
 
 namespace {
 
-/// The clock of devices and of what drives them: it stands still until a test lets time pass.
+/// The clock of devices and of their drivers. The clock stands still until a test lets time pass.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -41,7 +41,7 @@ void pass(double time) {
   virtual_now += std::llround(1e9 * time);
 }
 
-/// A device on its wire.
+/// A device with its link to the driver.
 class Wire {
  public:
   explicit Wire(PidShape shape = {}) : model(shape), raw(static_cast<std::size_t>(shape.axes)) {}
@@ -64,38 +64,38 @@ class Wire {
 
   std::mutex mutex;
   PidModel model;
-  std::vector<int> raw;  ///< Where it is.
+  std::vector<int> raw;  ///< Its position.
   std::uint32_t buttons = 0;
   std::deque<std::vector<std::byte>> waits;
-  std::vector<std::byte> fixed;  ///< Said instead of `raw`; takes no memory.
-  double takes = 0.0;            ///< What a write takes [s].
-  double strongest = 0.0;        ///< What its motors have given at most.
-  double together = 0.0;         ///< And all of them in sum.
+  std::vector<std::byte> fixed;  ///< Sent instead of `raw`; takes no memory.
+  double takes = 0.0;            ///< Duration of a write [s].
+  double strongest = 0.0;        ///< Largest force of a motor so far.
+  double together = 0.0;         ///< Largest sum of all motors' forces.
   bool there = true;
 };
 
 class WirePort final : public ReportPort {
  public:
   explicit WirePort(Wire& wire) : wire_(wire) {}
-  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+  [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
     const std::lock_guard lock(wire_.mutex);
-    if (!wire_.there) return Got::kGone;
+    if (!wire_.there) return ReadStatus::kGone;
     std::vector<std::byte> report;
     if (!wire_.waits.empty()) {
       report = wire_.waits.front();
       wire_.waits.pop_front();
     } else if (!(asked_ = !asked_)) {
-      return Got::kNothing;
+      return ReadStatus::kNothing;
     } else if (!wire_.fixed.empty()) {
       size = wire_.fixed.size();
       std::copy_n(wire_.fixed.begin(), size, to.begin());
-      return Got::kReport;
+      return ReadStatus::kReport;
     } else {
       report = wire_.model.input(wire_.raw, wire_.buttons);
     }
     size = std::min(report.size(), to.size());
     std::copy_n(report.begin(), size, to.begin());
-    return Got::kReport;
+    return ReadStatus::kReport;
   }
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
     return take(report);
@@ -127,10 +127,10 @@ class WirePort final : public ReportPort {
     return true;
   }
   Wire& wire_;
-  bool asked_ = false;  ///< Every other look finds one.
+  bool asked_ = false;  ///< Every second read finds a report.
 };
 
-/// 0.2 m and 8 N an axis; y goes and pushes the other way.
+/// Returns a profile of 0.2 m and 8 N an axis; y moves and pushes the other way.
 HidProfile stick(int axes) {
   HidProfile profile;
   profile.name = "stick";
@@ -143,7 +143,7 @@ HidProfile stick(int axes) {
   }
   profile.kinematics = makeSlides(directions);
   profile.output.emplace();
-  profile.output_rate = 1e9;  // no test in virtual time waits for
+  profile.output_rate = 1e9;  // so high that tests in virtual time never wait for it
   profile.limits = {5.0, 2000.0, 1000.0, 5.0, 0.1, 0.05, 3.0, 0.0, 0.0};
   return profile;
 }
@@ -166,7 +166,7 @@ void await(What what) {
   }
 }
 
-/// Sends a force: it has gone out when this returns.
+/// Sends a force. The force has gone out when this returns.
 void send(PidDevice& device, const Vec3& force) {
   const std::int64_t before = device.traffic().writes;
   device.write(force);
@@ -229,7 +229,7 @@ TEST_CASE("a PID device of either kind and one to three axes is read, driven and
     send(*device, force);
     for (int a = 0; a < shape.axes; ++a) {
       CAPTURE(a);
-      // A direction of 8 bits turns a quarter into another by 0.3 degrees.
+      // A direction of 8 bits turns one quarter into another by 0.3 degrees.
       CHECK(wire.share(a) * (a == 1 ? -8.0 : 8.0) == Approx(force[a]).margin(0.02));
     }
     send(*device, Vec3::Zero());
@@ -295,11 +295,11 @@ TEST_CASE("an untested PID device has a tenth of its gain, and moves nothing whe
   CHECK(device->info().limits.peak == kUntestedForce);
   CHECK(device->info().max_stiffness <= kUntestedStiffness);
   CHECK_THAT(device->info().source, Contains("a tenth of what it is asked for"));
-  // What is asked for is what firmware gives that takes no notice of its gain.
+  // Even firmware that ignores its gain gives at most the requested force.
   send(*device, {0.5, 0.0, 0.0});
   CHECK(8.0 * wire.share(0) == Approx(0.5 * wire.model.gainShare()).epsilon(0.03));
   CHECK(8.0 * wire.share(0) / wire.model.gainShare() <= 0.5);
-  // While it is tested it gives what it is asked for.
+  // During the self-test the device gives the requested force.
   HidHost host;
   host.tests = true;
   Wire other(shape);
@@ -316,7 +316,7 @@ TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]"
     shape.load_status = 2;
     Wire wire(shape);
     CHECK_THAT(refusal(wire), Contains("arm stick: it has no memory left for an effect: "));
-    // What it was told is undone.
+    // Earlier commands are undone.
     CHECK_FALSE(wire.model.active());
   }
   {
@@ -343,12 +343,12 @@ TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]"
     CHECK_THAT(refusal(wire), Contains("it does not answer where the effect is"));
   }
   {
-    shape.load_refused = 5;  // one that takes its time is waited for
+    shape.load_refused = 5;  // a slow device is waited for
     Wire wire(shape);
     CHECK(refusal(wire) == "none");
   }
   {
-    // What is still of the effect before is no other one's: a force goes along its own axis.
+    // Status reports of the effect before are ignored: a force goes along its own axis.
     PidShape late = shape;
     late.load_refused = 0;
     late.load_stale = 3;
@@ -363,7 +363,7 @@ TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]"
     Wire wire(shape);
     CHECK_THAT(refusal(wire), Contains("it plays at most 1 effects at once, and an axis needs one: "
                                        "leave axes out"));
-    shape.at_once = 0;  // not known
+    shape.at_once = 0;  // unknown
     Wire other(shape);
     CHECK(refusal(other) == "none");
   }
@@ -382,19 +382,19 @@ TEST_CASE("an effect ends by itself, is renewed in time, and never lasts for eve
     CHECK(raw < (1 << shape.duration_bits) - 1);
     CHECK(raw == (shape.duration_bits == 8 ? 254 : 500));
   }
-  // Two minutes and more, a force all the time.
+  // More than two minutes, with a force all the time.
   const Vec3 force(2.0, 1.0, 0.0);
   for (int i = 0; i < 6500; ++i) {
     send(*device, force);
     REQUIRE(wire.share(0) > 0.2);
     pass(0.02);
   }
-  // Renewed four times a duration, not at every force.
+  // An effect is renewed four times a duration, not at every force.
   const double times =
       wire.model.starts() / 2.0 / (130.0 / (shape.duration_bits == 8 ? 0.254 : 0.5));
   CHECK(times > 3.0);
   CHECK(times < 4.6);
-  // Nobody writes.
+  // The program stops writing.
   pass(0.51);
   CHECK(wire.share(0) == 0.0);
   CHECK(wire.playing() == 0);
@@ -432,7 +432,7 @@ TEST_CASE("only magnitudes that change are sent", "[hid][pid]") {
   CHECK(sent({1.0, 2.0, 0.0}) == 1);
   CHECK(sent({0.5, 2.0, 0.0}) == 1);
   CHECK(sent({0.0, 0.0, 0.0}) == 2);
-  CHECK(sent({0.0, 0.0, 5.0}) == 0);  // it has no z
+  CHECK(sent({0.0, 0.0, 5.0}) == 0);  // the arm has no z
   CHECK(wire.share(0) == 0.0);
   CHECK(sent({NAN, 0.0, 0.0}) == 0);
 }
@@ -458,10 +458,10 @@ TEST_CASE("what a PID device says of its state cuts the force", "[hid][pid]") {
     return device->read();
   };
   (void)device->read();
-  // What it has never said means nothing.
+  // States that the device never reported have no meaning.
   CHECK(says(true, false, false).fault == Fault::kNone);
   CHECK(device->read().ready);
-  // Power comes: a force would begin at once. It comes in as at the beginning.
+  // Power returns: a force would begin at once. The force comes in as at the beginning.
   const HandState powered = says(true, true, false);
   CHECK(powered.fault == Fault::kNone);
   CHECK_FALSE(powered.ready);
@@ -493,7 +493,7 @@ TEST_CASE("actuators that a guardian has stopped come back with no force", "[hid
   CHECK(wire.share(0) == 0.0);
   wire.say(wire.model.state());
   CHECK(device->read().fault == Fault::kPower);
-  // As long as a force is written nothing is switched on.
+  // While a force is written, nothing is switched on.
   pass(2.0);
   send(*device, {2.0, 0.0, 0.0});
   CHECK_FALSE(wire.model.active());
@@ -519,7 +519,7 @@ TEST_CASE("one report stops either kind", "[hid][pid]") {
   wire.model.output(zero.bytes, seconds());
   CHECK(wire.share(0) == 0.0);
   CHECK(wire.share(1) == 0.0);
-  CHECK(wire.model.active());  // it is not switched off
+  CHECK(wire.model.active());  // still switched on
 }
 
 TEST_CASE("how stiff a PID device may be follows from how long its reports take", "[hid][pid]") {
@@ -533,7 +533,7 @@ TEST_CASE("how stiff a PID device may be follows from how long its reports take"
     ArmParams arm;
     arm.viscous = PidDevice::kLikelyViscous;
     arm.delay = 0.011;
-    // Of the friction a half is the coupling's damping.
+    // Half of the friction is the coupling's damping.
     CHECK(device->info().max_damping == Approx(0.5 * arm.viscous));
     CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 100.0, 0.5 * arm.viscous)));
     CHECK(device->info().max_stiffness < 20.0);
@@ -542,9 +542,9 @@ TEST_CASE("how stiff a PID device may be follows from how long its reports take"
                Contains("by 100 forces a second, 11 ms late") && Contains("which is a guess"));
   }
   wire.takes = 0.0;
-  // What the profile says, where reports take less.
+  // The profile's rate, if reports take less time.
   CHECK(open(wire, true, {}, 500.0)->info().output_rate == 500.0);
-  // As it was measured.
+  // With measured values.
   HidHost host;
   host.measured = {2.0, 0.1, 0.003, 0.001, 0.2};
   const auto device = open(wire, true, host, 500.0);
@@ -591,7 +591,7 @@ TEST_CASE("buttons of a PID device are told", "[hid][pid]") {
   CHECK(device->info().handle.buttons.size() == 32);
   (void)device->read();
   wire.buttons = 0x80000005U;
-  wire.say(wire.model.state());  // another report says nothing of them
+  wire.say(wire.model.state());  // another report does not contain them
   CHECK(device->read().handle.buttons == 0x80000005U);
   wire.buttons = 0;
   CHECK(device->read().handle.buttons == 0);
@@ -613,7 +613,7 @@ TEST_CASE("a descriptor that can do no constant force is refused, and told what 
           "[hid][pid]") {
   const PidModel model(PidShape{});
   CHECK(mapOf(model).buttons.size() == 32);
-  // The usage that says what a report is for is made another.
+  // Replaces the usage that defines the purpose of a report.
   const auto without = [&](int usage, int instead) {
     std::vector<std::byte> bytes = model.descriptor();
     for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
@@ -641,7 +641,7 @@ TEST_CASE("a descriptor that can do no constant force is refused, and told what 
         "this axis");
   CHECK(without(0x99, 0x01) == "none");
 
-  // A magnitude from 0 on only pulls.
+  // A magnitude from 0 up could only pull.
   std::vector<std::byte> bytes = model.descriptor();
   for (std::size_t i = 0; i + 4 < bytes.size(); ++i) {
     if (bytes[i] != std::byte{0x70} || bytes[i + 1] != std::byte{0x16}) continue;

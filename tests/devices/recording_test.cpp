@@ -1,6 +1,6 @@
-/// Recordings: what is written is read, what is torn off is left out, and what was felt is felt
-/// again to the last bit.
-#include "palpate/devices/recording.h"
+/// Recordings: written data are read back, a torn end is left out, and a replay gives the same
+/// force to the last bit.
+#include "palpate/devices/recording/recording.h"
 
 #include <algorithm>
 #include <array>
@@ -27,11 +27,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/crc32c.h"
-#include "palpate/devices/recorder.h"
-#include "palpate/devices/replay_device.h"
+#include "palpate/devices/recording/crc32c.h"
+#include "palpate/devices/recording/recorder.h"
+#include "palpate/devices/recording/replay_device.h"
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -47,7 +47,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A place of its own, which goes with it.
+/// A folder of this test, removed with the object.
 struct Folder {
   fs::path path = fs::temp_directory_path() / ("palpate-recording-" + std::to_string(::getpid()));
   Folder() { fs::create_directories(path); }
@@ -55,7 +55,7 @@ struct Folder {
   [[nodiscard]] fs::path file(const char* name) const { return path / name; }
 };
 
-/// A tick whose every number is another one.
+/// Returns a tick in which every number is different.
 Telemetry anyTick(std::int64_t number, Random& random) {
   RecordedTick tick{};
   const auto bits = [&] { return static_cast<std::uint8_t>(random.integer(2)); };
@@ -198,7 +198,7 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
   };
   CHECK(ticksOf(whole) == 9);
   CHECK(Recording(file).incomplete().empty());
-  // Wherever it ends.
+  // At any end of the file.
   for (std::size_t end = header; end <= whole.size(); end += 7) {
     const auto chunks = std::count_if(ends.begin(), ends.end(), [&](auto e) { return e <= end; });
     CAPTURE(end);
@@ -207,7 +207,7 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
   put(file, whole.substr(0, whole.size() - 1));
   CHECK(Recording(file).torn() == ends[3] - ends[2] - 1);
   CHECK(Recording(file).damaged() == 0);
-  // Whichever bit is wrong: one chunk is lost, and those behind it are there.
+  // With any bit wrong: one chunk is lost, and the chunks behind it are read.
   for (long i = 0; i < test::cases(400); ++i) {
     std::string damaged = whole;
     const auto at =
@@ -222,25 +222,25 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
     REQUIRE(recording.size() == (chunk == 0 ? 9 : 6));
     REQUIRE(recording.scenes().size() == (chunk == 0 ? 0 : 1));
     REQUIRE(recording.damaged() + recording.torn() == bytes);
-    // The last one's length may be what is wrong.
+    // The error may be in the length of the last chunk.
     if (chunk < 3) REQUIRE(recording.torn() == 0);
     REQUIRE(recording.lost() == (chunk == 2 ? 3 : 0));
     REQUIRE(recording.tick(0).tick == (chunk == 1 ? 4 : 1));
     if (chunk == 2)
       CHECK_THAT(recording.incomplete(), Contains("are damaged and left out; 3 ticks"));
   }
-  // Chunks that were felt already, or come before, are none.
+  // Chunks that repeat, or precede, ticks already read are ignored.
   const auto chunk = [&](std::size_t i) { return whole.substr(ends[i], ends[i + 1] - ends[i]); };
   CHECK(ticksOf(whole + chunk(1)) == 9);
   CHECK(Recording(file).damaged() == ends[2] - ends[1]);
   CHECK(ticksOf(whole.substr(0, ends[0]) + chunk(1) + chunk(0) + chunk(2)) == 6);
   CHECK(Recording(file).lost() == 0);
-  // A file of nothing but marks, each of which might be one, ends soon.
+  // The search in a file full of marks, each of which might begin a chunk, ends soon.
   const std::size_t record = sizeof(RecordedTick);
   std::string marks;
   for (std::uint64_t left = 8000; left-- > 0;) {
     std::string mark = chunk(0).substr(0, record);
-    std::memcpy(mark.data() + 24, &left, sizeof left);  // how many records follow
+    std::memcpy(mark.data() + 24, &left, sizeof left);  // number of records that follow
     marks += mark;
   }
   CHECK(ticksOf(whole.substr(0, header) + marks) == 0);
@@ -248,7 +248,7 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
     CAPTURE(end);
     REQUIRE_THROWS_AS(ticksOf(whole.substr(0, end)), Error);
   }
-  // Cutting the file after it was read changes nothing.
+  // Cutting the file after it was read has no effect.
   put(file, whole);
   const Recording before(file);
   std::filesystem::resize_file(file, 0);
@@ -259,7 +259,7 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
   std::string other = whole;
   other.replace(other.find("[\"time\""), 7, "[\"tame\"");
   CHECK_THROWS_WITH(ticksOf(other), Contains("another version"));
-  // Headers that nobody wrote.
+  // Invalid headers.
   const auto header_with = [&](const std::string& from, const std::string& to) {
     std::string bad = whole;
     bad.replace(bad.find(from), from.size(), to);
@@ -279,12 +279,12 @@ TEST_CASE("a disk that is full ends the recording, and what was written is whole
   const fs::path file = folder.file("full.rec");
   CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
   CHECK_THROWS_WITH(Recorder(folder.path / "no" / "a.rec", setting()), Contains("No such file"));
-  // One that never begins leaves what is there.
+  // A recorder that never begins leaves the old file.
   put(file, "what was there");
   { const Recorder never(file, setting()); }
   CHECK(fs::file_size(file) == 14);
   CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
-  // As a full disk: no file may be longer than this.
+  // Simulates a full disk: no file may be longer than this.
   struct rlimit before {};
   REQUIRE(::getrlimit(RLIMIT_FSIZE, &before) == 0);
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);
@@ -299,7 +299,7 @@ TEST_CASE("a disk that is full ends the recording, and what was written is whole
     const auto header = fs::file_size(file);
     for (std::int64_t i = 1; i <= 20000; ++i) {
       recorder.take(anyTick(i, random));
-      // Some of them are written before it is full.
+      // Some of the ticks are written before the disk is full.
       while (i == 50 && fs::file_size(file) == header) std::this_thread::yield();
       if (!recorder.trouble().empty()) break;
     }
@@ -330,7 +330,7 @@ TEST_CASE("a tick is kept without memory, locks or waiting", "[record][realtime]
 
 namespace {
 
-/// A hand with everything that can happen to one.
+/// A hand with every fault that can occur.
 class TroubledDevice final : public Device {
  public:
   explicit TroubledDevice(std::uint64_t seed) : random_(seed) {
@@ -374,7 +374,7 @@ class TroubledDevice final : public Device {
   double given_ = 1.0;
 };
 
-/// Keeps all of it in memory.
+/// Keeps all ticks in memory.
 struct Kept final : TickSink {
   std::vector<RecordedTick> ticks;
   explicit Kept(std::size_t room) { ticks.reserve(room); }
@@ -387,20 +387,20 @@ struct Kept final : TickSink {
 
 namespace {
 
-/// Ticks of such a hand in scenes that change, and these scenes.
+/// The ticks of a troubled hand in scenes that change, and these scenes.
 struct Troubles {
   DeviceInfo device;
   std::vector<RecordedTick> ticks;
   std::vector<std::shared_ptr<const Scene>> scenes;
 
-  /// `around`: done to the thread's arithmetic before each tick, and taken back after it.
+  /// `around`: changes the thread's arithmetic before each tick, and restores it after the tick.
   explicit Troubles(std::size_t count, const std::function<void(bool)>& around = {}) {
     Random random(95);
     TroubledDevice hand(96);
     device = hand.info();
     Kept kept(count);
     HapticLoop loop(hand, 1000.0, &kept);
-    // Scenes that differ in numbers, in shape, and none at all at first.
+    // Scenes that differ in numbers and in shape; at first no scene.
     for (int i = 0; i < 6; ++i) {
       GraphSpec spec = ballSpec(0.5 + i);
       spec.modes[0].friction = 0.1 * i;
@@ -427,7 +427,7 @@ struct Troubles {
     ticks = std::move(kept.ticks);
   }
 
-  /// The first tick that is another one when they are felt again; 0: none is.
+  /// Returns the first tick that differs when the ticks are replayed; 0 if all are equal.
   [[nodiscard]] std::int64_t firstOther() const {
     std::map<std::uint64_t, const Scene*> by_id{{0, nullptr}};
     for (const auto& scene : scenes) by_id[scene->id] = scene.get();
@@ -452,7 +452,7 @@ TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[r
   REQUIRE(troubles.ticks.size() == count);
   CHECK(troubles.firstOther() == 0);
   if (count < 200000) return;
-  // There was something to be the same.
+  // The run did contain faults and forces.
   std::array<std::int64_t, kFaults> faults{};
   double felt = 0.0;
   for (const RecordedTick& tick : troubles.ticks) {
@@ -472,9 +472,9 @@ TEST_CASE("whatever arithmetic a host has set, the bits are the same and nothing
           "[record][replay]") {
   const Troubles troubles(20000);
   const unsigned before = _mm_getcsr();
-  constexpr unsigned kFlush = 0x8040;    // denormals are zeros
+  constexpr unsigned kFlush = 0x8040;    // denormals are zero
   constexpr unsigned kUpwards = 0x4000;  // rounding
-  constexpr unsigned kMasks = 0x0E80;    // of invalid, zero divide, overflow and underflow
+  constexpr unsigned kMasks = 0x0E80;    // for invalid, zero divide, overflow and underflow
   for (const unsigned host : {before | kFlush, before | kUpwards, before & ~kMasks}) {
     CAPTURE(host);
     _mm_setcsr(host);
@@ -482,14 +482,14 @@ TEST_CASE("whatever arithmetic a host has set, the bits are the same and nothing
     const unsigned after = _mm_getcsr();
     _mm_setcsr(before);
     CHECK(other == 0);
-    // Its own is left to it.
+    // The host's own mode is restored.
     CHECK((after & ~0x3FU) == (host & ~0x3FU));
-    // So are a loop's, whose watch looks at what the device gives.
+    // The ticks of a loop are the same too; its watch reads the device's values.
     const Troubles again(troubles.ticks.size(), [&](bool set) { _mm_setcsr(set ? host : before); });
     for (std::size_t i = 0; i < again.ticks.size(); ++i) {
       RecordedTick tick = again.ticks[i];
       tick.tick_ns = troubles.ticks[i].tick_ns;
-      tick.scene = troubles.ticks[i].scene;  // ids are of their own
+      tick.scene = troubles.ticks[i].scene;  // each run has its own ids
       REQUIRE(same(tick, troubles.ticks[i]));
     }
   }

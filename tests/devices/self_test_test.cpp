@@ -1,5 +1,5 @@
-/// The self-test on arms made of numbers, good ones and wrong ones.
-#include "palpate/devices/self_test.h"
+/// The self-test on simulated arms, good ones and faulty ones.
+#include "palpate/devices/arm/self_test.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +9,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/limit_force.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/safety/limit_force.h"
 #include "tests/support/random.h"
 
 namespace palpate::self_test_test {
@@ -27,7 +27,7 @@ struct Run {
   bool ended = false;
 };
 
-/// As the program does it: the gate between.
+/// Runs as the program does, with the gate in between.
 Run tried(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
           const std::function<Vec3(const Vec3&)>& wires = nullptr,
           const Vec3& gravity = Vec3::Zero(), const SelfTestParams& params = {}) {
@@ -59,7 +59,7 @@ ArmParams arm(double mass, double viscous, double coulomb) {
   return params;
 }
 
-/// Among the problems, in its words.
+/// Checks that the problems contain these words.
 void expectWords(const Run& run, const std::string& words) {
   CAPTURE(words);
   std::string all;
@@ -115,7 +115,7 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
   says(heavy, "let go of, it goes to (0, 0, -1) by itself, pushed by 0.399 N");
   CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
   CHECK(heavy.result.held);
-  // What to do about it is said of what falls; what rises is carried too much.
+  // The remedy is for an arm that falls. An arm that rises carries too much.
   for (const double up : {-1.0, 1.0}) {
     SelfTestParams params;
     params.down = Vec3(0, 0, -1);
@@ -129,7 +129,7 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
 
 TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
-  // Motors ten times as strong; one of six times; a force turned by 35 degrees.
+  // Motors ten times as strong; one motor six times; a force turned by 35 degrees.
   expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
   expectWords(tried(good, {0, 0},
                     [](const Vec3& f) {
@@ -141,8 +141,8 @@ TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
   CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
-  // A sign wrong on an axis that another one's force pulls along: nothing drives it before it is
-  // known.
+  // A wrong sign on an axis that the force of another axis pulls along. No motor drives the axis
+  // before its sign is known.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y it went the other way");
@@ -152,7 +152,7 @@ TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
 TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]") {
   test::Random random(7);
   const long arms = test::cases(60);
-  std::vector<double> off;  // viscous, of its own
+  std::vector<double> off;  // viscous, relative error
   double farthest = 0.0;    // of a delay, with steps below 20 um
   long told = 0;
   for (long i = 0; i < arms; ++i) {
@@ -160,7 +160,7 @@ TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]"
                         random.logUniform(0.01, 0.25));
     any.encoder = random.logUniform(2e-6, 6e-5);
     any.delay = random.uniform(0.0, 6e-3);
-    // What it is to a fit.
+    // A fit sees the lag as a delay.
     if (random.uniform(0.0, 1.0) < 0.3) any.lag = random.logUniform(1e-4, 1e-3);
     const double late = any.delay + any.lag;
     CAPTURE(any.mass, any.viscous, any.coulomb, any.encoder, any.delay, any.lag);
@@ -174,7 +174,7 @@ TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]"
       most = std::max(most, axis.delay + 3.0 * axis.delay_error + 0.5e-3);
       if (any.encoder < 2e-5) farthest = std::max(farthest, std::abs(axis.delay - late));
       off.push_back(std::abs(axis.viscous / any.viscous - 1.0));
-      // As far as they are relied on.
+      // As far as the loop relies on them.
       CHECK(0.25 * axis.viscous < any.viscous);
       CHECK(0.5 * axis.coulomb < any.coulomb);
     }
@@ -209,7 +209,7 @@ TEST_CASE("a scale that only a ruler finds is said, of any one axis", "[hid]") {
   };
   CHECK(trouble({0.1, 0, 0}).empty());
   CHECK(trouble({0.093, 0, 0}).empty());
-  // A hand does not go quite along it.
+  // A hand does not move exactly along the axis.
   CHECK(trouble({0.095, 0.03, -0.02}).empty());
   CHECK_THAT(trouble({1.0, 0, 0}), Contains("to +x by 1 by the ruler is 10 by the arm"));
   for (const double scale : {0.25, 0.67, 1.5, 4.0, 0.0, std::nan("")}) {
@@ -228,7 +228,7 @@ TEST_CASE("an arm that pushes in a plane is tested there", "[hid]") {
     const Vec3 across(0, -std::sin(lean), std::cos(lean));
     const Mat3 plane = Mat3::Identity() - across * across.transpose();
     const auto motors = [&](const Vec3& f) { return Vec3(plane * f); };
-    // Who does not know it takes it for a motor that is off.
+    // Without knowledge of the plane the test takes the arm for one with a faulty motor.
     CHECK_FALSE(tried(good, {0, 0}, motors).result.problems.empty());
     SelfTestParams params;
     params.axes = axesWithin(plane);
@@ -243,14 +243,14 @@ TEST_CASE("an arm that pushes in a plane is tested there", "[hid]") {
       CHECK(run.result.axes[a].viscous == Approx(0.5).margin(0.05));
       CHECK(run.result.axes[a].coulomb == Approx(0.05).margin(0.01));
     }
-    // Within the plane it is judged as ever.
+    // Within the plane the test judges as usual.
     const Run turned = tried(
         good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
         Vec3::Zero(), params);
     expectWords(turned, "pushed to +y" + std::string(lean > 0.0 ? " (0, 0.878, 0.479)" : "") +
                             " it went the other way");
   }
-  // One way only.
+  // One axis only.
   SelfTestParams params;
   params.axes = axesWithin(Vec3::UnitY() * Vec3::UnitY().transpose());
   const Run run = tried(

@@ -1,5 +1,5 @@
-/// palpate in somebody else's servo loop.
-#include "palpate/devices/servo.h"
+/// palpate in a servo loop of another program.
+#include "palpate/devices/arm/servo.h"
 
 #include <cmath>
 #include <limits>
@@ -7,7 +7,7 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 
 namespace palpate::servo_test {
@@ -19,7 +19,7 @@ constexpr double kDt = 1e-3;
 DeviceInfo arm() {
   DeviceInfo info;
   info.name = "arm";
-  info.watch.late = 1.0;  // whatever else the machine does meanwhile
+  info.watch.late = 1.0;  // independent of the machine's other load
   return info;
 }
 
@@ -34,8 +34,8 @@ std::shared_ptr<const Scene> ball() {
   return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
 }
 
-/// Comes down to 2 mm below the surface and stays there as a hand does, never quite still; the last
-/// force.
+/// Comes down to 2 mm below the surface and stays there like a hand, never quite still. Returns the
+/// last force.
 Vec3 press(Servo& servo, int ticks = 2000) {
   Vec3 force = Vec3::Zero();
   for (int i = 0; i < ticks; ++i) {
@@ -68,7 +68,7 @@ TEST_CASE("a servo's force engages slowly, also behind a fault", "[servo]") {
   CHECK(servo.tick(hand, kDt) == Vec3::Zero());
   CHECK(servo.latest().fault == Fault::kStopped);
   servo.clear();
-  // Anew from outside: what the peak would be after so long.
+  // The hand enters again from outside. The bound is the peak's share of the engagement so far.
   const double peak = arm().limits.peak;
   double strongest = 0.0;
   for (int i = 0; i < 400; ++i) {
@@ -122,7 +122,7 @@ TEST_CASE("a driver that stopped to read its arm loses the servo's force", "[ser
     for (int i = 0; i < 700; ++i) force = servo.tick(same, kDt);
     CHECK(force.z() == Approx(hand_on_it ? 0.0 : 1.0).margin(1e-6));
     CHECK(servo.latest().fault == Fault::kNone);
-    for (int i = 0; i < 700; ++i) {  // it lives: the force comes back
+    for (int i = 0; i < 700; ++i) {  // the position moves: the force comes back
       same.position.x() = 1e-9 * (i % 2);
       force = servo.tick(same, kDt);
     }
@@ -138,7 +138,7 @@ TEST_CASE("an arm that says that it stands still loses the servo's force", "[ser
     HandState hand;
     Vec3 force;
     for (int i = 0; i < 1100; ++i) {
-      // One that says nothing, and stands.
+      // If the hand does not report stillness (NaN), it stands still.
       hand.position = {std::isnan(still) ? 0.0 : 1e-9 * (i % 2), 0.0, 0.038};
       hand.still = still;
       force = servo.tick(hand, kDt);
@@ -174,7 +174,7 @@ TEST_CASE("a servo's time that is none lets no force grow", "[servo]") {
     HandState deeper;
     deeper.position = {0.0, 0.0, 0.0375};
     CHECK(servo.tick(deeper, dt).norm() <= before * (1.0 + 1e-12));
-    // And it is over with that tick.
+    // The fault ends with that tick.
     servo.clear();
     (void)press(servo);
     CHECK(servo.latest().fault == Fault::kNone);

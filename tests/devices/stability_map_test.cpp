@@ -1,5 +1,5 @@
-/// Maps of couplings: the engine follows the wall's formula, others do not.
-#include "palpate/devices/stability_map.h"
+/// Maps of couplings: the engine follows the wall's formula, other methods do not.
+#include "palpate/devices/simulated/stability_map.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/stability.h"
+#include "palpate/devices/simulated/stability.h"
 #include "tests/support/scenes.h"
 
 namespace palpate::stability_map_test {
@@ -51,7 +51,7 @@ TEST_CASE("the engine rests where one wall's formula says so, on a wall and betw
     CHECK(map.tried < kSize * kSize / 2);
     const auto n = static_cast<std::size_t>(kSize);
     for (std::size_t row = 0; row < n; ++row) {
-      // As damping grows it acts on what the encoder reads: the formula knows no encoder.
+      // At high damping the encoder matters, which the formula does not contain.
       if (map.damping[row] > 5.0) continue;
       const double stable =
           stableStiffness(setting.arm, setting.grip, setting.rate, map.damping[row]);
@@ -60,7 +60,7 @@ TEST_CASE("the engine rests where one wall's formula says so, on a wall and betw
         CAPTURE(map.stiffness[column], map.damping[row], stable, cell.swing);
         if (map.stiffness[column] < 0.8 * stable) CHECK(cell.outcome == MapOutcome::kRests);
         if (map.stiffness[column] > 1.25 * stable) CHECK(cell.outcome != MapOutcome::kRests);
-        // No energy where no hand at all could get any.
+        // No energy comes out where no hand could get any.
         const double passive = passiveStiffness(setting.arm, setting.rate, map.damping[row]);
         if (map.stiffness[column] < passive) CHECK_FALSE(cell.active);
       }
@@ -77,15 +77,15 @@ TEST_CASE("where other methods fail a hand is shaken", "[stability]") {
     const MapFeel feel = named(methods, name).make(stiffness, damping, 1.0 / setting.rate);
     return tryCoupling(setting, trough, feel).outcome == MapOutcome::kRests;
   };
-  // No proxy: the force jumps at the wall, whatever the coupling.
+  // Without a proxy the force jumps at the wall for any coupling.
   for (const double stiffness : {50.0, 200.0, 1000.0, 3000.0}) {
     for (const double damping : {0.0, 0.5, 5.0}) {
       CHECK_FALSE(rests("force function", stiffness, damping));
       CHECK(rests("palpate", stiffness, damping));
     }
   }
-  // An answer that chatters shakes soft couplings, whose damping feels each tick's error; one that
-  // is wrong runs away where it is stiff.
+  // A solver that chatters shakes soft couplings, whose damping reacts to each tick's error. A
+  // solver that is wrong runs away with a stiff coupling.
   struct Shaken {
     const char* method;
     std::vector<double> stiffness;

@@ -1,5 +1,5 @@
-/// The boundaries of stability and passivity, against simulations that know nothing of them.
-#include "palpate/devices/stability.h"
+/// The boundaries of stability and passivity, against simulations that are independent of them.
+#include "palpate/devices/simulated/stability.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 #include "tests/support/thinned.h"
@@ -68,8 +68,8 @@ class Oscillator {
   double xx_, xv_, vx_, vv_, xf_, vf_;
 };
 
-/// Slope of the logarithm of the envelope, by least squares: below 0 the loop comes to rest. By
-/// events in time, no matrix.
+/// Returns the slope of the logarithm of the envelope, by least squares: below 0 the loop comes to
+/// rest. Simulates by events in time, without a matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -170,7 +170,7 @@ TEST_CASE("without hand and delay the boundary is the closed form's", "[stabilit
     const double expected = fast > 0.0 ? std::min(slow, fast) : slow;
     CAPTURE(m, b, period);
     CHECK(stableStiffness(bare(m, b), kReleased, 1.0 / period) == Approx(expected).epsilon(1e-6));
-    // No friction but the coupling's.
+    // Without friction except the coupling's.
     const double beta = random.uniform(0.01, 0.8);
     const double damping = 2.0 * m * beta / period;
     CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping, 0.0) ==
@@ -179,8 +179,8 @@ TEST_CASE("without hand and delay the boundary is the closed form's", "[stabilit
 }
 
 TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[passivity]") {
-  // A motion z^k: what the port's energy is per |x_{k+1} - x_k|^2, the arm moving as is best
-  // between samples (docs/passivity.md, section 1).
+  // A motion z^k: the port's energy per |x_{k+1} - x_k|^2, with the best motion of the arm between
+  // samples (docs/passivity.md, section 1).
   const auto gains = [](double k, double b, double period, int whole, double part,
                         double damping = 0.0, int span = 1) {
     double least = 1e9;
@@ -205,7 +205,8 @@ TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[pa
     CAPTURE(b, period, whole, part, k);
     CHECK_FALSE(gains(k * (1.0 - 1e-4), b, period, whole, part));
     CHECK(gains(k * (1.0 + 1e-4), b, period, whole, part));
-    // Damping takes as much from the arm's, over however many periods its rate is taken.
+    // The coupling's damping subtracts as much from the arm's, for any number of periods of its
+    // rate.
     const double damping = 0.3 * b;
     const double damped = passiveStiffness(arm, 1.0 / period, damping);
     CHECK(damped < k);
@@ -254,7 +255,7 @@ TEST_CASE("an axis with a lagging amplifier moves as its equation says", "[stabi
     const State exact = axisStep(arm, grip, time) * from;
     CHECK((exact - y).cwiseQuotient(State(1e-3, 0.1, 5.0)).norm() < 1e-9);
   }
-  // A simulated device with next to no lag is one with none.
+  // A simulated device with a tiny lag behaves as one without lag.
   const auto swing = [](double lag) {
     ArmParams arm = bare(0.1, 0.5, 1.5e-3);
     arm.lag = lag;
@@ -312,20 +313,20 @@ TEST_CASE("a coupling's room says which rate or friction would make it passive",
 
 namespace {
 
-/// A flat wall below z = 0 that yields to no hand, felt by a coupling of this stiffness.
+/// Returns a flat wall below z = 0 that does not yield, with a coupling of this stiffness.
 std::shared_ptr<const Scene> wallScene(double stiffness) {
   const double radius = 100.0;
   return test::ballScene(makeSphere(Vec3(0, 0, -radius), radius), 50.0, {stiffness, 0.0});
 }
 
 struct Pressed {
-  double early = 0.0;    ///< Swing about the rest, soon after the kick [m],
+  double early = 0.0;    ///< Swing about the rest position soon after the kick [m],
   double later = 0.0;    ///< and a while after that.
-  double force = 0.0;    ///< Mean of what was sent [N].
-  double drained = 0.0;  ///< Share of ticks in which the tank acted, or would have.
+  double force = 0.0;    ///< Mean of the sent force [N].
+  double drained = 0.0;  ///< Share of ticks in which the tank acted, or would have acted.
 };
 
-/// The whole loop: a hand pushes into the wall, gently at first, is kicked at 2 s, and looked at.
+/// Runs the whole loop: a hand pushes into the wall, gently at first, and is kicked at 2 s.
 Pressed press(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
               double load, double kick) {
   const double depth = load / grip.stiffness + load / stiffness;
@@ -395,7 +396,7 @@ TEST_CASE("the tank takes next to nothing from a wall that is passive", "[passiv
     if (!rates.runs()) continue;
     for (const double encoder : {1e-7, 1e-6, 1e-5}) {
       ArmParams arm = bare(0.1, 0.5, 1.0 / rate);
-      arm.coulomb = 0.02;  // without, nothing is sure of what moves by less than a step
+      arm.coulomb = 0.02;  // without it motions below a step are undetermined
       arm.encoder = encoder;
       arm.tank = TankUse::kObserve;
       const double k = 0.95 * passiveStiffness(arm, rate);

@@ -1,5 +1,5 @@
-/// Boxes near a hand: the tree finds what looking at all of them finds.
-#include "palpate/engine/broad_phase.h"
+/// Tests the tree of boxes near a hand: it finds the same boxes as a search through all of them.
+#include "palpate/engine/scene/broad_phase.h"
 
 #include <algorithm>
 #include <cmath>
@@ -22,7 +22,8 @@ Box boxAt(const Vec3& centre, const Vec3& half) {
   return {centre - half, centre + half};
 }
 
-/// Boxes of many sizes in a room of a metre; some are in one place, some have no thickness.
+/// Returns boxes of many sizes in a space of one metre. Some share one place, some have no
+/// thickness.
 std::vector<Box> someBoxes(std::size_t count, Random& random) {
   std::vector<Box> boxes;
   const Vec3 heap = random.inCube(0.5);
@@ -46,7 +47,8 @@ std::vector<std::uint32_t> found(const BroadPhase& tree, const Box& query) {
   return all;
 }
 
-/// Every box that meets is found, and none that is farther than floats are coarse.
+/// Requires that every box that meets the query is found, and no box beyond the resolution of
+/// floats.
 void compare(const BroadPhase& tree, const std::vector<Box>& boxes, const Box& query) {
   const auto all = found(tree, query);
   REQUIRE(std::adjacent_find(all.begin(), all.end()) == all.end());
@@ -69,7 +71,7 @@ TEST_CASE("a tree finds the boxes that looking at all of them finds", "[broad]")
     for (int i = 0; i < 200; ++i) {
       compare(tree, boxes, boxAt(random.inCube(0.6), random.logUniform(1e-6, 0.3) * Vec3::Ones()));
     }
-    // Moved, the tree stays.
+    // The boxes move, the tree keeps its structure.
     for (Box& box : boxes) {
       const Vec3 by = random.inCube(0.2);
       box = {box.lower + by, box.upper + by};
@@ -97,7 +99,7 @@ TEST_CASE("a point on a face meets, and what is empty or not finite meets nothin
   CHECK(found(tree, Box{}).empty());
   CHECK(found(tree, boxAt({nan, 0, 0}, {1, 1, 1})).empty());
   CHECK(found(tree, {Vec3::Constant(-inf), Vec3::Constant(inf)}).empty());
-  // A box that goes away, and comes back.
+  // A box becomes empty, then returns.
   const Box was = boxes[0];
   boxes[0] = Box{};
   tree.refit(boxes);
@@ -119,7 +121,7 @@ TEST_CASE("a hand that stays near asks the tree rarely, and never misses a box",
   std::vector<std::uint32_t> now;
   const CountScope scope;
   for (long i = 0; i < kTicks; ++i) {
-    hand += 2e-4 * random.inCube(1.0) - 1e-3 * hand;  // some 0.1 m/s
+    hand += 2e-4 * random.inCube(1.0) - 1e-3 * hand;  // about 0.1 m/s
     const Box query = boxAt(hand, Vec3::Constant(1e-3));
     const auto all = near.near(tree, query);
     asked += near.asked() ? 1 : 0;
@@ -147,7 +149,7 @@ TEST_CASE("more boxes in one place than are asked for: it says so", "[broad]") {
   near.forget();
   CHECK(near.near(heap, query).size() == 1);
   CHECK(near.complete());
-  // The hand goes on into the crowd.
+  // The hand moves into the crowd.
   CHECK(near.near(heap, boxAt({0.005, 0, 0}, Vec3::Constant(1e-3))).size() == NearBoxes::kMost);
 }
 

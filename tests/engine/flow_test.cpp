@@ -1,4 +1,4 @@
-#include "palpate/engine/flow.h"
+#include "palpate/engine/field/flow.h"
 
 #include <cmath>
 #include <limits>
@@ -19,7 +19,7 @@ struct Reference {
   double lambda2;
 };
 
-/// From the definitions, by Eigen's general solver.
+/// Computes the reference from the definitions, with Eigen's general solver.
 Reference referenceOf(const Mat3& J) {
   const Mat3 S = 0.5 * (J + J.transpose());
   const Mat3 O = 0.5 * (J - J.transpose());
@@ -48,12 +48,12 @@ TEST_CASE("known flows have their Q and lambda2", "[flow]") {
   const Mat3 strain = Vec3(2.0, -1.0, -1.0).asDiagonal();
   CHECK(qCriterion(strain) == Approx(-3.0));
   CHECK(lambda2(strain) == Approx(1.0));
-  // Simple shear: as much rotation as strain.
+  // Simple shear: equal parts of rotation and strain.
   Mat3 shear = Mat3::Zero();
   shear(0, 1) = 5.0;
   CHECK(qCriterion(shear) == 0.0);
   CHECK(std::abs(lambda2(shear)) < 1e-15);
-  // Burgers' vortex at its axis: strain a, rotation w.
+  // Burgers' vortex on its axis: strain a, rotation w.
   Mat3 burgers = Vec3(-0.5, -0.5, 1.0).asDiagonal();
   burgers(0, 1) = -2.0;
   burgers(1, 0) = 2.0;
@@ -67,7 +67,8 @@ TEST_CASE("Q and lambda2 agree with the definitions for any Jacobian", "[flow]")
   double worst_lambda2 = 0.0;
   for (int i = 0; i < 100000; ++i) {
     Mat3 J = randomMatrix(random);
-    // Nearly equal eigenvalues, nearly singular, free of divergence, and of any size.
+    // The Jacobians have nearly equal eigenvalues, are nearly singular, are free of divergence, or
+    // have any size.
     if (i % 5 == 1) J = Mat3::Identity() * random.uniform(-1, 1) + 1e-9 * J;
     if (i % 5 == 2) {
       const Mat3 R = Eigen::AngleAxisd(random.uniform(0, 3), random.direction()).matrix();

@@ -1,12 +1,12 @@
-#include "palpate/engine/friction.h"
+#include "palpate/engine/balance/friction.h"
 
 #include <cmath>
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/fresh_hand.h"
 #include "tests/support/random.h"
@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// One balance with friction, from a cold start.
+/// Solves one balance with friction, from a cold start.
 struct Balance {
   PrimitiveSet set;
   WarmStart warm;
@@ -45,7 +45,7 @@ struct Balance {
   }
 };
 
-/// Some direction across q.
+/// Returns a random direction across q.
 Vec3 across(const Vec3& q, Random& random) {
   return q.cross(random.direction()).normalized();
 }
@@ -61,7 +61,7 @@ TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction
     const double mu = random.uniform(0.05, 1.5);
     const double depth = random.uniform(1e-4, 3e-3);
     CAPTURE(i, q, mu, depth);
-    // The field's plane goes through a corner of space that is no nice number.
+    // The field's plane passes through a random point, which is not a round number.
     const Vec3 corner = random.inCube(0.01);
     ModeSpec wall;
     wall.kind = i % 2 == 0 ? ModeKind::kIsosurface : ModeKind::kSurface;
@@ -100,7 +100,7 @@ TEST_CASE("a plane, its friction and drags where it grips are balanced in closed
     b.restart();
     const Vec3 q = random.direction();
     const Vec3 grip = random.inCube(1e-3);
-    // The plane has moved away from the grip, or it has not.
+    // In some cases the plane has moved away from the grip.
     const double height = i % 4 == 0 ? 0.0 : random.uniform(-2e-4, 2e-4);
     const double strength = random.uniform(0.5, 4.0);
     const double mu = random.uniform(0.0, 1.5);
@@ -123,7 +123,8 @@ TEST_CASE("a plane, its friction and drags where it grips are balanced in closed
     const SolveResult result = b.solve(probe, grip);
     const std::vector<Primitive> items(b.set.items().begin(), b.set.items().end());
     CAPTURE(i, height, mu, test::describe(probe, kStiffness, items));
-    // A plane that might give way to drags is for Newton; one in front of which they hold is not.
+    // Skips planes that might yield to the drags: Newton's method solves those. Drags that hold in
+    // front of the plane do not count.
     const double pressed = q.dot(anchor - probe) * kStiffness - q.dot(push);
     if (std::max(pressed, 0.0) + (height > 0.0 ? 0.0 : drags) > strength) continue;
     REQUIRE(result.status == SolveStatus::kConverged);
@@ -154,7 +155,7 @@ TEST_CASE("a plane, its friction and drags where it grips are balanced in closed
     if (slip.norm() > 1e-9) {
       REQUIRE((friction + mu * load * slip.normalized()).norm() <= 1e-5 * mu * load + kForce);
     }
-    // The drags, on the plane where it is pressed.
+    // The drags, on the plane if the plane is pressed.
     double work = friction.dot(went);
     for (std::size_t j = 0; j < items.size(); ++j) {
       if (items[j].kind != PrimitiveKind::kPoint) continue;
@@ -169,7 +170,7 @@ TEST_CASE("a plane, its friction and drags where it grips are balanced in closed
       }
       work += force.dot(went);
     }
-    REQUIRE(work <= 1e-15);  // They make no energy.
+    REQUIRE(work <= 1e-15);  // Friction and drags add no energy.
 
     const SolveResult plain = solveProxy(probe, kStiffness, items, grip);
     REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
@@ -193,7 +194,8 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
     const double mu = random.uniform(0.1, 1.5);
     const Vec3 way = random.inCube(2e-6);
     Vec3 probe = random.inCube(3e-3);
-    // As a plane read at a proxy's new place on a round surface: micrometres from the old proxy.
+    // The plane lies micrometres from the old proxy, like a plane read at the new proxy on a round
+    // surface.
     const double height = random.uniform(-2e-5, 2e-5);
     const auto offset = [&] {
       b.restart();
@@ -214,7 +216,8 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
 }
 
 TEST_CASE("behind a surface that gives way a drag holds where the proxy is", "[modes][friction]") {
-  // A skin that yields to 0.8 N and a drag under it: in to 3.2 mm, half out and in again.
+  // A skin that yields at 0.8 N has a drag under it. The hand moves in to 3.2 mm, then repeatedly
+  // part of the way out and in again.
   ModeSpec skin;
   skin.kind = ModeKind::kIsosurface;
   skin.of = "body";
@@ -252,7 +255,7 @@ TEST_CASE("behind a surface that gives way a drag holds where the proxy is", "[m
     go(-3.2e-3, 100);
   }
   CHECK(injected < 1e-12);
-  // A hand that rests: so does the proxy.
+  // If the hand rests, the proxy rests.
   for (const double depth : {1.2e-3, 1.7e-3, 2.2e-3, 2.6e-3}) {
     go(-depth, 50);
     go(-depth, 10);
@@ -288,7 +291,7 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
     REQUIRE(result.error_bound <= 1e-6);
     const FrictionLink& link = b.set.links()[0];
     REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-9 * strength);
-    // What the frictions came to be is balanced as everything else, and the bound covers it.
+    // The final friction strengths balance like fixed ones, and the error bound covers them.
     const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
     REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
     if (i % 100 == 0) {
@@ -300,7 +303,7 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
     worst = std::max(worst, result.iterations);
   }
   CAPTURE(worst);
-  CHECK(iterations / cases <= 15);  // 11
+  CHECK(iterations / cases <= 15);  // measured: 11
   CHECK(worst <= 2 * SolverParams{}.max_iterations);
 }
 
@@ -323,7 +326,7 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
     for (const FrictionLink& link : b.set.links()) {
       excess += std::abs(b.strength(link) - link.coefficient * b.load(link));
     }
-    // Met, or said to be not and by how much.
+    // The laws are met, or the error bound reports by how much they are not.
     if (result.status == SolveStatus::kConverged) {
       REQUIRE(excess <= 1e-8);
     } else {
@@ -337,12 +340,12 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
 
 TEST_CASE("rough walls about a point have a balance, and where none is found each holds on",
           "[modes][friction]") {
-  // Two to four walls, and a hand that goes from place to place within them.
+  // The hand moves from place to place within two to four walls.
   Random random(64);
   const long cases = test::cases(3000);
   long limited = 0;
   long stopped = 0;
-  long weaker = 0;  // than it held was the best trial
+  long weaker = 0;  // frictions whose best trial was weaker than the strength they held
   Balance b;
   for (long i = 0; i < cases; ++i) {
     b.restart();
@@ -356,7 +359,7 @@ TEST_CASE("rough walls about a point have a balance, and where none is found eac
       const std::vector<double> held = b.start.held;
       const bool remembered = b.start.count > 0;
       const Vec3 probe = random.inCube(5e-3);
-      // Every other one has too few iterations to find a balance.
+      // Every second solve has too few iterations to find a balance.
       b.params.max_iterations = at % 2 == 0 ? SolverParams{}.max_iterations : 6;
       const SolveResult result = b.solve(probe);
       if (result.status != SolveStatus::kIterationLimit) continue;
@@ -367,7 +370,7 @@ TEST_CASE("rough walls about a point have a balance, and where none is found eac
       }
       REQUIRE(result.error_bound >= excess / kStiffness);
       ++(at % 2 == 0 ? limited : stopped);
-      // The law may be met, and only its bound be wide.
+      // The law may be met while only its bound is wide.
       for (std::size_t l = 0; remembered && excess > 1e-9 && l < links.size(); ++l) {
         const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
         CAPTURE(i, at, l, held[l], most);
@@ -377,14 +380,14 @@ TEST_CASE("rough walls about a point have a balance, and where none is found eac
     }
   }
   CAPTURE(limited, stopped, weaker);
-  CHECK(limited <= cases / 10000);  // of three times as many
+  CHECK(limited <= cases / 10000);  // of three times as many solves
   CHECK(stopped > cases / 10);
   CHECK(weaker > cases / 10);
 }
 
 TEST_CASE("where a balance ends the next one is found", "[modes][friction]") {
-  // A rough wall, a cloud's plane and a drag, of two ticks in which no balance was found: Newton
-  // led back from beyond a fold.
+  // A rough wall, a cloud's plane and a drag, from two ticks in which no balance was found:
+  // Newton's method led back from beyond a fold.
   struct Tick {
     double stiffness;
     Vec3 probe;
@@ -447,8 +450,9 @@ TEST_CASE("where a balance ends the next one is found", "[modes][friction]") {
 }
 
 TEST_CASE("what a balance kept is no balance where it does not last", "[modes][friction]") {
-  // A skin that gives way, a drag under it and bone behind: found with what the last tick had kept,
-  // a place was told as balanced that missed up to 2.5 N without it (33 of 1,000,000 ticks).
+  // A skin that yields, a drag under the skin, and bone behind. With the state kept from the last
+  // tick, a place was once reported as balanced. Without that state, the place missed the balance
+  // by up to 2.5 N (33 of 1,000,000 ticks).
   const auto rough = [](const char* of, double strength, double friction) {
     ModeSpec mode;
     mode.kind = ModeKind::kIsosurface;
@@ -490,8 +494,9 @@ TEST_CASE("what a balance kept is no balance where it does not last", "[modes][f
 }
 
 TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][friction]") {
-  // Two walls with friction, a load that passes from one to the other, a slow push along: with
-  // Coulomb's law unmet the walls must go on to hold. k times the hand's step is 4 mN a tick.
+  // Two walls with friction share a load that passes from one to the other during a slow push along
+  // the groove. If Coulomb's law is not met, the walls must continue to hold. k times the hand's
+  // step is 4 mN a tick.
   for (const double degrees : {30.0, 60.0, 80.0}) {
     for (const double mu : {0.2, 0.8}) {
       CAPTURE(degrees, mu);
@@ -590,7 +595,8 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   Reader reader;
   ProxyState state(ForceLimits{100.0, 1e9});
   (void)hapticStep(*scene, reader, {Vec3(0.0501, 0, 0)}, state, 1e-3);
-  // It sticks where its way met the ball, but for what the ball's curve is worth in a tick.
+  // The proxy sticks where its path met the ball, apart from the effect of the ball's curvature in
+  // one tick.
   const double met = 0.0009 * 0.1 / 2.1;
   StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
   CHECK(first.proxy.y() == Approx(met).epsilon(0.01));
@@ -631,7 +637,8 @@ TEST_CASE("kinks that meet share a load, and what nothing presses on carries not
     const double drag = random.uniform(0.2, 0.5);
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), q, wall}));
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), drag}));
-    // Along the wall the drag has it all; into it each has as much as it is strong.
+    // Along the wall the drag carries the whole load. Into the wall, plane and drag share the load
+    // in proportion to their strengths.
     const double along = random.uniform(0.0, 1e-4);
     const double into = random.uniform(1e-7, 1e-4);
     CAPTURE(i, wall, drag, along, into);
@@ -640,7 +647,7 @@ TEST_CASE("kinks that meet share a load, and what nothing presses on carries not
     REQUIRE(b.solve(along * t - into * q).status == SolveStatus::kConverged);
     const double share = wall / (wall + drag) * kStiffness * into;
     CHECK(q.dot(b.forces[0]) == Approx(share).epsilon(1e-6));
-    // Three walls that meet in a point have but one share.
+    // Three walls that meet in a point can share the load in only one way.
     b.set.clear();
     for (const Vec3& n : {q, t, Vec3(q.cross(t))}) {
       const Vec3 tilted = (n + 0.1 * random.direction()).normalized();

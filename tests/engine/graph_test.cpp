@@ -1,11 +1,11 @@
-#include "palpate/engine/graph.h"
+#include "palpate/engine/scene/graph.h"
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/scene.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/scene/scene.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 
 namespace palpate::graph_test {
@@ -82,10 +82,10 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   spec.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
   const auto ramp = TransferFunction::piecewise({{0, 0}, {1, 10}});
   spec.modes = {mode(ModeKind::kFollow, "flow"), mode(ModeKind::kFollow, "flow")};
-  // A number, the mode's own speed, and the distance to another volume's surface.
+  // The factors are a number, the mode's own speed, and the distance to another volume's surface.
   spec.modes[0].strength = TransferSpec(std::vector<TransferSpec::Factor>{
       {0.5, ""}, {ramp, ""}, {TransferFunction::window(0, 0.1, 2), "head"}});
-  // The mode's `by` is for the factors that name nothing.
+  // The mode's `by` applies to factors that do not name a property.
   spec.modes[1].by = "head";
   spec.modes[1].strength = TransferSpec(std::vector<TransferSpec::Factor>{
       {ramp, "speed"}, {TransferFunction::window(0, 0.1, 2), ""}});
@@ -94,7 +94,7 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   reader.bind(*scene);
   Properties at;
   const Vec3 p(0.02, 0.03, 0.01);
-  CHECK(reader.sample(*scene, p, at) == 2);            // nothing is sampled twice
+  CHECK(reader.sample(*scene, p, at) == 2);            // each property is sampled once
   const double speed = Vec3(-0.06, 0.04, 0.1).norm();  // omega x p, and along the axis
   const double share = 2.0 * ((p.norm() - 0.05) / 0.1 + 0.5);
   CHECK(std::get<FollowMode>(scene->graph.modes[0]).strength(at) ==
@@ -153,7 +153,7 @@ TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[grap
   CHECK(graph.units.size() == 3);
   CHECK(graph.unused == std::vector<std::string>{"head"});
 
-  // The vortex turns by 2 rad/s about z, along which it flows at 0.1.
+  // The vortex turns at 2 rad/s about z and flows along z at 0.1.
   Reader reader;
   reader.bind(*scene);
   Properties at;
@@ -177,7 +177,7 @@ TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[grap
   CHECK(scalar(5).value == Approx(1.0));
   CHECK(scalar(3).inside);
 
-  // Where the volume is silent, so is what is derived of it.
+  // If the volume has no data, its derived properties have no data either.
   (void)reader.sample(*scene, {9, 9, 9}, at);
   for (const std::size_t i : {2, 3, 5}) CHECK_FALSE(scalar(i).inside);
   CHECK_FALSE(vector(std::get<FollowMode>(graph.modes[0]).vector).inside);

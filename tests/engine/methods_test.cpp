@@ -1,5 +1,5 @@
-/// The literature's methods of devices/methods: right where their sources say so, and wrong, by
-/// numbers, where they must be.
+/// Tests the published methods in devices/methods: they are right where their sources claim it, and
+/// wrong by the expected numbers where they must be.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -36,16 +36,16 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// A plane through the origin, up along z.
+/// Returns a plane through the origin with its normal along z.
 std::vector<Primitive> onePlane(double strength) {
   return {{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), strength}};
 }
 
-/// Problems of all families with the answers that the reference is sure of.
+/// A problem of any family, and a reference answer with a small bound.
 struct Known {
   BalanceProblem problem;
   Vec3 offset;
-  double bound;  ///< Of the reference [m].
+  double bound;  ///< Error bound of the reference [m].
   double reach;  ///< S/k [m].
 };
 std::vector<Known> knownProblems(int primitives, long per_family) {
@@ -59,13 +59,13 @@ std::vector<Known> knownProblems(int primitives, long per_family) {
       known.push_back({p, r.offset, r.error_bound, reachOf(p)});
     }
   }
-  // Else the shares below would be of something else.
+  // If too many problems were dropped, the shares below would describe another set.
   REQUIRE(static_cast<double>(known.size()) >=
           0.9 * static_cast<double>(kFamilies.size()) * static_cast<double>(per_family));
   return known;
 }
 
-/// Of a method on known problems.
+/// The score of a method on known problems.
 struct Score {
   double reached = 0.0;  ///< Share within 1e-3 S/k of the answer.
   double settled = 0.0;
@@ -129,10 +129,11 @@ TEST_CASE("a force function pushes with all its strength where a plane would onl
     return kStiffness *
            solveReference(Vec3(0, 0, -depth), kStiffness, onePlane(strength)).offset.z();
   };
-  // Beyond s/k the proxy is behind the plane like the probe, and both feel s.
+  // If the depth exceeds s/k, proxy and probe are behind the plane, and both methods give s.
   CHECK(force(3e-3, 1.0) == Approx(balance(3e-3, 1.0)));
   CHECK(force(-1e-3, 1.0) == 0.0);
-  // Within s/k the plane holds 0.5 N, and at the plane nothing; the function jumps to 1 N.
+  // Within s/k the plane holds 0.5 N, and no force at the plane itself. The force function jumps to
+  // 1 N.
   CHECK(balance(1e-3, 1.0) == Approx(0.5));
   CHECK(force(1e-3, 1.0) == Approx(1.0));
   CHECK(balance(1e-9, 1.0) < 1e-6);
@@ -156,7 +157,8 @@ TEST_CASE("eq. 2 is the balance for orthogonal primitives, wherever they stand",
 
 TEST_CASE("eq. 2 makes newtons out of weak primitives that are not orthogonal",
           "[methods][eq2][eq7]") {
-  // Two planes 45 degrees apart, next to no strength, the hand 4 mm behind both along the first.
+  // Two planes 45 degrees apart have almost no strength. The hand is 4 mm behind both along the
+  // first.
   const Vec3 slanted = Vec3(1, 0, 1).normalized();
   const std::vector<Primitive> set{{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 1e-9},
                                    {PrimitiveKind::kPlane, Vec3::Zero(), slanted, 1e-9}};
@@ -199,11 +201,11 @@ TEST_CASE("Euler with a fixed step chatters about a plane that holds, by its ste
     CHECK(std::abs(height) > 1e-6);
     CHECK(residualForce(b.offset, probe, kStiffness, onePlane(s)).norm() >= 0.5 - 1e-9);
   }
-  // Its defaults buy 1e-3 S/k, at their price.
+  // The default parameters reach 1e-3 S/k, at a high cost.
   const Balance b = eulerFixed(probe, kStiffness, onePlane(s), Vec3(0, 0, 1e-3));
   CHECK(std::abs(b.offset.z() - 1e-3) <= 1e-3 * s / kStiffness);
   CHECK(b.iterations == 20000);
-  // Beyond s/k the force is smooth there, and it settles.
+  // If the depth exceeds s/k, the force is smooth at the answer, and the method settles.
   const Balance deep = eulerFixed(Vec3(0, 0, -8e-3), kStiffness, onePlane(s), Vec3::Zero());
   CHECK(deep.settled);
   CHECK(deep.offset.z() == Approx(4e-3).epsilon(1e-3));
@@ -219,7 +221,8 @@ TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| 
     CAPTURE(depth);
     CHECK(b.settled);
     CHECK((b.offset - Vec3(0, 0, held)).norm() <= 1e-3 * s / kStiffness);
-    // A plane that holds: what is left is the spring above it, the rest of the strength below.
+    // If a plane holds, the residual is the spring above the plane and the rest of the strength
+    // below.
     const double pull = kStiffness * held;
     const double left = residualForce(b.offset, probe, kStiffness, onePlane(s)).norm();
     if (depth < s / kStiffness) CHECK(left > 0.9 * std::min(pull, s - pull));
@@ -233,7 +236,7 @@ TEST_CASE("Euler with an adaptive step never settles where a plane holds all but
   const Balance b = eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero());
   CHECK_FALSE(b.settled);
   CHECK(b.iterations == EulerAdaptiveParams{}.max_iterations);
-  // A step that only shrinks does.
+  // A step that only shrinks settles.
   CHECK(
       eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero(), {1.0, 0.75, 3e-5, 2000}).settled);
 }
@@ -244,7 +247,7 @@ TEST_CASE("section 4.3: Euler with an adaptive step takes tens of iterations, an
   const Score two = scoreOf(method, knownProblems(2, 20));
   CHECK(two.reached > 0.88);
   CHECK(two.reached < 0.99);
-  CHECK(two.settled > 0.97);  // It stops by its own rule all the same.
+  CHECK(two.settled > 0.97);  // The method still stops by its own rule.
   CHECK(two.median_iterations <= 40);
   CHECK(two.mean_iterations < 100.0);
   const Score eight = scoreOf(method, knownProblems(8, 4));
@@ -301,12 +304,12 @@ TEST_CASE(
   };
   const Reference r = solveReference(probe, kStiffness, planes);
 
-  // From the probe it finds the balance: the other minimum is the tip of a narrow wedge.
+  // From the probe the method finds the balance. The other minimum is the tip of a narrow wedge.
   const Balance from_probe = smallestResidual(probe, kStiffness, planes, probe);
   CHECK((from_probe.offset - r.offset).norm() < 1e-6);
 
-  // From a start in that wedge, with steps that do not leave it, a smaller |f_res| and a proxy more
-  // than a millimetre off.
+  // A start in that wedge, with steps that do not leave it, gives a smaller |f_res| and a proxy
+  // more than a millimetre off.
   SmallestResidualParams fine;
   fine.size = 1e-3;
   const Vec3 tip(0.0030742, -0.00644263, 0);

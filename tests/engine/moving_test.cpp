@@ -6,9 +6,9 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/placement.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/field/placement.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 
@@ -33,12 +33,12 @@ MotionPtr motion(const std::vector<Keyframe>& keys, bool repeat = false) {
   return std::make_shared<const Motion>(keys, repeat);
 }
 
-/// From start to end at a speed [m/s], from time `from` on.
+/// Returns a motion from start to end at a speed [m/s], beginning at time `from`.
 MotionPtr straight(const Vec3& start, const Vec3& end, double speed, double from = 0.0) {
   return motion({keyAt(from, start), keyAt(from + (end - start).norm() / speed, end)});
 }
 
-/// Turning about an axis through W's origin [rad/s], for ever.
+/// Returns a motion that turns about an axis through W's origin [rad/s], for ever.
 MotionPtr spinning(const Vec3& axis, double rate) {
   std::vector<Keyframe> keys;
   for (int i = 0; i <= 4; ++i) {
@@ -78,12 +78,12 @@ struct Hand {
   StepReport at(const Vec3& hand) { return hapticStep(scene, reader, {hand}, state, kDt); }
 };
 
-/// How far the proxy is from the surface of a ball that rests at W's origin [voxels].
+/// Returns the proxy's height above the surface of a ball that rests at W's origin [voxels].
 double offSurface(const Hand& hand, double radius) {
   return ((hand.state.bodies()[0].pose.toRest(hand.state.proxy())).norm() - radius) / kVoxel;
 }
 
-/// A field everywhere.
+/// Returns a uniform vector field.
 FieldPtr wind(const Vec3& v) {
   return makeVectorField(FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0},
                          [v](const Vec3&) {
@@ -99,7 +99,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
     return Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis));
   };
   Eigen::Quaterniond other = turn(2.0);
-  other.coeffs() *= -3.0;  // the same rotation, and not of unit length
+  other.coeffs() *= -3.0;  // the same rotation, not of unit length
   const std::vector<Keyframe> keys{keyAt(1.0, {0, 0, 0}, turn(0.5)), keyAt(3.0, {0.2, 0, 0}, other),
                                    keyAt(4.0, {0.2, 0, 0.1}, turn(0.5))};
   const Motion once(keys);
@@ -113,7 +113,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
   check(once.poseAt(3.0), 2.0, {0.2, 0, 0});
   check(once.poseAt(3.5), 1.25, {0.2, 0, 0.05});
   check(once.poseAt(99.0), 0.5, {0.2, 0, 0.1});
-  CHECK(once.poseAt(99.0) == once.poseAt(100.0));  // held to the bit
+  CHECK(once.poseAt(99.0) == once.poseAt(100.0));  // the last pose is held, to the bit
   std::vector<Keyframe> closed = keys;
   closed.back().translate.setZero();
   const Motion again(closed, true);
@@ -121,7 +121,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
   check(again.poseAt(2.0 + 3.0 * 1000), 1.25, {0.1, 0, 0});
   check(Motion(std::vector<Keyframe>{keyAt(7.0, {0, 1, 0})}).poseAt(0.0), 0.0, {0, 1, 0});
 
-  // Where a box comes to, and how fast at most.
+  // The space that a moving box covers, and its top speed.
   const Box box{{0.1, -0.01, -0.01}, {0.12, 0.01, 0.01}};
   const auto z = [](double angle) {
     return Eigen::Quaterniond(Eigen::AngleAxisd(angle, Vec3::UnitZ()));
@@ -189,7 +189,7 @@ TEST_CASE("keyframes that make no motion are refused with their path", "[modes][
 }
 
 TEST_CASE("a held hand feels a moving ball on its surface", "[modes][moving]") {
-  // MOTION.md, section 5: 0.2 m/s, a hand held still, 2.56 voxels deep where the ball orbits.
+  // MOTION.md, section 5: the ball orbits at 0.2 m/s, and a hand held still is 2.56 voxels deep.
   constexpr double kRadius = 40.0 * kVoxel;
   constexpr double kDeep = 2.56 * kVoxel;
   constexpr double kSpeed = 0.2;
@@ -198,7 +198,7 @@ TEST_CASE("a held hand feels a moving ball on its surface", "[modes][moving]") {
   const auto orbit = [&](double spin) {
     const double r = kRadius - kDeep;
     const double lap = 2.0 * kPi * r / kSpeed;
-    // Comes from outside first.
+    // The ball first comes from outside.
     std::vector<Keyframe> keys{keyAt(-0.05, still - Vec3(r + 0.01, 0, 0))};
     constexpr int kSteps = 7200;
     for (int i = 0; i <= kSteps; ++i) {
@@ -246,7 +246,7 @@ TEST_CASE("a held hand feels a moving ball on its surface", "[modes][moving]") {
         worst = std::max(worst, std::abs(offSurface(hand, kRadius)));
       }
       CHECK(held > ticks / 5);
-      CHECK(more <= 5);       // where it comes to the ball
+      CHECK(more <= 5);       // where hand and ball meet
       CHECK(worst <= 0.001);  // measured 5e-6, with one or two readings
     }
   }
@@ -277,7 +277,8 @@ TEST_CASE("friction carries a stuck hand with a spinning ball until it slips", "
           const double load = r.wanted.dot(q);
           const Vec3 along = r.wanted - load * q;
           const Vec3 now = hand.state.bodies()[0].pose.toRest(hand.state.proxy());
-          // Stuck, what drags is the arc that the ball has turned; slipping, mu times the load.
+          // While stuck, the drag is the arc that the ball has turned. While slipping, it is mu
+          // times the load.
           REQUIRE(along.norm() <= mu * load * (1.0 + 1e-6));
           slipped = slipped || along.norm() > 0.999 * mu * load;
           if (!slipped) {
@@ -289,7 +290,7 @@ TEST_CASE("friction carries a stuck hand with a spinning ball until it slips", "
         const double load = r.wanted.dot(q);
         const Vec3 along = r.wanted - load * q;
         CHECK(slipped);
-        // 0.047 mm a tick, 2 mm times mu of slack.
+        // The ball turns by 0.047 mm a tick, against a slack of 2 mm times mu.
         CHECK(stuck == Approx(mu * 2e-3 / (kRadius * kRate * kDt)).margin(3.0 + 10.0 * mu));
         CHECK(creep <= 1e-9 * kVoxel);
         CHECK(along.norm() == Approx(mu * load).epsilon(1e-6));
@@ -323,7 +324,7 @@ TEST_CASE("two bodies that move differently are felt together", "[modes][moving]
     r = hand.at({0, 0, -deep});
     REQUIRE(r.status <= StepStatus::kIterationLimit);
     const Vec3 p = hand.state.proxy();
-    if (hand.state.time() < 0.25) continue;  // both have come to rest
+    if (hand.state.time() < 0.25) continue;  // both balls have stopped
     worst = std::max(worst, std::abs(p.z()) / kVoxel);
     for (std::size_t b : {0U, 1U}) {
       worst = std::max(worst,
@@ -331,10 +332,10 @@ TEST_CASE("two bodies that move differently are felt together", "[modes][moving]
     }
   }
   CHECK(worst <= 0.01);
-  // p leaves both by some 1.03 mm: the balls are round.
+  // Each ball pushes p out by about 1.03 mm, because the balls are round.
   CHECK((r.wanted / kStiffness - Vec3(deep, deep, deep)).norm() < 0.05 * deep);
 
-  // The two pass the hand one after the other: each in its turn.
+  // The two balls pass the hand one after the other, and each is felt in turn.
   const auto passing = sceneOf(
       {mode(ModeKind::kIsosurface, "left", 5.0), mode(ModeKind::kIsosurface, "front", 5.0)}, fields,
       {{"left", straight({-0.1, deep - kRadius, 0}, {0.1, deep - kRadius, 0}, 0.2)},
@@ -370,7 +371,7 @@ TEST_CASE("a volume that passes a hand in free space is not felt", "[modes][movi
 }
 
 TEST_CASE("a fast body does not run through a hand", "[modes][moving]") {
-  // 3 m/s is 3.84 voxels a tick: eight sub-steps of half a voxel.
+  // At 3 m/s a tick is 3.84 voxels: eight sub-steps of half a voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
   const double deep = 2.0 * kVoxel;
@@ -385,7 +386,7 @@ TEST_CASE("a fast body does not run through a hand", "[modes][moving]") {
       REQUIRE(sideOf(hand.state.memory(0)) == Side::kOutside);
     }
     CHECK(std::abs(offSurface(hand, kRadius)) < 1e-9);
-    CHECK(limited == (speed > 3.0));  // it says when it cannot be sure
+    CHECK(limited == (speed > 3.0));  // the status reports a tick that is not sure
   }
 }
 
@@ -399,11 +400,11 @@ TEST_CASE("what moves drags along a hand that is in it", "[modes][moving]") {
     StepReport r;
     for (int i = 0; i < 300; ++i) {
       r = hand.at(Vec3(0.01, 0, 0));
-      // 0.1 m/s: 0.05 N a tick more.
+      // At 0.1 m/s the force grows by 0.05 N a tick.
       const double expected = std::min(0.4, kStiffness * 1e-4 * i);
       REQUIRE((r.wanted - expected * way).norm() < 1e-9);
     }
-    CHECK(r.injected < 1e-12);  // steady: what is dragged on is let go again
+    CHECK(r.injected < 1e-12);  // steady: the drag releases what it takes along
   }
   SECTION("held, across a stream only") {
     const auto scene = sceneOf({mode(ModeKind::kFollow, "air", 0.4)}, fields, moving);
@@ -456,7 +457,7 @@ TEST_CASE("a scene's time begins when a proxy meets it and goes on through fault
   at(0.1);
   for (const double dt : {0.0, -1.0, std::nan(""), HUGE_VAL}) (void)tick(*one, 0.0, dt);
   at(0.1);
-  (void)tick(*two, 0.0);  // another scene, though made the same
+  (void)tick(*two, 0.0);  // another scene, though built the same way
   at(0.0);
   for (int i = 0; i < 50; ++i) (void)tick(*two, 0.0);
   at(0.05);

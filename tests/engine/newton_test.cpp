@@ -1,5 +1,5 @@
-/// Newton's step against the fixed point that it is to find.
-#include "palpate/engine/newton.h"
+/// Tests Newton's step against the fixed point that it must find.
+#include "palpate/engine/balance/newton.h"
 
 #include <cmath>
 #include <functional>
@@ -8,7 +8,7 @@
 #include <Eigen/Dense>
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/solver.h"
+#include "palpate/engine/balance/solver.h"
 #include "tests/support/random.h"
 
 namespace palpate::newton_test {
@@ -17,8 +17,8 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// V = 0 is a surface; its planes are across the slope of another quadric, as a trilinear volume's
-/// are across its continuous gradient.
+/// V = 0 is a surface. Its planes lie across the slope of another quadric, as the planes of a
+/// trilinear volume lie across its continuous gradient.
 struct Quadric {
   double value = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -35,7 +35,7 @@ struct Surface {
   double strength = 0.0;
 };
 
-/// The primitives of some surfaces as read at x, their balance, and Newton's step from x.
+/// The balance of the surfaces' primitives as read at x, and Newton's step from x.
 struct Reading {
   Vec3 residual;
   Vec3 step;
@@ -67,7 +67,8 @@ Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& sur
   return out;
 }
 
-/// A surface through about the origin, bent by up to so much [1/mm], its planes leaning by as much.
+/// Returns a surface near the origin, bent by up to `bend` [1/mm]. The normals of its planes are
+/// tilted and bend by as much.
 Surface anySurface(test::Random& random, const Vec3& outwards, double bend, double strength) {
   const auto symmetric = [&] {
     Mat3 m;
@@ -81,7 +82,7 @@ Surface anySurface(test::Random& random, const Vec3& outwards, double bend, doub
   return surface;
 }
 
-/// Newton's method from x: how |residual| falls over the last steps that are not rounding.
+/// Newton's method from x: |residual| at each step, and the last reading.
 struct Course {
   std::vector<double> residuals;
   Reading last;
@@ -100,11 +101,11 @@ Course converge(Vec3 x, const Vec3& probe, const std::vector<Surface>& surfaces,
 }  // namespace
 
 TEST_CASE("Newton's step falls quadratically where Picard's does not fall at all", "[newton]") {
-  // A fillet of 0.3 mm, the hand 2 mm deep: Picard's factor is -6.7.
+  // The fillet has a radius of 0.3 mm, and the hand is 2 mm deep. Picard's factor is -6.7.
   const double radius = 3e-4;
   Surface fillet;
   fillet.strength = 10.0;
-  // Free inside of the cylinder x^2 + z^2 < r^2 (to its quadric).
+  // The free side is inside the cylinder x^2 + z^2 < r^2 (to its quadric).
   fillet.value = {0.0, Vec3::UnitZ(), -Vec3(1.0, 0.0, 1.0).asDiagonal().toDenseMatrix() / radius};
   fillet.normal = fillet.value;
   const Vec3 probe(2e-5, 1e-5, -2e-3);
@@ -146,7 +147,7 @@ TEST_CASE("the step is exact to second order for one, two and three surfaces tha
                     course.last.loads.end(), [](Load load) { return load == Load::kHeld; });
     if (!all || course.residuals[8] > 1e-9) continue;  // another regime, or a ridge
     ++held;
-    // From one step to the next the residual falls as its square, to rounding.
+    // The residual falls quadratically from step to step, down to rounding.
     for (std::size_t i = 3; i + 1 < course.residuals.size(); ++i) {
       const double e = course.residuals[i];
       const double next = course.residuals[i + 1];
@@ -158,34 +159,36 @@ TEST_CASE("the step is exact to second order for one, two and three surfaces tha
 }
 
 TEST_CASE("a surface that gives way turns the balance as well", "[newton]") {
-  // Its whole strength along n: x = h + s/k n(x).
+  // The surface gives its whole strength along n: x = h + s/k n(x).
   test::Random random(4);
   const long count = test::cases(2000);
   long gave = 0;
   long converged = 0;
   for (long n = 0; n < count; ++n) {
     Surface surface = anySurface(random, random.direction(), 0.5, 0.3);
-    surface.value.value = 5e-3;  // far behind
+    surface.value.value = 5e-3;  // the probe is far behind
     const Vec3 out = surface.value.slope;
     const Vec3 probe = -1e-2 * out;
     const Course course = converge(probe + 5e-4 * out, probe, {surface});
-    if (course.last.loads[0] != Load::kYielding) continue;  // its quadric comes back
+    if (course.last.loads[0] != Load::kYielding) continue;  // the quadric curves back
     ++gave;
     converged += course.residuals[8] < 1e-11 ? 1 : 0;
   }
   CHECK(gave > count / 2);
-  CHECK(converged >= gave - gave / 50);  // others turn over
+  CHECK(converged >= gave - gave / 50);  // the others turn over
 }
 
 TEST_CASE("from a ridge the step goes down, and what does not turn is left alone", "[newton]") {
-  // A cylinder of 1 mm, the hand 3 mm deep and a little aside: the nearest place is on that side.
+  // A cylinder of 1 mm, with the hand 3 mm deep and slightly aside. The nearest point is on that
+  // side.
   Surface edge;
   edge.strength = 10.0;
   edge.value = {0.0, Vec3::UnitZ(), Vec3(1.0, 0.0, 0.0).asDiagonal().toDenseMatrix() / 1e-3};
   edge.normal = edge.value;
   const Vec3 probe(1e-5, 0, -3e-3);
   const Reading top = readAt(Vec3(2e-6, 0, 0), probe, {edge});
-  // Beyond the centre of curvature the balance is on the other side of the probe's.
+  // Beyond the centre of curvature, the balance is on the opposite side of the ridge from the
+  // probe.
   CHECK(top.step.x() * top.residual.x() > 0.0);
   CHECK(std::abs(top.step.x()) < 30.0 * std::abs(top.residual.x()));
   const std::vector<Primitive> drag{{PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.2}};

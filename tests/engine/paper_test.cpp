@@ -1,4 +1,4 @@
-/// The claims of Lundin et al., "The Orthogonal Constraints Problem ...", one by one.
+/// Tests the claims of Lundin et al., "The Orthogonal Constraints Problem ...", one by one.
 #include <algorithm>
 #include <cmath>
 #include <iostream>
@@ -12,9 +12,9 @@
 #include "palpate/devices/methods/euler_adaptive.h"
 #include "palpate/devices/methods/force_function.h"
 #include "palpate/devices/methods/residual.h"
-#include "palpate/engine/solver.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/balance/solver.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/problems.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
@@ -33,7 +33,7 @@ constexpr double kStiffness = 500.0;
 constexpr double kDt = 1e-3;
 const ForceLimits kOpen{100.0, 1e9};
 
-/// The force of one primitive on a proxy at x off its kink, as eqs (8) to (13) are printed.
+/// Returns the force of one primitive on a proxy at x off its kink, as printed in eqs (8) to (13).
 Vec3 printedForce(const Primitive& p, const Vec3& x) {
   const Vec3 q = p.direction;
   switch (p.kind) {
@@ -60,7 +60,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
   return spec;
 }
 
-/// Smallest |f_res| at x and on a tiny circle about it.
+/// Returns the smallest |f_res| at x and on a tiny circle about x.
 double smallestResidualNear(const Vec3& x, const Vec3& probe,
                             const std::vector<Primitive>& planes) {
   double least = residualForce(x - probe, probe, kStiffness, planes).norm();
@@ -76,7 +76,7 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then the spring pulls",
           "[paper][fig1][eq3]") {
-  // The ground, felt as a surface with a drag; it writes down where it is read.
+  // The ground is felt as a surface with a drag. The field records where it is read.
   std::vector<Vec3> read;
   const FieldPtr ground = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {
@@ -98,17 +98,17 @@ TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then t
     read.clear();
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     CAPTURE(tick);
-    // 1: local properties. Not at the proxy as it was, as the paper has it, but where the
-    // constraints of the last tick lead from there: what is read where the proxy is going to be
-    // holds there. A tick reads the ground once.
+    // 1: local properties. The paper reads them at the old proxy. palpate reads them where the
+    // constraints of the last tick lead, so that they hold where the proxy is going to be. A tick
+    // reads the ground once.
     REQUIRE(r.samples == (tick == 0 ? 2 : 1));
     if (tick > 0) {
       for (Primitive& p : known) p.position = before;
       const test::Reference foreseen = solveReference(hand, kStiffness, known);
-      // First where it is read; then about there, by how much its normal turns.
+      // The field is evaluated first at that place, then around it to find how its normal turns.
       REQUIRE((read.front() - hand - foreseen.offset).norm() < 1e-9);
     }
-    // 2: constraints, anchored at the proxy as it was, and the proxy where they balance the spring.
+    // 2: constraints, anchored at the old proxy, and the proxy where they balance the spring.
     const auto items = state.primitives().items();
     known.assign(items.begin(), items.end());
     REQUIRE(known.size() == 2);
@@ -117,7 +117,7 @@ TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then t
     const test::Reference reference = solveReference(hand, kStiffness, known);
     const Vec3 offset = r.proxy - hand;
     REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
-    // 3: the force from the new proxy, by eq. (3), and nothing else.
+    // 3: the force comes from the new proxy by eq. (3) alone.
     lengths.push_back(offset.norm());
     const int back = std::min(tick, static_cast<int>(kRateTime / kDt + 0.5));
     const double then = lengths[static_cast<std::size_t>(tick - back)];
@@ -125,7 +125,7 @@ TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then t
     REQUIRE((r.force - couplingForce(coupling, offset, rate)).norm() < 1e-9);
     farthest = std::max(farthest, (before - hand).norm());
   }
-  CHECK(farthest > 1e-3);  // Proxy and hand are apart: else it would not matter where one reads.
+  CHECK(farthest > 1e-3);  // Otherwise the place of a reading would not matter.
 }
 
 TEST_CASE("eqs 1 and 2: along its direction a constraint is a plane, across it nothing moves",
@@ -144,7 +144,7 @@ TEST_CASE("eqs 1 and 2: along its direction a constraint is a plane, across it n
     yielded += static_cast<int>(yields);
     const std::vector<Constraint> constraint{{q, s}};
     REQUIRE((constraintProxy(probe, proxy, kStiffness, constraint) - proxy - moved).norm() < 1e-15);
-    // q of eq. (2) points from the proxy to where the hand wants to go, q of eq. (13) back.
+    // q of eq. (2) points from the proxy to where the hand wants to go, q of eq. (13) points back.
     const std::vector<Primitive> plane{{PrimitiveKind::kPlane, proxy, -q, s}};
     const SolveResult solved = solveProxy(probe, kStiffness, plane, proxy);
     REQUIRE(std::abs(q.dot(solved.proxy - proxy - moved)) < 1e-15);
@@ -155,8 +155,8 @@ TEST_CASE("eqs 1 and 2: along its direction a constraint is a plane, across it n
 
 TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
           "[paper][eq4][eq5][eq6][eq7]") {
-  // What eq. (5) adds to eta is (sum q q^T - 1) eta. Its largest factor is that of Q^T Q - 1, whose
-  // entries are the cosines between the directions: none is larger than the factor.
+  // Eq. (5) adds (sum q q^T - 1) eta to eta. The largest factor of this matrix is that of
+  // Q^T Q - 1. Its entries are the cosines between the directions: no entry exceeds that factor.
   Random random(32);
   for (int i = 0; i < 300; ++i) {
     Mat3 Q = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
@@ -165,7 +165,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     std::vector<Constraint> constraints;
     for (int j = 0; j < 3; ++j) constraints.push_back({Q.col(j), 0.0});
     const Eigen::SelfAdjointEigenSolver<Mat3> added(Q * Q.transpose() - Mat3::Identity());
-    double worst = 0.0;  // of the three directions of eta that are only stretched
+    double worst = 0.0;  // over the three directions of eta that are only stretched
     for (int j = 0; j < 3; ++j) {
       const Vec3 proxy = random.inCube(1e-2);
       const Vec3 probe = proxy + 5e-3 * added.eigenvectors().col(j);
@@ -176,7 +176,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     CAPTURE(i, cosine);
     CHECK(worst >= cosine * (1 - 1e-9) - 1e-12);
     if (orthogonal) CHECK(worst < 1e-12);
-    // No strength, no force: whatever the directions.
+    // Without strength there is no force, for any directions.
     std::vector<Primitive> planes;
     for (int j = 0; j < 3; ++j) {
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), Q.col(j), 0.0});
@@ -197,7 +197,8 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
     double primitive_force = 0.0;
     double reference_force = 0.0;
     for (int i = 0; i < 200; ++i) {
-      // Three directions 10 to 60 degrees apart, all at the old proxy, the hand 5 mm away.
+      // Three directions are 10 to 60 degrees apart, all at the old proxy, and the hand is 5 mm
+      // away.
       const Vec3 proxy = random.inCube(1e-2);
       const Vec3 probe = proxy + 5e-3 * random.direction();
       const Vec3 axis = random.direction();
@@ -225,7 +226,7 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
     }
     std::cout << strength << " | " << constraint_force << " | " << primitive_force << " | "
               << 3.0 * strength << " | " << reference_force << '\n';
-    // The old method fails: newtons out of nothing.
+    // The old method fails: it makes newtons from almost no strength.
     CHECK(constraint_force > 1.0);
     CHECK(constraint_force > 100.0 * 3.0 * strength);
   }
@@ -266,7 +267,7 @@ TEST_CASE("fig. 2 a: orthogonal weak constraints are right in both methods", "[p
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), -R.col(j), 1e-9});
     }
     CHECK((constraintProxy(probe, Vec3::Zero(), kStiffness, constraints) - probe).norm() < 1e-16);
-    // Each direction holds with its 1e-9 N.
+    // Each direction holds with its strength of 1e-9 N.
     const SolveResult solved = solveProxy(probe, kStiffness, planes, probe);
     CHECK(kStiffness * solved.offset.norm() <= std::sqrt(3.0) * 1e-9 * (1 + 1e-5));
   }
@@ -290,7 +291,7 @@ TEST_CASE("section 3.1: n parallel constraints multiply the error by 1 - n each 
 
 TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each tick a balance",
           "[paper]") {
-  // A ball half in the ground, in a stream that winds about an axis of its own.
+  // A ball is half in the ground, in a stream that winds about its own axis.
   GraphSpec spec;
   spec.fields = {{"spin", {Derivation::kCurl, "flow"}}};
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0),
@@ -316,7 +317,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each t
     before = r.proxy;
     if (tick % 10 != 0 || r.status != StepStatus::kConverged || set.size() < 4) continue;
     ++several;
-    // What a curved stream leaves for the next tick is not there yet.
+    // A curved stream leaves part of the pull for the next tick.
     const Vec3 probe = hand + r.waiting;
     const test::Reference reference = solveReference(probe, kStiffness, set);
     CAPTURE(describe(probe, kStiffness, set));
@@ -326,7 +327,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each t
     old_error = std::max(old_error, kStiffness * (old_way - reference.offset).norm());
   }
   CHECK(several > 20);
-  CHECK(old_error > 0.5);  // [N]: what one constraint after the other makes of the same ticks.
+  CHECK(old_error > 0.5);  // [N]: the error if the constraints are applied one after the other
 }
 
 TEST_CASE("fig. 3: where a primitive's printed force balances the spring, there the proxy is",
@@ -338,7 +339,7 @@ TEST_CASE("fig. 3: where a primitive's printed force balances the spring, there 
     const Vec3 f = printedForce(p, x);
     CAPTURE(describe(x, kStiffness, {p}), f);
     CHECK((f - methods::forceOf(p, x - p.position)).norm() < 1e-12);
-    // What the figure draws: all of the strength, towards the nearest place that is free of it.
+    // The figure draws the whole strength, towards the nearest point that is free of it.
     const Vec3 d = x - p.position;
     if (p.kind == PrimitiveKind::kPoint) {
       CHECK((x + d.norm() / p.strength * f - p.position).norm() < 1e-12);
@@ -385,11 +386,11 @@ TEST_CASE("eq. 8: a directed force is felt as the force function that it is, in 
     const Vec3 probe = random.inCube(5e-3);
     Primitive push = random.primitive();
     push.kind = PrimitiveKind::kForce;
-    // Alone: all of it.
+    // Alone, the force is felt in full.
     std::vector<Primitive> set{push};
     const Vec3 alone = solveProxy(probe, kStiffness, set, probe).offset;
     CHECK((alone - methods::forceFunction(probe, kStiffness, set, probe).offset).norm() < 1e-15);
-    // With others: as if the hand were s/k farther along it.
+    // With others, the force acts as if the hand were s/k farther along it.
     std::vector<Primitive> others{random.primitive(), random.primitive(), random.primitive()};
     const Vec3 moved_probe = probe + push.strength / kStiffness * push.direction;
     const SolveResult moved = solveProxy(moved_probe, kStiffness, others, probe);
@@ -417,9 +418,9 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
     CAPTURE(describe(probe, kStiffness, set));
     REQUIRE((solved.offset - reference.offset).norm() <=
             solved.error_bound + reference.error_bound);
-    if ((solved.proxy - point.position).norm() < 1e-5) continue;  // held by the point as well
-    // What the point and the spring leave over is the plane's: along its normal, and all of its
-    // strength behind it, none before it, in between on it.
+    if ((solved.proxy - point.position).norm() < 1e-5) continue;  // the point holds the proxy too
+    // The plane supplies the difference of the point's force and the spring's. It acts along the
+    // plane's normal: with full strength behind the plane, with none before it, in between on it.
     const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
     const double along = left.dot(q);
     const double height = solved.proxy.dot(q);
@@ -442,7 +443,8 @@ TEST_CASE("section 4.2: on and about a plane that holds, eq. 14 does not vanish"
     const Vec3 probe(0, 0, -pull / kStiffness);
     const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
     CHECK(solved.error_bound < 1e-15);
-    // The spring alone on it and above it, the rest of the strength below: at least the smaller.
+    // On the plane and above it only the spring is left, below it the rest of the strength. The
+    // residual is at least the smaller of the two.
     const double left = std::min(pull, 1.0 - pull);
     CHECK(residualForce(solved.offset, probe, kStiffness, set).norm() >= left * (1 - 1e-9));
     CHECK(smallestResidualNear(solved.proxy, probe, set) >= left * (1 - 1e-3));
@@ -511,8 +513,9 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always the balance", "[paper
 
 TEST_CASE("section 4.3: O(N): the work of a balance grows no faster than its primitives",
           "[paper]") {
-  // One iteration, ours as Euler's, goes over the primitives a fixed number of times: counted is
-  // N times iterations. The strengths are to 6 N over N, so that the proxy sticks and slides alike.
+  // One iteration of palpate, as of Euler's method, visits the primitives a fixed number of times.
+  // So the test counts N times iterations. The strengths are up to 6 N divided by the count, so
+  // that the proxy sticks and slides alike.
   constexpr int kFew = 8;
   constexpr int kMany = static_cast<int>(kMaxPrimitives);
   const auto work = [](bool ours, bench::Family family, int count) {

@@ -1,4 +1,5 @@
-/// Scenes of many parts: what is far costs nothing, and what is near feels as if it stood alone.
+/// Tests scenes of many parts: distant parts cost nothing, and near parts feel as if they stood
+/// alone.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -9,8 +10,8 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/hand.h"
 #include "tests/support/random.h"
@@ -50,7 +51,7 @@ FieldPtr tightFieldOf(const Ball& ball) {
   });
 }
 
-/// 1 along x everywhere, in voxels so large that nothing is read twice on a way.
+/// Returns a field of 1 along x, with voxels so large that a path never needs a second reading.
 FieldPtr makeWind() {
   FieldFrame frame;
   frame.voxel = 0.1;
@@ -75,7 +76,7 @@ Part partOf(const Ball& ball) {
   return makePart(specOf(ball), {{"ball", fieldOf(ball)}});
 }
 
-/// The balls as parts, each felt where it is.
+/// Builds the balls as parts, each felt where it is.
 std::unique_ptr<const Scene> asParts(const std::vector<Ball>& balls,
                                      const CouplingParams& coupling = {}) {
   std::vector<Part> parts;
@@ -84,7 +85,7 @@ std::unique_ptr<const Scene> asParts(const std::vector<Ball>& balls,
   return makeScene({}, {}, coupling, {}, std::move(parts));
 }
 
-/// The balls as volumes of one graph, which is asked in every tick.
+/// Builds the balls as volumes of one graph, which is evaluated in every tick.
 std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
                                    const CouplingParams& coupling = {}) {
   GraphSpec spec;
@@ -97,7 +98,7 @@ std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
   return makeScene(spec, fields, coupling);
 }
 
-/// A graph, and a wall in its way: as a part, or as one of its own volumes.
+/// Builds a graph with a wall in its way: as a part, or as one of the graph's own volumes.
 std::unique_ptr<const Scene> besideWall(GraphSpec spec, std::map<std::string, FieldPtr> fields,
                                         const Ball& wall, bool as_part,
                                         const CouplingParams& coupling = {}) {
@@ -149,7 +150,7 @@ TEST_CASE("parts feel as volumes that are always asked", "[scale]") {
 }
 
 TEST_CASE("a part's stream is followed by a fast hand as a volume's is", "[scale]") {
-  // 2 m/s, several moves a tick.
+  // At 2 m/s a tick takes several moves.
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kFollow;
@@ -180,7 +181,7 @@ TEST_CASE("a part's stream is followed by a fast hand as a volume's is", "[scale
 TEST_CASE("of ten thousand parts only those near are read", "[scale]") {
   Random random(3);
   std::vector<Ball> balls = someBalls(test::cases(10000), 1.0, random);
-  // Two that overlap, where nothing else is.
+  // Two balls overlap, far from all other balls.
   const Vec3 at(0.0, 0.0, 1.5);
   balls[17] = {at, 0.02, 3.0, 0.2};
   balls[balls.size() - 5] = {at + Vec3(0.015, 0, 0), 0.02, 2.0, 0.0};
@@ -212,7 +213,7 @@ TEST_CASE("of ten thousand parts only those near are read", "[scale]") {
   }
   CHECK(felt > 1.0);
   CHECK(allocations == 0);
-  // Far from all of them nothing is read.
+  // Far from all balls no volume is read.
   for (int i = 0; i < 500; ++i) (void)many.step({0, 0, 1.5 + 2e-3 * i});
   const StepReport away = many.step({0, 0, 2.5});
   CHECK(away.wanted == Vec3::Zero());
@@ -229,7 +230,7 @@ TEST_CASE("no fast hand passes a part unfelt", "[scale]") {
   for (int run = 0; run < 30; ++run) {
     Hand parts(asParts(balls));
     Hand one(asOne(balls));
-    // At 2 m/s through the room, past a ball's middle.
+    // The hand moves at 2 m/s through the space, past a ball's middle.
     const Vec3 from = random.inCube(0.3);
     const Vec3 through = balls[static_cast<std::size_t>(run)].centre;
     const Vec3 way = 2.0 * kDt * (through - from).normalized();
@@ -253,7 +254,7 @@ TEST_CASE("no fast hand passes a part unfelt", "[scale]") {
 }
 
 TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", "[scale]") {
-  // A wind of 3 N, or of 12, takes the proxy 6 or 24 mm beyond the hand; a wall is in its way.
+  // A wind of 3 N or 12 N takes the proxy 6 or 24 mm beyond the hand. A wall is in the proxy's way.
   for (const double wind : {3.0, 12.0}) {
     for (const double gap : {1e-3, 4e-3, 5.5e-3, 0.011, 0.02}) {
       CAPTURE(wind, gap);
@@ -271,12 +272,12 @@ TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", 
       StepReport a;
       StepReport b;
       for (int i = 0; i < 20; ++i) {
-        // The hand rests before the ball: the wind does the rest.
+        // The hand rests before the ball, and only the wind moves the proxy.
         a = apart.step({0.06 - gap, 0, 0});
         b = together.step({0.06 - gap, 0, 0});
         REQUIRE(a.proxy.x() < 0.0601);
       }
-      // The wall takes what the wind has beyond the way to it.
+      // The wall takes the wind's force that is left after the path to the wall.
       CHECK((a.wanted - b.wanted).norm() < 1e-6);
       if (wind / 500.0 > gap) CHECK(a.parts == 1);
     }
@@ -284,7 +285,7 @@ TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", 
 }
 
 TEST_CASE("what moves pushes a hand into parts, not through them", "[scale]") {
-  // A plane that comes at 1 m/s takes the proxy along, against a ball that stands.
+  // A plane that moves at 1 m/s takes the proxy along, against a ball that stands still.
   const Ball wall{Vec3(0.1, 0, 0), 0.04, 30.0, 0.0};
   const auto scene_of = [&](bool parts) {
     GraphSpec spec = specOf({Vec3::Zero(), 0.0, 8.0, 0.0}, "pusher");
@@ -315,7 +316,7 @@ TEST_CASE("what moves pushes a hand into parts, not through them", "[scale]") {
 }
 
 TEST_CASE("where there is no room for all parts the strongest are felt", "[scale]") {
-  // Seventy balls about one place; a graph of thirty and forty parts holds them all.
+  // Seventy balls are about one place. A graph of thirty balls with forty parts holds them all.
   Random random(5);
   std::vector<Ball> balls(70);
   for (std::size_t i = 0; i < balls.size(); ++i) {

@@ -1,4 +1,4 @@
-#include "palpate/engine/solver.h"
+#include "palpate/engine/balance/solver.h"
 
 #include <algorithm>
 #include <array>
@@ -81,7 +81,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
           "[solver][balance]") {
   // The long run of docs/speed_accuracy.md: PALPATE_CASES=10000000.
   const long n = test::cases(100000);
-  const long every = std::max(1L, n / 1000);  // how often the reference judges
+  const long every = std::max(1L, n / 1000);  // interval of the checks against the reference
   long over_goal = 0;
   std::map<Family, long> judged;
   int most = 0;
@@ -112,7 +112,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
     solves += r.iterations;
     over_goal += static_cast<long>(r.iterations > 25);
     worst_bound = std::max(worst_bound, r.error_bound / allowed);
-    // Each family in turn.
+    // The reference checks each family in turn.
     if (i / static_cast<long>(bench::kFamilies.size()) % every != 0) continue;
     ++judged[family];
     const Reference ref = solveReference(p.probe, p.stiffness, p.primitives);
@@ -175,7 +175,7 @@ TEST_CASE("what rounding hides is in the bound of a plane and a plane that is al
     const double tilt = random.logUniform(1e-12, 1e-3);
     const Vec3 other = (q + tilt * random.inCube(1.0)).normalized();
     std::vector<Primitive> set{plane(at, q, 1.0), plane(at, other, 1.0)};
-    // A line in the plane, or nearly.
+    // The line is in the plane, or nearly in it.
     if (i % 2 == 0) {
       set[1].kind = PrimitiveKind::kLine;
       set[1].direction = (q.unitOrthogonal() + tilt * random.inCube(1.0)).normalized();
@@ -224,7 +224,7 @@ TEST_CASE("directions a little off unit length are taken as unit, to rounding", 
     const SolveResult b = solveProxy(probe, kStiffness, exact, probe);
     CAPTURE(describe(probe, kStiffness, set));
     CHECK((a.offset - b.offset).norm() <= a.error_bound + b.error_bound);
-    // A force alone has nothing but rounding in its bound.
+    // For a force alone the bound covers only rounding.
     const std::vector<Primitive> off{
         {PrimitiveKind::kForce, Vec3::Zero(), {0, 0, 1.0 + 0.99e-6}, 1.0}};
     const SolveResult r = solveProxy(Vec3::Zero(), kStiffness, off, Vec3::Zero());
@@ -274,8 +274,8 @@ TEST_CASE("sets that are all but orthogonal are not taken for it", "[solver]") {
 
 namespace {
 
-/// A hand that wanders about primitives: at rest in space, or placed anew at the proxy each tick
-/// and slowly turning, as modes do it.
+/// A hand that wanders about primitives. They rest in space, or they follow the proxy in each tick
+/// and turn slowly, as modes place them.
 struct Walk {
   Walk(int count, bool follow, std::uint64_t seed) : follows(follow), random(seed) {
     for (int i = 0; i < count; ++i) {
@@ -375,7 +375,7 @@ TEST_CASE("the answer turns and moves with the problem", "[solver]") {
     const SolveResult a = solveProxy(probe, kStiffness, set, probe);
     const SolveResult b = solveProxy(R * probe + t, kStiffness, turned, probe);
     CAPTURE(describe(probe, kStiffness, set));
-    // The turned problem's own numbers are rounded at 0.1 m.
+    // The numbers of the turned problem are rounded at 0.1 m.
     CHECK((R * a.offset - b.offset).norm() <= a.error_bound + b.error_bound + 1e-16);
   }
 }
@@ -445,7 +445,7 @@ TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
     CAPTURE(width, z);
     CHECK(std::abs(r.proxy.z() - std::clamp(z, 0.0, width)) <= r.error_bound);
     CHECK(r.error_bound <= 1e-6 * 4.0 / kStiffness);
-    // The one that the proxy is pressed against carries it.
+    // The plane that the proxy presses against carries the spring.
     const double spring = kStiffness * (r.proxy.z() - z);
     const double unknown = kStiffness * r.error_bound + 1e-12;
     CHECK(std::abs(forces[0].z() - std::max(0.0, spring)) <= unknown);
@@ -454,7 +454,8 @@ TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
 }
 
 TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[solver]") {
-  // Newton stops where 1e-6 is proved, some 5e-7 of it left; what pivots find is exact.
+  // Newton's method stops where 1e-6 is proved, with about 5e-7 of it left. Pivots find the exact
+  // answer.
   for (const std::size_t count : {3, 8, 64, 1024}) {
     CAPTURE(count);
     Random random(21);
@@ -466,7 +467,7 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
       REQUIRE(r.status == SolveStatus::kConverged);
       REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
       REQUIRE(r.iterations <= 40);
-      // The same pivots prove as much as rounding lets anything prove.
+      // The same pivots prove the answer as tightly as rounding allows.
       SolverParams fine;
       fine.tolerance = count == 1024 ? 1e-8 : 1e-10;
       const SolveResult exact = solveProxy(p.probe, p.stiffness, p.primitives, p.start, fine);
@@ -475,8 +476,8 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
       REQUIRE(exact.iterations == r.iterations);
     }
   }
-  // Three that cross in one point, three times each, and slots through it; a load that they hold,
-  // one that takes some and one that takes all.
+  // Three planes cross in one point, three times each, with slots through it. They hold the first
+  // load, some yield at the second, and all yield at the third.
   const std::vector<Vec3> normals{{1, 0, 0}, {0.6, 0.8, 0}, {0.2, 0.3, 0.9}};
   for (const double load : {1e-3, 4e-3, 0.1}) {
     std::vector<Primitive> set;
@@ -499,7 +500,8 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
 TEST_CASE("a plane and one other primitive are balanced however near their kinks are", "[solver]") {
   Random random(22);
   for (long i = 0; i < test::cases(20000); ++i) {
-    // As surface and viscosity place them: the point at the proxy, the plane a little off it.
+    // Surface and viscosity place their primitives like this: the point at the proxy, the plane
+    // slightly off it.
     const Vec3 at = random.inCube(5e-2);
     const double apart = random.integer(10) == 0 ? 0.0 : random.logUniform(1e-16, 1e-2);
     Primitive other = random.primitive();
@@ -580,7 +582,7 @@ TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
     REQUIRE(r.status != SolveStatus::kBadInput);
     REQUIRE(r.offset.allFinite());
     REQUIRE(r.status == SolveStatus::kConverged);
-    // Whatever happens, the primitives cannot hold the proxy farther off than S/k.
+    // In every case the primitives can hold the proxy at most S/k away.
     REQUIRE(r.offset.norm() <= sum / k * (1 + 1e-9) + r.error_bound);
     if (i % 20 != 0) continue;
     const Reference ref = solveReference(probe, k, set);

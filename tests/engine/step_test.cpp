@@ -1,4 +1,4 @@
-#include "palpate/engine/step.h"
+#include "palpate/engine/tick/step.h"
 
 #include <cmath>
 #include <limits>
@@ -7,7 +7,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 
@@ -43,7 +43,7 @@ struct Bench {
   StepReport step(const Vec3& hand, double dt = kDt) {
     return hapticStep(*scene, reader, {hand}, state, dt);
   }
-  /// Along a straight line at the speed of one step a tick.
+  /// Moves the hand along a straight line, by one step a tick.
   StepReport go(const Vec3& from, const Vec3& to, double step_length = 2e-4) {
     const int n = std::max(1, static_cast<int>(std::ceil((to - from).norm() / step_length)));
     StepReport last;
@@ -92,7 +92,7 @@ TEST_CASE("pushed harder than its strength, the surface lets go at s/k", "[step]
       }
       REQUIRE(r.force.norm() <= s * (1 + 1e-9));
       if (leaves < 0.0 && height < -1e-9) leaves = depth;
-      // A twentieth of a voxel of a millimetre behind it, it counts as pushed through.
+      // A proxy that is 0.05 voxel (voxels are 1 mm) behind the surface counts as pushed through.
       if (std::abs(height + 0.05e-3) > 0.5e-5) {
         const bool yielded = sideOf(bench.state.memory(0)) == Side::kYielded;
         REQUIRE(yielded == (height < -0.05e-3));
@@ -107,15 +107,15 @@ TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to
   Bench bench = sphere(1.0);
   const Vec3 d = Vec3::UnitZ();
   bench.go(1.1 * kRadius * d, kRadius * d);
-  // Proxy depth is the hand's less s/k = 2 mm; voxels are 1 mm.
+  // The proxy's depth is the hand's depth less s/k = 2 mm. Voxels are 1 mm.
   StepReport r = bench.go(kRadius * d, (kRadius - 4.9e-3) * d, 1e-5);
   CHECK(r.force.norm() == Approx(1.0).epsilon(1e-6));
-  // As it fades the proxy goes on, and it fades more.
+  // While the plane fades the proxy moves on, and the plane fades more.
   r = bench.go((kRadius - 4.9e-3) * d, (kRadius - 5.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   r = bench.go((kRadius - 5.1e-3) * d, (kRadius - 10e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
-  // Inside it is free to move and to leave.
+  // Inside, the proxy is free to move and to leave.
   r = bench.go((kRadius - 10e-3) * d, (kRadius - 0.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   double most = 0.0;
@@ -123,7 +123,7 @@ TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to
     most = std::max(most, bench.step(z * d).force.norm());
   }
   CHECK(most < 1e-9);
-  // Outside again it is a surface again.
+  // Once the proxy is outside, the surface holds again.
   r = bench.go(1.05 * kRadius * d, (kRadius - 1e-3) * d);
   CHECK(r.force.norm() == Approx(0.5).epsilon(1e-6));
 }
@@ -139,7 +139,7 @@ TEST_CASE("a released hand comes to zero force", "[step][passivity]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(kind, "it", 1.0)}, {500.0, 0.0}};
   StepReport r = bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1.5e-3});
   REQUIRE(r.force.norm() > 0.4);
-  // A released arm of small mobility: it moves along the force.
+  // A released arm of small mobility moves along the force.
   Vec3 hand(0, 0, kRadius - 1.5e-3);
   for (int i = 0; i < 4000; ++i) {
     r = bench.step(hand);
@@ -169,7 +169,7 @@ TEST_CASE("anchored modes make no energy: the proxy never moves away from the pr
     most = std::max(most, r.injected);
     held += r.wanted.norm() > 0.0 ? 1 : 0;
   }
-  CAPTURE(ticks, held, most);  // shown by -s
+  CAPTURE(ticks, held, most);  // printed with -s
   CHECK(held > ticks / 2);
   CHECK(most < 1e-12);
 }
@@ -225,7 +225,7 @@ TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[st
   for (int i = 0; i < 200; ++i) {
     Bench bench = sphere(50.0);
     const Vec3 d = random.direction();
-    // 2 m/s: two voxels a tick, from any phase, to 5 mm deep.
+    // 2 m/s is two voxels a tick, from any phase, to a depth of 5 mm.
     const double phase = random.uniform(0, 2e-3);
     StepReport r;
     for (double z = kRadius + 0.02 + phase; z > kRadius - 5e-3; z -= 2e-3) r = bench.step(z * d);
@@ -239,7 +239,7 @@ TEST_CASE("beyond the sub-step cap the rest of the way waits, and the status say
   const StepReport r = bench.step({0.04, 0, 0});
   CHECK(r.status == StepStatus::kSubstepLimit);
   CHECK(r.substeps == 16);
-  // A voxel to each reading, and one more by the last.
+  // The proxy moves a voxel for each reading, and one more for the last.
   CHECK(r.proxy.x() == Approx(17e-3));
   bench.step({0.04, 0, 0});
   bench.step({0.04, 0, 0});
@@ -249,7 +249,7 @@ TEST_CASE("beyond the sub-step cap the rest of the way waits, and the status say
 
 TEST_CASE("where nothing holds the proxy it keeps up with a fast hand", "[step]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}};
-  // Past the ball at 30 m/s in voxels of 1 mm, a hair outside it.
+  // The hand passes the ball at 30 m/s in voxels of 1 mm, just outside it.
   for (int i = -10; i <= 10; ++i) {
     const StepReport r = bench.step({0, 0.03 * i, kRadius + 5e-4});
     REQUIRE(r.force.norm() == 0.0);
@@ -302,7 +302,8 @@ TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
   CHECK((after.proxy - before.proxy).norm() < 1e-9);
   CHECK((after.force - before.force).norm() < 1e-6);
 
-  // A yielded contact is forgotten: the new scene's surface is left from inside for free.
+  // A yielded contact is forgotten, so the hand leaves the new scene's surface from inside without
+  // force.
   Bench weak = sphere(0.5);
   weak.go({0, 0, 1.02 * kRadius}, pressed);
   REQUIRE(sideOf(weak.state.memory(0)) == Side::kYielded);
@@ -324,8 +325,7 @@ TEST_CASE("a scene swapped while the proxy rests on its surface keeps the surfac
 }
 
 TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides over", "[step]") {
-  // Two half-spaces about the y axis: their union (a groove) and intersection (a
-  // roof).
+  // Two half-spaces about the y axis: their union is a groove, their intersection is a roof.
   const auto wedge = [](bool groove, double slope) {
     return makeScalarField(FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}},
                            [=](const Vec3& p) {

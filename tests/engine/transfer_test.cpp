@@ -1,4 +1,4 @@
-#include "palpate/engine/transfer.h"
+#include "palpate/engine/modes/transfer.h"
 
 #include <cmath>
 #include <limits>
@@ -30,7 +30,7 @@ TEST_CASE("a piecewise curve is linear between its points and constant beyond", 
   const auto f = TransferFunction::piecewise({{0, 0}, {0.3, 1}, {0.3, 2}, {1, 4}});
   CHECK(f(-5) == 0.0);
   CHECK(f(0.15) == Approx(0.5));
-  CHECK(f(0.3) == 2.0);  // a step: the later one counts
+  CHECK(f(0.3) == 2.0);  // at a step the later point counts
   CHECK(f(0.65) == Approx(3.0));
   CHECK(f(2) == 4.0);
 }

@@ -1,5 +1,5 @@
-// Primitives that vary with the place where they are read: strengths over a ramp, directions that
-// turn. What a tick takes for them, and what a hand feels of it.
+// Tests primitives that vary with the place of the reading: strengths over a ramp, directions that
+// turn. Checks the values that a tick uses, and the force on the hand.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,9 +9,9 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/newton.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/balance/newton.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
 
@@ -36,13 +36,13 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kStiffness, 0.0});
 }
 
-/// What a hand on a path feels.
+/// The result of a hand on a path.
 struct Feel {
-  double change = 0.0;    ///< Of the force from tick to tick [N],
-  double second = 0.0;    ///< and of that change.
-  double readings = 0.0;  ///< A tick, in the mean.
-  int unfinished = 0;     ///< Ticks.
-  double most = 0.0;      ///< Of the force [N].
+  double change = 0.0;    ///< Largest change of the force between ticks [N].
+  double second = 0.0;    ///< Largest second difference of the force [N].
+  double readings = 0.0;  ///< Mean number a tick.
+  int unfinished = 0;     ///< Ticks that did not converge.
+  double most = 0.0;      ///< Largest force [N].
   Vec3 proxy = Vec3::Zero();
 };
 template <class Path>
@@ -67,7 +67,7 @@ Feel along(const Scene& scene, int ticks, Path path) {
   return felt;
 }
 
-/// x [m], in units of so many metres.
+/// Returns the field x [m], in units of `metres_per_unit`.
 FieldPtr height(double metres_per_unit = 1.0) {
   return makeScalarField(frame(metres_per_unit), [metres_per_unit](const Vec3& p) {
     return ScalarSample{p.x() / metres_per_unit, Vec3::UnitX(), true};
@@ -89,7 +89,7 @@ TEST_CASE("a curve's slope is that beyond a knot, and none beyond the ends", "[t
 
 TEST_CASE("a directed force that rises steeply is felt smoothly, by about one reading a tick",
           "[modes][eq8]") {
-  // 2 N over so many metres: from twice to eight times as steep as the spring.
+  // The force rises by 2 N over the width: two to eight times as steep as the spring.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
   const double metres_per_unit = GENERATE(1.0, 1e-3);
   ModeSpec push;
@@ -97,7 +97,7 @@ TEST_CASE("a directed force that rises steeply is felt smoothly, by about one re
   push.of = "height";
   push.strength = TransferFunction::window(0.0, width / metres_per_unit, 2.0);
   const auto scene = sceneOf({push}, {{"height", height(metres_per_unit)}});
-  // There and back at 10 mm/s.
+  // The hand moves there and back at 10 mm/s.
   const Feel felt = along(
       *scene, 2000, [](int i) { return Vec3(-5e-3 + 1e-5 * (i < 1000 ? i : 2000 - i), 0, 0); });
   CAPTURE(width, metres_per_unit, felt.second, felt.change, felt.readings);
@@ -120,7 +120,7 @@ TEST_CASE("a force towards an axis within its reach comes to rest on it", "[mode
   pull.strength = strength;
   const auto scene = sceneOf({pull}, {{"radial", radial}});
   const double reach = strength / kStiffness;
-  // Through the axis, beside it by a hundredth of its reach, at 10 mm/s.
+  // The hand passes beside the axis, by a hundredth of the reach, at 10 mm/s.
   const int ticks = static_cast<int>(2.0 * reach / 1e-5);
   const Feel felt =
       along(*scene, ticks, [&](int i) { return Vec3(-reach + 1e-5 * i, 0.01 * reach, 1e-6 * i); });
@@ -131,7 +131,7 @@ TEST_CASE("a force towards an axis within its reach comes to rest on it", "[mode
 }
 
 TEST_CASE("round a vortex and on a front the proxy keeps its radius, however fast", "[modes]") {
-  const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: the hand up to a voxel a tick
+  const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: up to a voxel a tick
   const bool tube = GENERATE(false, true);
   const double strength = GENERATE(0.3, 1.5);
   ModeSpec mode;
@@ -145,7 +145,8 @@ TEST_CASE("round a vortex and on a front the proxy keeps its radius, however fas
   });
   const auto scene = sceneOf(
       {mode}, {{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.5)}, {"outwards", outwards}});
-  // The proxy takes its radius at rest; then the hand goes round, outside by half of what holds.
+  // The proxy takes its radius at rest. Then the hand goes round, outside by half of the holding
+  // distance.
   constexpr double kRadius = 0.02;
   const double outside = 0.5 * strength / kStiffness;
   const double turn = speed * kDt / kRadius;
@@ -162,7 +163,7 @@ TEST_CASE("round a vortex and on a front the proxy keeps its radius, however fas
 }
 
 TEST_CASE("what says converged is at the balance, whatever the curve of a strength", "[modes]") {
-  // It pushes back the more the deeper: there is one balance, found here by bisection.
+  // The force grows with depth, so there is one balance. Bisection finds it here.
   Random random(63);
   const long cases = test::cases(400);
   int told = 0;
@@ -197,7 +198,7 @@ TEST_CASE("what says converged is at the balance, whatever the curve of a streng
         (kStiffness * (hand - middle) > curve(middle) ? low : high) = middle;
       }
       CAPTURE(c, i, hand, r.proxy.x(), low);
-      // A last step below the tolerance is not read: where it would have met a knot it is too
+      // A last step below the tolerance is not read again. If it would have met a knot, it is too
       // short.
       off += std::abs(r.proxy.x() - low) <= 0.01 * kVoxel + 1e-12 ? 0 : 1;
       CHECK(std::abs(r.proxy.x() - low) <= 0.25 * kVoxel);
@@ -208,7 +209,8 @@ TEST_CASE("what says converged is at the balance, whatever the curve of a streng
 }
 
 TEST_CASE("a strength that was read beside the proxy is foreseen where that stands", "[newton]") {
-  // s = a x + s0, read at r: from x to the balance of what would be read there, exactly.
+  // The strength is s = a x + s0, read at r. The step leads from x exactly to the balance at the
+  // strength there.
   const double slope = GENERATE(-300.0, 800.0);
   const Vec3 read(1e-3, 2e-3, 0);
   const Vec3 from(1.3e-3, 2.1e-3, 1e-4);
@@ -226,7 +228,7 @@ TEST_CASE("a strength that was read beside the proxy is foreseen where that stan
 
 TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and moved",
           "[modes][graph]") {
-  // Values in units of 3 mm; the magnitude of a vector, its direction, and a product of curves.
+  // Values are in units of 3 mm: a vector's magnitude, its direction, and a product of curves.
   const double unit_size = 3e-3;
   const auto hill = makeScalarField(frame(unit_size), [=](const Vec3& p) {
     const Vec3 u = p / unit_size;
@@ -264,7 +266,7 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
   const BoundGraph graph = reader.bind(*scene);
   Random random(61);
   for (int c = 0; c < 200; ++c) {
-    // As a moved volume sees it.
+    // Reads p as a moved volume sees it.
     std::vector<Body> bodies(moves ? 1 : 0);
     const auto readAt = [&](const Vec3& p, Properties& out) {
       for (Body& body : bodies) {
@@ -301,7 +303,7 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
       }
     }
     if (!moves) continue;
-    // Carried on by its volume, what was read is what would be read there.
+    // A reading that its volume carries along equals a new reading at that place.
     Properties fresh;
     Body& body = bodies[0];
     const Pose before = body.pose;
@@ -323,7 +325,7 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
 }
 
 TEST_CASE("from strengths and directions that vary Newton's step is of second order", "[newton]") {
-  // A smooth force s(x) d(x), and a point that yields with a strength of its own slope.
+  // A smooth force s(x) d(x), and a yielding point with a strength slope of its own.
   const auto force = [](const Vec3& x, Vec3& d, Varying& varies) {
     const Vec3 u = x / 1e-3;
     const Vec3 v(1.0 + 0.2 * u.y(), 0.3 * u.x() * u.x(), 0.5 + 0.1 * u.z());
@@ -361,9 +363,9 @@ TEST_CASE("from strengths and directions that vary Newton's step is of second or
     Vec3 x = probe;
     std::array<double, 8> residuals{};
     for (double& residual : residuals) x += stepFrom(x, residual);
-    if (residuals[1] > 3e-4) continue;  // not near enough yet to say
+    if (residuals[1] > 3e-4) continue;  // not near enough to judge
     ++tried;
-    // As its square, down to rounding.
+    // The residual falls as its square, down to rounding.
     CHECK(residuals[2] <= 4e3 * residuals[1] * residuals[1] + 1e-12);
     CHECK(residuals[4] <= 1e-12);
   }

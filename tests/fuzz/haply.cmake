@@ -1,10 +1,10 @@
-# libFuzzer on the reader of Haply's messages; by hand, with clang.
+# libFuzzer on the reader of Haply's messages: run by hand, with clang.
 option(PALPATE_FUZZ "Build the fuzzers (clang only)" OFF)
 if(PALPATE_FUZZ AND TARGET palpate_haply_messages)
   if(NOT CMAKE_CXX_COMPILER_ID MATCHES "Clang")
     message(FATAL_ERROR "PALPATE_FUZZ needs clang: set CMAKE_CXX_COMPILER to clang++")
   endif()
-  # Both sources once more: what is fuzzed is compiled to be counted.
+  # Compiles both sources again, with the fuzzer's instrumentation.
   add_executable(palpate_fuzz_haply_messages
     ${CMAKE_CURRENT_LIST_DIR}/haply_messages.cpp
     ${PROJECT_SOURCE_DIR}/devices/plugins/haply_messages.cpp)

@@ -1,4 +1,4 @@
-/// libFuzzer on the reader of Haply's messages: docs/haply.md says how it is run.
+/// libFuzzer for the reader of Haply's messages: docs/haply.md describes how to run it.
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>

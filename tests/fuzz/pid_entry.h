@@ -1,5 +1,5 @@
-/// Any bytes as a PID device's descriptor, and as all that it says: what the random test and
-/// libFuzzer share.
+/// Feeds any bytes to a PID device's driver, as its descriptor and as its reports. The random test
+/// and libFuzzer share this code.
 #pragma once
 
 #include <algorithm>
@@ -10,21 +10,21 @@
 #include <span>
 #include <vector>
 
-#include "palpate/devices/hid_device.h"
-#include "palpate/devices/pid_descriptor.h"
-#include "palpate/devices/pid_port.h"
+#include "palpate/devices/hid/hid_device.h"
+#include "palpate/devices/hid/pid_descriptor.h"
+#include "palpate/devices/hid/pid_port.h"
 #include "palpate/engine/error.h"
 
 namespace palpate::test {
 
-/// Says what it is given, bytes by bytes, and takes everything.
+/// Returns the given bytes as reports, and accepts all writes.
 class SayingPort final : public ReportPort {
  public:
   explicit SayingPort(std::span<const std::byte> says) : says_(says) {}
-  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
-    if (says_.empty()) return Got::kNothing;
+  [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    if (says_.empty()) return ReadStatus::kNothing;
     size = take(to);
-    return Got::kReport;
+    return ReadStatus::kReport;
   }
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
     return !report.empty();
@@ -39,7 +39,8 @@ class SayingPort final : public ReportPort {
   }
 
  private:
-  /// The first byte says how long it is; the report's number comes true more often than not.
+  /// Takes the next report. The first byte sets its length; its number is right more often than
+  /// not.
   std::size_t take(std::span<std::byte> to) noexcept {
     std::size_t size = std::to_integer<std::size_t>(says_[0]) % 48;
     says_ = says_.subspan(1);
@@ -55,7 +56,7 @@ inline void must(bool good) {
   if (!good) std::abort();
 }
 
-/// True where it is a PID device that could be opened.
+/// Returns true if the descriptor is that of a PID device that could be opened.
 inline bool fuzzPid(std::span<const std::byte> descriptor, std::span<const std::byte> says) {
   const auto device = parseHidDescriptor(descriptor);
   if (!device) return false;

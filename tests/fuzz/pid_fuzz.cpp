@@ -1,4 +1,4 @@
-/// libFuzzer's way to tests/fuzz/pid_entry.h: two bytes say how long the descriptor is.
+/// libFuzzer for tests/fuzz/pid_entry.h: two bytes hold the length of the descriptor.
 ///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
 ///     -DPALPATE_ENGINE_ONLY=ON -DPALPATE_SANITIZE=address,undefined
 ///   ninja -C build/fuzz palpate_fuzz_pid && build/fuzz/tests/palpate_fuzz_pid -max_total_time=60

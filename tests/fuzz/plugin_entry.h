@@ -1,4 +1,4 @@
-/// What a plug-in's process may say, whatever it is: for random bytes and for libFuzzer.
+/// Feeds any data of a plug-in's process to its reader. Random bytes and libFuzzer share this code.
 #pragma once
 
 #include <cmath>
@@ -10,9 +10,9 @@
 #include <string>
 #include <utility>
 
-#include "palpate/devices/plugin_arm.h"
-#include "palpate/devices/plugin_link.h"
-#include "palpate/engine/safety.h"
+#include "palpate/devices/plugins/plugin_arm.h"
+#include "palpate/devices/plugins/plugin_link.h"
+#include "palpate/engine/safety/safety.h"
 
 namespace palpate::test {
 
@@ -24,7 +24,7 @@ inline std::int64_t fuzzNow() noexcept {
   return fuzzTime();
 }
 
-/// An arm whose plug-in says what it is told to.
+/// An arm whose plug-in reports the data of the test.
 class PluginFuzz {
  public:
   explicit PluginFuzz(const palpate_plugin_facts& facts) {
@@ -39,10 +39,10 @@ class PluginFuzz {
   }
 
   [[nodiscard]] PluginNews& news() noexcept { return port_->next; }
-  /// Ticks that no fault has ended.
+  /// Returns the ticks without a fault.
   [[nodiscard]] long passed() const noexcept { return passed_; }
 
-  /// One tick; what is wrong with what a loop is given, empty: it is finite, or a fault.
+  /// Runs one tick. Returns "" if the loop's input is finite or a fault; else the error.
   [[nodiscard]] std::string tick() {
     fuzzTime() += 1'000'000;
     t_ += 1e-3;
@@ -91,7 +91,8 @@ class PluginFuzz {
   long passed_ = 0;
 };
 
-/// Bytes of the socket; what is wrong, empty: they are a message or none.
+/// Reads bytes of the socket. Returns "" if they are a valid message or are rejected; else the
+/// error.
 [[nodiscard]] inline std::string fuzzPluginMessage(std::span<const std::byte> bytes, bool& taken) {
   const auto message = pluginMessageOf(bytes);
   taken = message.has_value();

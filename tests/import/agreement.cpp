@@ -1,11 +1,12 @@
-/// Does an imported .vdb agree with VTK's own probe of the original? A row of a table per array.
+/// Compares an imported .vdb with VTK's own probe of the original. Prints a table row per array.
 ///
 ///   palpate_import_agreement KIND ORIGINAL VDB
 ///
-/// KIND: vtk, exodus, headsq (a folder of slices), brainsmall or wind (raw, their layouts are
-/// here). The originals are read by VTK's readers, not the importer's; the .vdb by palpate's
-/// samplers. Voxel centres must agree to float precision; random points, for meshes, as the
-/// importer said when it resampled them (metadata of the grid). Exit status 1 where they do not.
+/// KIND: vtk, exodus, headsq (a folder of slices), brainsmall or wind (raw; this file has their
+/// layouts). VTK's readers, not the importer's, read the originals; palpate's samplers read the
+/// .vdb. Voxel centres must agree to float precision. For meshes, random points must agree to the
+/// error that the importer stated when it resampled them (metadata of the grid). Exit status 1 if
+/// they do not.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -32,15 +33,15 @@
 #include <vtkVolume16Reader.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
 #include "tests/support/probe.h"
 
 namespace {
 
 using palpate::Vec3;
 
-/// Of an 8-byte-aligned, interleaved raw file.
+/// Reads an 8-byte-aligned, interleaved raw file.
 vtkSmartPointer<vtkDataSet> readRaw(const char* file, int type, const std::array<int, 3>& size,
                                     int components, unsigned long header, bool big_endian,
                                     const palpate::Mat3& axes, const char* name) {
@@ -58,7 +59,7 @@ vtkSmartPointer<vtkDataSet> readRaw(const char* file, int type, const std::array
     reader->SetDataByteOrderToLittleEndian();
   }
   reader->Update();
-  // As a curvilinear grid: any axes are right in it.
+  // A curvilinear grid allows any axes.
   vtkNew<vtkPoints> points;
   points->SetDataTypeToDouble();
   for (int k = 0; k < size[2]; ++k) {
@@ -107,8 +108,8 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
     reader->Update();
     vtkImageData* image = reader->GetOutput();
     image->GetPointData()->GetScalars()->SetName("density");
-    // This reader has the last row first, at 0; the header's space is left-handed, so that its
-    // first row is at 0 and the others go down. The same, moved.
+    // This reader has the last row first, at 0. The header's space is left-handed, so that its
+    // first row is at 0 and the others go down. The image is the same, moved.
     image->SetOrigin(0.0, -63 * 3.2, 0.0);
     return image;
   }
@@ -133,7 +134,7 @@ void makeDouble(vtkDataSet* data) {
   }
 }
 
-/// VTK's values at points; rows that it has none for are NaN.
+/// Returns VTK's values at points; rows without a value are NaN.
 std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const char* name) {
   vtkNew<vtkPoints> points;
   points->SetDataTypeToDouble();
@@ -158,7 +159,7 @@ std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const
   return out;
 }
 
-/// How many of the 8 voxels about a place have data.
+/// Returns how many of the 8 voxels about a place have data.
 template <class GridT>
 int dataAbout(const GridT& grid, const Vec3& p) {
   const auto low = openvdb::Coord::floor(grid.worldToIndex(openvdb::Vec3d(p.x(), p.y(), p.z())));
@@ -175,7 +176,7 @@ struct Difference {
   std::size_t points = 0;
 };
 
-/// Relative to the range.
+/// Returns differences relative to the range.
 template <class Reads>
 Difference compare(const std::vector<Vec3>& at, const std::vector<Vec3>& truth, double range,
                    Reads read) {
@@ -204,7 +205,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   };
   const auto stated = grid.template getMetadata<openvdb::DoubleMetadata>("resampling_rms");
 
-  // Voxel centres that have data: an image's are all of its points, the left-out ones as well.
+  // Voxel centres that have data. Of an image these are all points, including those left out.
   std::vector<Vec3> centres;
   if (stated == nullptr) {
     for (vtkIdType i = 0; i < original->GetNumberOfPoints(); ++i) {
@@ -220,7 +221,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   }
   const Difference exact = compare(centres, probe(original, centres, name.c_str()), range, read);
 
-  // Anywhere within.
+  // Places anywhere within the bounds.
   std::mt19937_64 random(7);
   double bounds[6];
   original->GetBounds(bounds);
@@ -242,13 +243,13 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   }
   const Difference between =
       compare(anywhere, probe(original, anywhere, name.c_str()), range, read);
-  // In the outermost voxel, where what has no data reads as the background.
+  // In the outermost voxel, where places without data read as the background.
   const Difference edge = compare(beside, probe(original, beside, name.c_str()), range, read);
   const auto stated_edge =
       grid.template getMetadata<openvdb::DoubleMetadata>("resampling_edge_rms");
 
   const double allowed = stated == nullptr ? 1e-6 : 1.1 * stated->value() + 1e-6;
-  // Few of the places are there, and a few of them make most of it: to a factor of 2.
+  // Few places are in that voxel, and a few of them make most of the error: to a factor of 2.
   const bool edge_ok = edge.points == 0 ||
                        (stated_edge != nullptr && edge.rms <= 2.0 * stated_edge->value() + 1e-6 &&
                         edge.rms >= 0.5 * stated_edge->value() - 1e-6);

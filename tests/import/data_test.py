@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Real data, imported, compared, described and felt: data_test.py BIN_DIR AGREEMENT_PROGRAM.
+"""Imports, compares, describes and feels real data: data_test.py BIN_DIR AGREEMENT_PROGRAM.
 
-Takes PALPATE_DATA. Prints the table of agreement with VTK's own probe of the originals."""
+Needs PALPATE_DATA. Prints the table of agreement with VTK's own probe of the originals."""
 import json
 import os
 import subprocess
@@ -16,7 +16,7 @@ WIND = {"size": [8, 14, 25], "type": "float32", "endian": "big", "components": 3
         "axes": [[0, 2214.286, 0], [0, 0, 4153.846], [4166.667, 0, 0]]}
 MRI = {"size": [128, 128, 84], "type": "uint8", "skip": 62}
 
-# Name, what the agreement program calls it, the original, what it is given, options.
+# Name, its name in the agreement program, the original, the imported file (None: the original), options.
 FILES = [
     ("headsq", "headsq", "ct_headsq", "ct_headsq/quarter.nhdr", []),
     ("brainsmall", "brainsmall", "mri_brainsmall/brainsmall.den", None, ["--raw", json.dumps(MRI)]),
@@ -43,7 +43,7 @@ def main():
                                     "--scene", scene, "--json", *options))
             grids = {grid["name"]: grid for grid in report["grids"]}
             if name == "disk_out_ref":
-                # Co-registered: the same voxels.
+                # The grids are co-registered: they have the same voxels.
                 voxels = {json.dumps([grids[g]["voxel"], grids[g]["active_voxels"]])
                           for g in ("V", "Pres", "Temp")}
                 assert len(voxels) == 1, voxels

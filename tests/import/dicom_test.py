@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""DICOM series, written here byte by byte, as palpate-import reads them: dicom_test.py BIN_DIR."""
+"""Tests palpate-import with DICOM series, written here byte by byte: dicom_test.py BIN_DIR."""
 import csv
 import io
 import math
@@ -30,7 +30,7 @@ SECRET = "Mustermann^Erika"
 
 
 def element(tag, vr, value):
-    """One data element, explicit VR, little endian."""
+    """Returns one data element, explicit VR, little endian."""
     group, number = tag >> 16, tag & 0xFFFF
     if vr == "SQ":
         value = b"".join(struct.pack("<HHI", 0xFFFE, 0xE000, len(item)) + item for item in value)
@@ -49,7 +49,7 @@ def element(tag, vr, value):
 
 
 def packed_bits(data):
-    """RLE, PackBits without any run."""
+    """Encodes with RLE, PackBits without any run."""
     out = b""
     for i in range(0, len(data), 128):
         part = data[i:i + 128]
@@ -58,13 +58,13 @@ def packed_bits(data):
 
 
 def rle(pixels):
-    """16 bits: all high bytes, then all low ones."""
+    """Encodes 16 bits with RLE: all high bytes, then all low bytes."""
     high, low = packed_bits(pixels[1::2]), packed_bits(pixels[0::2])
     return struct.pack("<16I", 2, 64, 64 + len(high), *[0] * 13) + high + low
 
 
 def lossless_jpeg(pixels, columns, rows):
-    """16 bits, predicted by the left neighbour; categories 0 to 16 have codes of 5 bits."""
+    """Encodes 16 bits, predicted from the left neighbour; categories 0 to 16 have codes of 5 bits."""
     values = struct.unpack(f"<{columns * rows}H", pixels)
     bits = ""
     for at, value in enumerate(values):
@@ -90,7 +90,7 @@ def encapsulated(item):
 
 
 def dicom(elements, pixels=b"", kind=CT, syntax=PLAIN):
-    """A whole file. `elements` by tag: (VR, value), None to leave out."""
+    """Returns a whole file. `elements` by tag: (VR, value), or None to leave an element out."""
     meta = element(0x00020002, "UI", kind) + element(0x00020003, "UI", "1.2.3.4")
     meta += element(0x00020010, "UI", syntax)
     body = b"".join(element(tag, *elements[tag]) for tag in sorted(elements) if elements[tag])
@@ -169,7 +169,7 @@ class Volume:
         return dicom(self.elements(k, **more), self.pixels(k), syntax=syntax)
 
     def write(self, folder, prefix="IM", shuffle=True, syntax=PLAIN, slices=None):
-        """Under names that say nothing of the order."""
+        """Writes the series under names that do not show the order."""
         folder.mkdir(parents=True, exist_ok=True)
         names = list(range(self.size[2]))
         if shuffle:
@@ -180,7 +180,7 @@ class Volume:
 
 
 def turned(a, b, c):
-    """Rows of a rotation: by a about z, b about y, c about x."""
+    """Returns the rows of a rotation: by a about z, b about y, c about x."""
     ca, sa, cb, sb, cc, sc = (f(t) for t in (a, b, c) for f in (math.cos, math.sin))
     return [[ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
             [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
@@ -206,7 +206,7 @@ class Case(unittest.TestCase):
         self.assertNotIn(b"19640229", self.out.read_bytes())
 
     def refused(self, source, *more, says):
-        """One clear line on stderr, nothing on stdout, no file left."""
+        """The import is refused: one clear line on stderr, no output on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: self.run_import(source, *more))
         self.assertEqual(done.returncode, 2, line)
         for part in [says] if isinstance(says, str) else says:
@@ -214,7 +214,7 @@ class Case(unittest.TestCase):
         self.assertNotIn(SECRET, line)
 
     def sampled(self, points, interpolation):
-        """The value at points (RAS, mm) and whether there are data."""
+        """Returns the value at points (RAS, mm), and whether there is data."""
         table = "x,y,z\n" + "".join(",".join(repr(c) for c in p) + "\n" for p in points)
         done = process.run([str(BIN / "palpate"), "sample", str(self.out), "--grid", "density",
                                "--points", "-", "--interpolation", interpolation], input=table,
@@ -224,19 +224,19 @@ class Case(unittest.TestCase):
                 for row in csv.DictReader(io.StringIO(done.stdout))]
 
     def same(self, volume, expected=None, hidden=(), places=4):
-        """Every voxel has its value, at its place; the hidden ones have none."""
+        """Every voxel has its value at its place; the hidden ones have no value."""
         expected = expected or (lambda i, j, k: volume.slope * volume.stored(i, j, k) +
                                 volume.intercept)
         voxels = [(i, j, k) for k in range(volume.size[2]) for j in range(volume.size[1])
                   for i in range(volume.size[0])]
-        # The patient's left and back are DICOM's axes, right and front ours.
+        # DICOM's axes point to the patient's left and back, palpate's to the right and front.
         ras = [(-p[0], -p[1], p[2]) for p in (volume.at(*v) for v in voxels)]
-        # Between voxels values change with the place, the nearest voxel's is its own.
+        # Between voxels the interpolated value varies with the place; the nearest voxel's value is exact.
         between = self.sampled(ras, "trilinear")
         nearest = self.sampled(ras, "nearest")
         without = {v for v, (_, inside) in zip(voxels, nearest) if not inside}
         self.assertLessEqual(set(hidden), without)
-        # What equals the surroundings is left out as well.
+        # Values equal to the surroundings are left out as well.
         self.assertLessEqual(len({expected(*v) for v in without - set(hidden)}), 1)
         for voxel, (value, _), (own, _) in zip(voxels, between, nearest):
             if voxel not in hidden:
@@ -274,7 +274,7 @@ class Places(Case):
     @suite.smoke
     def test_a_tilted_gantry_shears(self):
         tilt = math.radians(20)
-        # Slices lean about x, but the table moves along z.
+        # The slices lean about x, but the table moves along z.
         volume = Volume(column=(0, math.cos(tilt), math.sin(tilt)), step=[0, 0, 2.5])
         self.imported(volume.write(self.dir / "ct"))
         self.same(volume)
@@ -294,7 +294,7 @@ class Places(Case):
     @suite.smoke
     def test_frames_of_one_file(self):
         volume = Volume()
-        # The frames in another order than the slices.
+        # The frames have another order than the slices.
         order = [3, 0, 5, 1, 4, 2]
 
         def frame(k):
@@ -331,11 +331,11 @@ class Places(Case):
             file.write_bytes(whole[:len(whole) - 200])
             self.out.unlink()
             self.refused(folder, says=["IM001", "bytes are missing"])
-            # Its only part is gone.
+            # The only fragment is removed.
             at = whole.index(b"OB\0\0\xff\xff\xff\xff") + 8
             file.write_bytes(whole[:at + 8] + whole[-8:])
             self.refused(folder, says="fewer pixels")
-        # Its picture ends in codes that there are not.
+        # The picture ends in codes that do not exist.
         file.write_bytes(whole[:-400] + b"\xfe" * 392 + whole[-8:])
         self.refused(folder, says=["IM001: its pixels are damaged", "JPEG"])
         file.write_bytes(whole.replace(JPEG.encode(), b"1.2.840.10008.1.2.4.99"))
@@ -345,7 +345,7 @@ class Places(Case):
 class Values(Case):
     @suite.smoke
     def test_units_and_types(self):
-        # Whole and broken, signed and unsigned, beyond 16 bits, each slice its own.
+        # Integer and fractional, signed and unsigned, beyond 16 bits, different in each slice.
         for slope, intercept in (1, 0), (2, -5), (0.25, 3.5), (100, -7), (-1, 0):
             volume = Volume()
             volume.slope, volume.intercept = slope, intercept
@@ -371,7 +371,7 @@ class Values(Case):
         hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
         plain = Volume().stored
         stored = lambda i, j, k: -2000 if (i, j, k) in hidden else plain(i, j, k)
-        # As signed it is written, and as scanners write it too.
+        # Written as a signed value, and as an unsigned value as scanners do.
         for tag in ("SS", -2000), ("US", 63536):
             volume = Volume(t00280120=tag)
             volume.stored = stored
@@ -507,7 +507,7 @@ class Trouble(Case):
         file.write_bytes(whole[:-10])
         for source in folder, file, folder / "IM001":
             self.refused(source, says=["IM002", "10 bytes are missing"])
-        # Wherever it is cut.
+        # Cut at any length.
         cuts = cases((len(whole) - 134) // 7, "cuts")
         for length in range(133, len(whole) - 1, max(7, (len(whole) - 134) // cuts)):
             file.write_bytes(whole[:length])
@@ -531,7 +531,7 @@ class Trouble(Case):
 
 class Time(Case):
     def series(self, **tags):
-        """Two steps; the earlier one's values are the volume's, the later one's 5000 more."""
+        """Returns two steps: the earlier has the volume's values, the later one has 5000 more."""
         volume = Volume()
         folder = self.dir / "4d"
         folder.mkdir(exist_ok=True)

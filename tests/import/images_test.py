@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Images as other programs write them, byte by byte: images_test.py BIN_DIR."""
+"""Tests images as other programs write them, byte by byte: images_test.py BIN_DIR."""
 import bz2
 import csv
 import gzip
@@ -44,7 +44,7 @@ IDENTITY = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def within(p):
-    """Not on the faces: a grid of one value alone has nothing to feel."""
+    """Returns false on the faces: a grid of a single value could not be felt."""
     return all(0 < p[a] < SIZE[a] - 1 for a in range(3))
 
 
@@ -53,7 +53,7 @@ def times(matrix, v):
 
 
 def place(columns, origin, index):
-    """Columns are what one step along i, j and k is in space."""
+    """Returns the place of an index. Columns are the steps in space along i, j and k."""
     return tuple(origin[d] + sum(columns[a][d] * index[a] for a in range(3)) for d in range(3))
 
 
@@ -77,19 +77,19 @@ class Case(unittest.TestCase):
         return out
 
     def refused(self, path, says, *words, out=None):
-        """One clear line on stderr, status 2, no file left."""
+        """The import is refused: one clear line on stderr, status 2, no file left."""
         done, line = refusal(self, self.dir, lambda: process.run(
             [str(BIN / "palpate-import"), str(path), str(out or self.dir / "out.vdb"), *words],
             capture_output=True, text=True, timeout=120))
         self.assertIn(says, line)
-        # 1: the sanitizers' allocator ends the program that asks for too much.
+        # 1: the sanitizers' allocator ends a program that requests too much memory.
         self.assertIn(done.returncode, (1, 2) if "gave up" in line else (2,))
 
     def bits_are_guarded(self, name, before, packed, count=40):
-        """Whichever bit of what is packed is flipped, behind its first `before`: a line, or the
-        same volume, as where gzip keeps the time."""
+        """Flips bits of the packed data after `before`. Each flip gives one line on stderr, or the same volume, for
+        example where gzip keeps the time."""
         count = min(8 * len(packed), max(2, cases(count, "flipped bits of " + name)))
-        uuid = 57  # which OpenVDB gives every file
+        uuid = 57  # bytes before this offset: OpenVDB gives every file a different identity
         whole = self.convert(self.write(name, before, packed)).read_bytes()[uuid:]
         (self.dir / "out.vdb").unlink()
         refused = 0
@@ -125,12 +125,12 @@ class Case(unittest.TestCase):
         return list(csv.DictReader(io.StringIO(done.stdout)))
 
     def says_patient(self, volume, says):
-        """In metadata, as OpenVDB writes a text."""
+        """Checks the metadata, in the format in which OpenVDB writes a text."""
         entry = b"".join(struct.pack("<i", len(w)) + w for w in (b"space", b"string", b"RAS"))
         self.assertEqual(entry in volume.read_bytes(), says)
 
     def holds(self, volume, grid, columns, origin, expected, indices=INNER, places=4):
-        """The grid has expected(i, j, k), a number or three, where (i, j, k) is in space."""
+        """The grid has expected(i, j, k), one number or three, at the place of (i, j, k)."""
         rows = self.sample(volume, grid, [place(columns, origin, p) for p in indices])
         for index, row in zip(indices, rows):
             value = expected(*index)
@@ -189,7 +189,7 @@ class Nrrd(Case):
         out = self.convert(path)
         self.holds(out, "density", COLUMNS, AT, scalar)
         self.says_patient(out, says=False)
-        # A space whose axes have no direction.
+        # A space without axis directions.
         path = self.write("a.nrrd", nrrd("space: LPS", "spacings: 1 2 3"), "\n", SHORTS)
         self.says_patient(self.convert(path), says=False)
 
@@ -282,7 +282,7 @@ class Nrrd(Case):
                 f"kinds: {word} space space space", kind="float", sizes="3 4 5 6"), "\n", VECTORS)
             self.holds(self.convert(path), "vector", columns, origin,
                        lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
-        # The components last.
+        # The components are last.
         path = self.write("a.nrrd", nrrd(
             *fields, "space directions: (2,0.5,0) (0,3,0) (0,0.25,4) none",
             "kinds: space space space vector", kind="float", sizes="4 5 6 3"), "\n", PLANES)
@@ -337,7 +337,7 @@ class Nrrd(Case):
             self.holds(out, "tensor_diffusivity", *at, lambda *_: 2.0)
 
     def test_a_tensors_measurement_frame(self):
-        # diag(3, 1, 1) in a frame whose x is the space's z.
+        # diag(3, 1, 1) in a frame with x along the space's z.
         data = struct.pack("<720f", *([3, 0, 0, 1, 0, 1] * 120))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
@@ -366,13 +366,13 @@ class Nrrd(Case):
             "space: RAS", "space directions: (1,0,0) (0,1,0) (0,0,1) none",
             "kinds: space space space list", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # The series fastest, as diffusion-weighted files have it.
+        # The series varies fastest, as in diffusion-weighted files.
         mixed = struct.pack("<240h", *(w for v in SCALARS for w in (v, -v)))
         path = self.write("a.nrrd", nrrd(
             "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
             "kinds: list space space space", sizes="2 4 5 6"), "\n", mixed)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # Four-dimensional space.
+        # A four-dimensional space.
         path = self.write("a.nrrd", nrrd(
             "space: right-anterior-superior-time",
             "space directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,2.5)",
@@ -452,7 +452,7 @@ class Nrrd(Case):
             path = self.write("a.nhdr", nrrd("line skip: 1", f"byte skip: {skip}",
                                              "data file: a.raw.gz", encoding="gzip"))
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
-        # In two members, as bgzip writes; and cut within its sum.
+        # In two members, as bgzip writes; and cut within its checksum.
         self.write("a.raw.gz", gzip.compress(SHORTS[:77]) + gzip.compress(SHORTS[77:]))
         path = self.write("a.nhdr", nrrd("data file: a.raw.gz", encoding="gzip"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
@@ -504,7 +504,7 @@ class MetaImage(Case):
         out = self.convert(path)
         self.holds(out, "density", *turned(RAS_FROM_LPS, self.COLUMNS, (10, 20, 30)), scalar)
         self.says_patient(out, says=True)
-        # The names of old files, and a sheared matrix.
+        # The names used in old files, and a sheared matrix.
         path = self.write("a.mha", meta("Rotation = 1 0.5 0 0 1 0 0 0 1", "Position = 1 2 3",
                                         "ElementSize = 2 2 2"), SHORTS)
         self.holds(self.convert(path), "density", ((2, 1, 0), (0, 2, 0), (0, 0, 2)), (1, 2, 3),
@@ -615,7 +615,7 @@ class MetaImage(Case):
         self.assertTrue(pipe.is_fifo())
         self.refused(path, "pipe or a device", "--scene", str(pipe))
         self.refused(path, "symbolic links", "--scene", str(self.dir / "round" / "a.json"))
-        # Of a series its name is the step's.
+        # In a series, the name of a step's file.
         os.mkfifo(self.dir / "out_0001.vdb")
         self.refused(self.write("a.nii", nifti((4, 5, 6, 2), *SHORT), SHORTS * 2),
                      "out_0001.vdb: it is a pipe", "--time", "all")
@@ -679,7 +679,7 @@ def nifti(dims, kind, bits, *, intent=0, sform=None, qfac=None, slope=0.0, inter
     h[123] = units
     if qfac is not None:
         struct.pack_into(order + "h", h, 252, 1)
-        struct.pack_into(order + "6f", h, 256, 0, 0, 0, 5, 6, 7)  # no turn; an offset
+        struct.pack_into(order + "6f", h, 256, 0, 0, 0, 5, 6, 7)  # no rotation; an offset
     if sform is not None:
         struct.pack_into(order + "h", h, 254, 1)
         for row in range(3):
@@ -738,8 +738,8 @@ class Nifti(Case):
     @suite.smoke
     def test_turns_are_quaternions(self):
         half = 0.5 ** 0.5
-        # A quarter about z; half a turn about x, whose first number is 0; and one that rounding
-        # has made a little longer than 1.
+        # A quarter turn about z; half a turn about x, with a first number of 0; and a quaternion that rounding has made
+        # slightly longer than 1.
         for quaternion, columns in (((0, 0, half), ((0, 2, 0), (-3, 0, 0), (0, 0, 4))),
                                     ((1, 0, 0), ((2, 0, 0), (0, -3, 0), (0, 0, -4))),
                                     ((0, 1 + 1e-7, 0), ((-2, 0, 0), (0, 3, 0), (0, 0, -4)))):
@@ -786,7 +786,7 @@ class Nifti(Case):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
                                              sform=self.ROWS), PLANES)
             self.holds(self.convert(path), "vector", COLUMNS, AT, vector)
-        # Slices from above.
+        # Slices from the top.
         path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007, qfac=-1.0), PLANES)
         self.holds(self.convert(path), "vector", ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5, 6, 7),
                    vector)
@@ -802,13 +802,13 @@ class Nifti(Case):
         self.holds(self.dir / "out.vdb", "tensor_diffusivity", IDENTITY, (0, 0, 0), lambda *_: 1.0)
 
     def test_four_dimensions_as_fsl_writes_vectors(self):
-        # Radiological: the voxels' x to the left. Components are along the voxels.
+        # Radiological: the voxels' x points to the left. Components are along the voxels.
         left = ((-2, 0, 0, 0), (0, 3, 0, 0), (0, 0, 4, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=left), PLANES)
         self.holds(self.convert(path, "--as", "vector"), "vector",
                    ((-2, 0, 0), (0, 3, 0), (0, 0, 4)), (0, 0, 0),
                    lambda i, j, k: (-1.0 - i, 20.0 + j, 300.0 + k))
-        # Neurological: the voxels' x to the right, and FSL mirrors x.
+        # Neurological: the voxels' x points to the right, and FSL mirrors x.
         right = ((2, 0, 0, 0), (0, 0, 4, 0), (0, -3, 0, 0))
         path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=right), PLANES)
         self.holds(self.convert(path, "--as", "vector"), "vector",
@@ -842,11 +842,11 @@ class Nifti(Case):
         self.refused(self.write("a.nii", whole[:500]), "truncated")
         packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
         self.refused(self.write("a.nii.gz", packed[:-100]), "a.nii.gz")
-        # One bit of the sum that ends it.
+        # Flips one bit of the final checksum.
         packed = gzip.compress(nifti(SIZE, *SHORT) + SHORTS)
         self.refused(self.write("a.nii.gz", packed[:-8] + bytes([packed[-8] ^ 1]) + packed[-7:]),
                      "damaged")
-        # Cut within what ends it, of a series too whose first step alone is taken.
+        # Cut within the trailer; also for a series, where only the first step is imported.
         two = gzip.compress(nifti((4, 5, 6, 2), *SHORT) + SHORTS + SHORTS)
         for whole_packed in (packed, two):
             for cut in (1, 4, 8, 9):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""palpate import as its users meet it: import_test.py BIN_DIR MAKE_SERIES_PROGRAM."""
+"""Tests palpate import through its command line: import_test.py BIN_DIR MAKE_SERIES_PROGRAM."""
 import csv
 import io
 import json
@@ -54,7 +54,7 @@ class Case(unittest.TestCase):
         return path
 
     def imported(self, source, *words):
-        """Imports into out.vdb; the report."""
+        """Imports into out.vdb; returns the report."""
         done = run("import", source, self.dir / "out.vdb", "--json", *words)
         self.assertEqual(done.stderr, "")
         return json.loads(done.stdout)
@@ -67,7 +67,7 @@ class Case(unittest.TestCase):
                 for row in csv.DictReader(io.StringIO(done.stdout))]
 
     def refused(self, *words, says, status=2):
-        """One clear line on stderr, nothing on stdout, no file left."""
+        """The import is refused: one clear line on stderr, no output on stdout, no file left."""
         done, line = refusal(self, self.dir, lambda: call("import", *words))
         self.assertEqual(done.returncode, status, line)
         self.assertIn(says, line)
@@ -87,7 +87,7 @@ def words_of(values):
 
 def vti(nx, ny, nz, point_arrays, cell_arrays=(), origin=(0, 0, 0), spacing=(1, 1, 1),
         direction=None, start=0):
-    """An XML image; arrays are (name, components, flat values)."""
+    """Returns an XML image; arrays are (name, components, flat values)."""
     def section(kind, arrays):
         text = f"<{kind}>"
         for name, components, values in arrays:
@@ -147,7 +147,7 @@ def unstructured(points, cells, types, data):
 
 
 def box_of_tetrahedra(n, skip=lambda i, j, k: False):
-    """n^3 unit cubes of 6 tetrahedra each, some left out: points, cells."""
+    """Returns n^3 unit cubes of 6 tetrahedra each, some left out: points, cells."""
     def index(i, j, k):
         return (k * (n + 1) + j) * (n + 1) + i
     points = [(float(i), float(j), float(k))
@@ -158,7 +158,7 @@ def box_of_tetrahedra(n, skip=lambda i, j, k: False):
             for i in range(n):
                 if skip(i, j, k):
                     continue
-                # Kuhn's: one for each order of the three axes.
+                # Kuhn's tetrahedra: one for each order of the three axes.
                 for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
                     at = [i, j, k]
                     corners = [index(*at)]
@@ -336,7 +336,7 @@ class Meshes(Case):
                 self.assertAlmostEqual(row["value"], truth, delta=2e-5)
 
     def test_each_voxel_has_the_value_of_the_cell_that_holds_it(self):
-        """Random values at the points: no cell but the right one gives the right value."""
+        """Random values at the points: only the right cell gives the right value."""
         points, cells = box_of_tetrahedra(4)
         rng = random.Random(8)
         values = [rng.uniform(-1, 1) for _ in points]
@@ -346,7 +346,7 @@ class Meshes(Case):
         value_at = dict(zip(points, values))
         places = [tuple(rng.randrange(17) / 4 for _ in range(3)) for _ in range(300)]
         for row in self.sample("s", places):
-            # Kuhn's tetrahedra: from the low corner along the axes in falling order of the rest.
+            # Kuhn's tetrahedra: from the low corner along the axes, in falling order of the remainders.
             p = (row["x"], row["y"], row["z"])
             low = [min(int(x), 3) for x in p]
             rest = sorted(((x - c, a) for a, (x, c) in enumerate(zip(p, low))), reverse=True)
@@ -503,7 +503,7 @@ class Meshes(Case):
             self.assertEqual([row["vx"], row["vy"], row["vz"]], [-2, 3, 2])
             modes = json.loads(scene.read_text())["modes"]
             self.assertEqual(modes[0]["mode"], "follow")
-            # One of them, or the vector, if asked for.
+            # One of the fields, or the vector, on request.
             report = self.imported(source, "--field", names[1])
             self.assertEqual([grid["name"] for grid in report["grids"]], [names[1]])
             report = self.imported(source, "--field", vector)
@@ -562,7 +562,7 @@ class Series(Case):
         self.assertEqual(made, ["out_0000.vdb", "out_0001.vdb", "out_0003.vdb"])
         for name in made:
             (self.dir / name).unlink()
-        # The last file cannot appear: then none does.
+        # If the last file cannot be written, no file is.
         (self.dir / "out_0003.vdb").mkdir()
         (self.dir / "out_0003.vdb" / "x").mkdir()
         self.refused(source, self.dir / "out.vdb", "--time", "all", "--scene", self.dir / "s.json",
@@ -677,7 +677,7 @@ class Raw(Case):
 
 class LevelSets(Case):
     def ball(self, spacing, cavity=0.0, name="a.vti", inside=1000.0, outside=0.0):
-        """A ball of radius 10, with a soft edge of about a voxel."""
+        """Writes a ball of radius 10, with a soft edge of about a voxel."""
         n = [int(30 / s) + 1 for s in spacing]
         def value(i, j, k):
             r = math.dist((i * spacing[0], j * spacing[1], k * spacing[2]), (15, 15, 15))
@@ -772,10 +772,10 @@ class Scenes(Case):
         words = shlex.split(last.removeprefix("next: palpate "))
         self.assertEqual(words, ["feel", str(scene), "--seconds", "10"])
         run(*words)
-        # Data alone go to standard output where they are asked for.
+        # On request, standard output gets only data.
         json.loads(run("import", source, out, "--scene", "-").stdout)
         json.loads(run("import", source, out, "--scene", scene, "--json").stdout)
-        # What cannot be felt as it is, is not said to be.
+        # If a volume cannot be felt as it is, the output does not suggest to feel it.
         flat = self.write("b.vti", vti(8, 8, 8, [("s", 1, image_values(
             8, 8, 8, lambda i, j, k: float(k == 4)))]))
         *_, last = run("import", flat, out, "--scene", self.dir / "none.json").stdout.splitlines()
@@ -936,7 +936,7 @@ class Damage(Case):
                 del broken[rng.randrange(len(broken)):]
             else:
                 for _ in range(rng.choice((1, 1, 5, 50))):
-                    # Mostly where the structure is.
+                    # Mostly in the part with the file's structure.
                     at = rng.randrange(min(len(broken), 4000) if rng.random() < 0.7 else len(broken))
                     broken[at] = rng.randrange(256)
             source = self.write(name, bytes(broken))
@@ -956,7 +956,7 @@ class Damage(Case):
 
 
 class Extremes(Case):
-    """Sources that are in order, of sizes, places and values that nobody meant."""
+    """Valid sources with extreme sizes, places and values."""
     NUMBERS = (0.0, 1.0, -1.0, 1e-3, 1e-5, 1e-12, 1e-30, 1e-160, 1e-310, 1e5, 1e9, 1e15, 1e25, 1e31,
                1e38, 1e39, 1e100, 1e101, 1e160, 1e300, -1e31, math.nan, math.inf)
     NAMES = ("s", "", "v.x", "a[0]", "density", "\x1b[2J", "\u202e", "n" * 5000, "caf\u00e9" * 60)
@@ -978,7 +978,7 @@ class Extremes(Case):
         return [self.number(1.0) if i == count // 2 else 0.0 for i in range(count)]
 
     def source(self):
-        """A file, its layout, and the command's further words."""
+        """Returns a file, its layout, and further words of the command."""
         rng = self.rng
         words = []
         if rng.random() < 0.3:
@@ -1056,7 +1056,7 @@ class Running(Case):
             {"size": [n, n, n], "type": "uint8"})
 
     def test_an_interrupted_import_leaves_nothing(self):
-        # So many voxels that it works for minutes.
+        # So many voxels that the import takes minutes.
         source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         before = sorted(os.listdir(self.dir))
         for pause in (0.05, 0.3, 5.0):
@@ -1066,20 +1066,20 @@ class Running(Case):
             time.sleep(pause)
             importer.send_signal(signal.SIGINT)
             out, err = importer.communicate(timeout=60)
-            # -SIGINT: before the program had begun.
+            # -SIGINT: the signal came before the program had begun.
             self.assertIn(importer.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
             self.assertEqual((out, err), ("", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     def at_a_terminal(self, shows, *words):
-        """Imports until it shows where it is, and ends it by Ctrl-C."""
+        """Imports until the terminal shows progress, and ends the import with Ctrl-C."""
         before = sorted(os.listdir(self.dir))
         terminal = Terminal([PALPATE, "import", *words], self.dir)
         self.assertTrue(terminal.until(shows), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
         self.assertEqual(status, 130)
-        self.assertLess(took, 10.0)  # on a loaded machine: it takes some 0.1
+        self.assertLess(took, 10.0)  # on a loaded machine; usually some 0.1
         self.assertTrue(terminal.drawn.endswith("\r\x1b[K"), terminal.drawn)
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 
@@ -1090,7 +1090,7 @@ class Running(Case):
         self.at_a_terminal("smoothing density: ", source, "o.vdb", "--raw", layout, "--smooth", "80")
 
     def test_an_interrupted_import_leaves_none_of_what_it_wrote(self):
-        """It writes the scene first, and then for a while the volume."""
+        """The import writes the scene first, and then for a while the volume."""
         source, layout = self.big(224)
         before = sorted(os.listdir(self.dir))
         for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

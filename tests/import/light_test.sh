@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The importer without VTK beside the one with it: light_test.sh BIN_DIR
+# Compares the importer without VTK with the one with VTK: light_test.sh BIN_DIR
 set -euo pipefail
 light=$1/palpate-import-light
 whole=$1/palpate-import
@@ -12,16 +12,16 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 ! ldd "$light" | grep -i vtk || { echo "it loads VTK"; exit 1; }
-# Not grep -q: it ends early, and under pipefail ldd has failed then.
+# Not grep -q: it exits early, and then ldd fails under pipefail.
 ldd "$whole" | grep -i vtk >/dev/null || { echo "the other does not: there is nothing to compare"; exit 1; }
 "$light" $image "$work/light.vdb" --smooth 1 --json >"$work/light.json"
 "$whole" $image "$work/whole.vdb" --smooth 1 --json >"$work/whole.json"
-# But for the identity that OpenVDB gives every file, behind 21 bytes of a header.
+# Ignores the identity that OpenVDB gives every file, behind a header of 21 bytes.
 cmp --ignore-initial=57 "$work/light.vdb" "$work/whole.vdb"
 diff <(sed 's/light\.vdb//; /"peak"/d' "$work/light.json") \
     <(sed 's/whole\.vdb//; /"peak"/d' "$work/whole.json")
 
-# The verb takes the whole one, and without it the light one.
+# The verb runs the program with VTK if it is installed, otherwise the light one.
 cp "$1/palpate" "$work/"
 cp "$light" "$work/"
 "$work/palpate" import $image "$work/verb.vdb" >/dev/null

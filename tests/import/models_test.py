@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What models of weather and solvers of flows write, and what it becomes: models_test.py BIN_DIR."""
+"""Tests imports of files from weather models and flow solvers: models_test.py BIN_DIR."""
 import csv
 import io
 import json
@@ -38,7 +38,7 @@ class Case(unittest.TestCase):
                               input=text, timeout=120)
 
     def imported(self, source, *words):
-        """The report, its grids by name."""
+        """Imports and returns the report, its grids by name."""
         done = self.call("import", source, self.out, "--json", *words)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         report = json.loads(done.stdout)
@@ -83,7 +83,7 @@ class Case(unittest.TestCase):
         self.assertIn(says, line)
 
     def survives(self, source, whole, count, name):
-        """Damaged copies are a line or a volume, and leave nothing else."""
+        """A damaged copy gives one line or a volume, and leaves no other file."""
         rng = random.Random(7)
         for case in range(cases(count, f"damaged files of {name}")):
             broken = bytearray(whole)
@@ -109,7 +109,7 @@ class Case(unittest.TestCase):
 
 
 def clustered(n, beta):
-    """n numbers from 0 to 1, most of them near 0."""
+    """Returns n numbers from 0 to 1, mostly near 0."""
     return [(math.exp(beta * i / (n - 1)) - 1) / (math.exp(beta) - 1) for i in range(n)]
 
 
@@ -117,7 +117,7 @@ class Sizes(Case):
     SIZE = (25, 31, 9)
 
     def points(self):
-        """About a cylinder, as close to it as a boundary layer has it."""
+        """Returns points around a cylinder, as close to it as in a mesh of a boundary layer."""
         nt, nr, nz = self.SIZE
         rings = [0.5 + 10 * r for r in clustered(nr, 8)]
         return [(r * math.cos(t), r * math.sin(t), 0.25 * k) for k in range(nz) for r in rings
@@ -148,7 +148,7 @@ class Sizes(Case):
         self.assertLess(asked["grid"]["s"]["resampling"]["rms"], s["resampling"]["rms"])
 
     def of_at_most_twice(self, report, given):
-        """Output and memory: twice the input and 64 MB."""
+        """Output and memory are at most twice the input plus 64 MB."""
         most = 2 * given + (64 << 20)
         self.assertLessEqual(self.out.stat().st_size, most)
         if not os.environ.get("PALPATE_SANITIZE"):
@@ -158,7 +158,7 @@ class Sizes(Case):
                   f"{peak / 1e6:.0f} MB of memory")
 
     def idle(self):
-        """What the program takes with next to nothing to do."""
+        """Returns the program's memory for a tiny input."""
         source = self.dir / "small.raw"
         source.write_bytes(bytes(range(27)))
         done = self.call("import", source, self.dir / "small.vdb", "--json", "--raw",
@@ -170,7 +170,7 @@ class Sizes(Case):
         rng = random.Random(1)
         plane = struct.pack(f"<{n * n}h", *(rng.randrange(-1024, 2000) for _ in range(n * n)))
         source = self.dir / "ct.nrrd"
-        # Noise everywhere: nothing of it is left out, and no packing helps.
+        # Noise everywhere: no voxel can be left out, and compression does not help.
         with source.open("wb") as file:
             file.write(f"NRRD0004\ntype: short\ndimension: 3\nsizes: {n} {n} {n}\nencoding: raw\n"
                        "endian: little\nspace: right-anterior-superior\nspace directions: "
@@ -218,7 +218,7 @@ def heat(x, y, p):
 
 
 def over(levels, function):
-    """In the order of the files: longitude is the fastest, latitudes fall."""
+    """Returns values in the order of the files: longitude varies fastest, latitudes fall."""
     return [function(x, y, p) for p in levels for y in LATITUDES for x in LONGITUDES]
 
 
@@ -228,7 +228,7 @@ def place(longitude, latitude, z):
 
 class Netcdf(Case):
     def weather(self, name="a.nc", form=netcdf.CLASSIC, levels=LEVELS, level=None, more=None):
-        """Two times; u is packed, t has a hole."""
+        """Writes two times; u is packed, t has a hole."""
         t = over(levels, heat)
         t[0] = -999.0
         field = ("time", "lev", "lat", "lon")
@@ -314,7 +314,7 @@ class Netcdf(Case):
 
     @suite.smoke
     def test_an_ocean_by_depth(self):
-        """Longitudes over the date line, a level's number, depth downwards."""
+        """Longitudes across the date line, a level's number, depth downwards."""
         size = (6, 5, 4)
         lons, lats, depths = [178, 179, 180, -179, -178, -177], [-2, -1, 0, 1, 2], [0, 10, 20, 30]
         values = [100.0 * k + 10 * j + i for k in range(4) for j in range(5) for i in range(6)]
@@ -334,7 +334,7 @@ class Netcdf(Case):
                    + round(x / DEGREE - 178), 1e-2)
 
     def test_a_grid_in_metres_stays_as_it_is(self):
-        """Dimensions in the order x, y, z: by their axes, not by their order."""
+        """Dimensions in the order x, y, z are identified by their axes, not by their order."""
         source = netcdf.write(self.dir / "m.nc", {"x": 4, "y": 5, "z": 6}, {
             **{n: (netcdf.DOUBLE, (n,), {"units": "m", "axis": n.upper()},
                    [0.25 * i + o for i in range(c)])
@@ -377,7 +377,7 @@ class Netcdf(Case):
         self.refused(source, "truncated")
 
     def grid(self, lon=(0, 2, 4, 6), lat=(-2, 0, 2), z=(0, 1, 2), z_is=None, more=None, first="z"):
-        """One field, "a" by its number, over three axes."""
+        """Writes one field over three axes; the value of "a" is its index."""
         axes = {first: len(z), "lat": len(lat), "lon": len(lon)}
         count = len(z) * len(lat) * len(lon)
         variables = {
@@ -397,7 +397,7 @@ class Netcdf(Case):
 
     def test_levels_by_what_they_are(self):
         cases_of = [
-            # z, what it is, what is said, where its ends are
+            # z, its attributes, the message, the places of its ends
             ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
              (-1, 0)),
             ((0.1, 0.5, 1), {"units": "1", "positive": "down"}, "levels have no height", (-1, 0)),
@@ -426,7 +426,7 @@ class Netcdf(Case):
                       "valid_range": (netcdf.SHORT, [0, -2])}
         self.imported(self.grid(more={"b": (netcdf.SHORT, attributes, signed)}))
         found = self.info("b")
-        self.assertEqual(found["active_voxels"], 35)  # and the background
+        self.assertEqual(found["active_voxels"], 35)  # including the background
         self.assertEqual(found["value_range"], [0, 0.5 * max(raw)])
 
     def test_only_what_has_one_unit_is_a_vector(self):
@@ -542,7 +542,7 @@ class Grib(Case):
 
     @suite.smoke
     def test_a_map(self):
-        """Stereographic: 16 columns and 31 rows, 2 km apart, from the north on."""
+        """Stereographic: 16 columns and 31 rows, 2 km apart, beginning in the north."""
         source = grib.write(self.dir / "m.grib", [
             ("polar_stereographic_pl_grib2", {"level": level, "shortName": "t"},
              [float(n % 16 + 100 * (n // 16)) for n in range(16 * 31)])

@@ -1,4 +1,4 @@
-// The steps of series, wherever their axis is in the file.
+// Tests the steps of series, wherever their axis is in the file.
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -7,7 +7,7 @@
 #include <catch2/catch.hpp>
 #include <fmt/format.h>
 
-#include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/apps/import/reader.h"
 
 namespace palpate::series_test {
 using namespace palpate::importer;
@@ -17,7 +17,7 @@ namespace {
 constexpr int kSteps = 3;
 constexpr int kPoints = 2 * 3 * 4;
 
-/// A folder of its own, removed with what is in it.
+/// A temporary folder. The destructor removes it and its content.
 class Folder {
  public:
   Folder() : path_(std::filesystem::temp_directory_path() / fmt::format("series_{}", getpid())) {
@@ -27,7 +27,7 @@ class Folder {
   Folder& operator=(const Folder&) = delete;
   ~Folder() { std::filesystem::remove_all(path_); }
 
-  /// A file of a header and shorts.
+  /// Writes a file of a header and shorts.
   Request write(const std::string& name, const std::string& header,
                 const std::vector<std::int16_t>& values) const {
     std::ofstream out(path_ / name, std::ios::binary);
@@ -49,7 +49,7 @@ std::int16_t valueAt(int step, int point, int component = 0) {
 
 void checkSteps(Reader& reader, int components = 1) {
   REQUIRE(reader.times().size() == kSteps);
-  for (const int step : {2, 0, 1, 1}) {  // in any order, and again
+  for (const int step : {2, 0, 1, 1}) {  // in any order, and repeated
     const Content content = reader.read(static_cast<std::size_t>(step));
     REQUIRE(content.pieces.size() == 1);
     REQUIRE(content.pieces[0].isImage());

@@ -1,5 +1,5 @@
-// The importer's Gaussian against VTK's.
-#include "palpate/scenes/import/smooth.h"
+// Tests the importer's Gaussian against VTK's.
+#include "palpate/scenes/apps/import/smooth.h"
 
 #include <array>
 #include <cmath>
@@ -31,7 +31,7 @@ Piece noise(int components, const Vec3& spacing) {
   return image;
 }
 
-/// What VTK makes of it.
+/// Returns VTK's result.
 vtkSmartPointer<vtkDataArray> byVtk(const Piece& image, double width) {
   const Values& values = image.arrays[0].values;
   vtkNew<vtkFloatArray> floats;

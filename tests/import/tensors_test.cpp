@@ -1,5 +1,5 @@
-// What is felt of diffusion tensors, against tensors made of known eigenvalues.
-#include "palpate/scenes/import/tensors.h"
+// Tests what is felt of diffusion tensors, against tensors made of known eigenvalues.
+#include "palpate/scenes/apps/import/tensors.h"
 
 #include <array>
 #include <cmath>
@@ -10,7 +10,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/scenes/import/values.h"
+#include "palpate/scenes/apps/import/values.h"
 
 namespace palpate::tensors_test {
 using namespace palpate::importer;
@@ -29,7 +29,7 @@ Mat3 tensor(const Mat3& axes, const Vec3& values) {
   return axes * values.asDiagonal() * axes.transpose();
 }
 
-/// The same tuple so many times.
+/// Repeats a tuple `count` times.
 template <class T, std::size_t N>
 Values repeated(Type type, const std::array<double, N>& tuple, std::size_t count) {
   Values values(type, static_cast<int>(N), count);
@@ -37,12 +37,12 @@ Values repeated(Type type, const std::array<double, N>& tuple, std::size_t count
   return values;
 }
 
-/// Row by row.
+/// Returns the elements row by row.
 std::array<double, 9> nineOf(const Mat3& D) {
   return {D(0, 0), D(0, 1), D(0, 2), D(1, 0), D(1, 1), D(1, 2), D(2, 0), D(2, 1), D(2, 2)};
 }
 
-/// Basser and Pierpaoli's formula, by the distance to the mean.
+/// Returns the anisotropy by Basser and Pierpaoli's formula, from the distance to the mean.
 double anisotropy(const Vec3& l) {
   return std::sqrt(1.5) * (l - Vec3::Constant(l.mean())).norm() / l.norm();
 }

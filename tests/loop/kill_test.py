@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""The kill table: kill_test.py VICTIM. Whatever ends, stops or hangs a program, its device has zero
-force within 25 ms, and keeps it. Prints the table.
+"""The kill table: kill_test.py VICTIM. Whatever ends, stops or hangs a program, its device has zero force within 25 ms,
+and keeps it. Prints the table.
 
-Where that is permitted, this program and its victim are above all that computes without real-time
-priority, so that nobody is late who would not be late on an arm's machine. Where it is not, what
-follows the last force is judged by its time, and what follows the blow by its number."""
+If permitted, this program and its victim have a priority above all programs without real-time priority, as on an
+arm's machine. Otherwise the test measures the time from the last force to zero force, and counts the forces after
+the blow."""
 import contextlib
 import mmap
 import os
@@ -29,15 +29,15 @@ SIGNALS = ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGSEGV", "SIGBUS", "SIGAB
            "SIGSTOP", "SIGTSTP", "SIGKILL"]
 OWN = ["exception", "exit", "return", "hang"]
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
-QUIET = 120.0      # [s] without any standing still, in which a hand is pressed
+QUIET = 120.0      # [s] for which the machine must not stall while a hand is pressed
 LONGEST = 600.0    # [s]
 TABLE = []
 try:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))   # the victim has it from here
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))   # the victim inherits it
     ABOVE_OTHERS = True
 except PermissionError:
     ABOVE_OTHERS = False
-# What becomes of the program: a stop is no end, a hang neither, and the rest end as they would have.
+# The state of the program afterwards: a stop or a hang does not end it; the others end as without a guardian.
 AFTERWARDS = {name: f"ended with {-getattr(signal, name)}" for name in SIGNALS}
 AFTERWARDS |= dict.fromkeys(["SIGSTOP", "SIGTSTP", "hang"], "lives")
 AFTERWARDS |= {"exception": f"ended with {-signal.SIGABRT}", "exit": "ended with 0",
@@ -49,7 +49,7 @@ def newtons(data):
 
 
 def stamp(ancillary):
-    """When the kernel took a datagram [s]."""
+    """Returns when the kernel received a datagram [s]."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMP:
             seconds, micro = struct.unpack("ll", data)
@@ -58,8 +58,9 @@ def stamp(ancillary):
 
 
 class Witness:
-    """A process above the victim that only sleeps: when it is late, the machine itself stood still."""
-    STILL = 0.01   # [s], half of what a guardian waits for
+    """A process with a higher priority than the victim's that only sleeps: if it is late, the machine itself
+    stalled."""
+    STILL = 0.01   # [s], half of a guardian's timeout
 
     def __init__(self):
         self.page = mmap.mmap(-1, 8)
@@ -78,12 +79,12 @@ class Witness:
         os._exit(0)
 
     def times(self):
-        """How often it has been late."""
+        """Returns how often it has been late."""
         return struct.unpack("q", self.page[:8])[0]
 
 
 class Victim:
-    """A program that presses a hand, and what its device is sent."""
+    """A program that presses a hand, and the forces that its device receives."""
 
     def __init__(self, action):
         self.folder = tempfile.TemporaryDirectory()
@@ -100,7 +101,7 @@ class Victim:
         self.seen = []   # (time, force)
 
     def listen(self, seconds):
-        """Takes what comes for so long."""
+        """Receives forces for this time."""
         end = time.time() + seconds
         while time.time() < end:
             self.device.settimeout(max(1e-3, end - time.time()))
@@ -111,7 +112,7 @@ class Victim:
             self.seen.append((stamp(ancillary), newtons(data)))
 
     def press(self):
-        # A machine whose own host takes its cores away cuts it again and again: waited for.
+        # If the machine's host takes its cores away, the force is cut repeatedly: the test waits for a quiet time.
         begin = time.time()
         still = WITNESS.times()
         left = QUIET
@@ -140,7 +141,7 @@ class Victim:
 
 
 def late(row):
-    """Milliseconds from the blow to zero force that stays; and what became of the program."""
+    """Returns the milliseconds from the blow to lasting zero force, and the state of the program."""
     victim = Victim(row if row in OWN else "nothing")
     try:
         victim.press()
@@ -201,7 +202,8 @@ class KillTable(unittest.TestCase):
         victim.close()
 
     def ends_without_force(self, victim, seconds):
-        """Zero at last, and in the last half of the time. Returns how long there was a force [s]."""
+        """Checks that the last force is zero, and all forces in the last half of the time. Returns how long there
+        was a force [s]."""
         start = time.time()
         victim.listen(seconds)
         late = [f for t, f in victim.seen if t > start + seconds / 2]
@@ -210,7 +212,7 @@ class KillTable(unittest.TestCase):
         return max((t for t, f in victim.seen if f != 0.0), default=start) - start
 
     def unguarded(self, victim):
-        """How long a force may last without a guardian [s]."""
+        """Returns how long a force may last without a guardian [s]."""
         return 0.2 if os.sched_getscheduler(victim.guardian) == os.SCHED_FIFO else 0.45
 
     def notices(self, blow, seconds):
@@ -241,7 +243,7 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_what_was_on_its_way_when_it_stopped_is_taken_off_again(self):
-        # A write that takes 40 ms, and a next one that does not come back.
+        # One write takes 40 ms, and the next one does not return.
         victim = Victim("slow")
         try:
             victim.press()
@@ -274,7 +276,7 @@ class KillTable(unittest.TestCase):
                 victim.close()
 
     def test_a_zero_that_finds_no_room_is_tried_again(self):
-        # Nobody reads for a while: the device's queue is full of forces when the program dies.
+        # The test does not read for a while: the device's queue is full of forces when the program dies.
         victim = Victim("fast")
         try:
             victim.press()
@@ -286,7 +288,7 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_without_a_guardian_a_killed_program_leaves_its_force(self):
-        # So that the table means something.
+        # A control experiment for the table.
         victim = Victim("nothing")
         try:
             victim.press()

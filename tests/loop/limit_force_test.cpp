@@ -1,5 +1,5 @@
-/// The last gate before the hand.
-#include "palpate/engine/limit_force.h"
+/// Tests the last gate before the hand.
+#include "palpate/engine/safety/limit_force.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,7 +15,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// One tick after a force.
+/// Limits a force one tick after the force `previous`.
 LimitedForce after(const Vec3& previous, const Vec3& wanted, double dt, const ForceLimits& limits) {
   LimiterState state;
   state.sent = previous;
@@ -51,7 +51,7 @@ TEST_CASE("growth is limited, a release never delayed", "[safety]") {
   CHECK_FALSE(released.limited());
   CHECK(released.force == Vec3(0.5, 0, 0));
 
-  // Turned round: the old force goes at once, the new one grows from nothing.
+  // Reversed: the old force ends at once, the new one grows from zero.
   const LimitedForce turned = after({5, 0, 0}, {-5, 0, 0}, 1e-3, limits);
   CHECK((turned.force - Vec3(-2, 0, 0)).norm() < 1e-14);
 }
@@ -108,13 +108,13 @@ TEST_CASE("an engagement waits for little force, or a second, then ramps over it
     double ramp = 0.0;
     double last = 0.0;
     for (int i = 0; i < 3000; ++i) {
-      // A hand that is pressed, or one that comes to touch after 0.2 s.
+      // The hand either presses, or begins to touch after 0.2 s.
       const double wanted = pressed || i > 200 ? 4.0 : 0.05;
       const LimitedForce out = limitForce({0, wanted, 0}, Vec3::Zero(), kDt, limits, state);
       const double force = out.force.norm();
       CHECK(force <= wanted);
       CHECK(force >= last - (i == 201 ? 1.0 : 1e-12));
-      // No tick adds more than the ramp does, but that a touch comes in at the ramp's height.
+      // No tick adds more than the ramp does, except that a touch begins at the ramp's height.
       if (i != 201) CHECK(force - last <= 4.0 * kDt / kEngage + 1e-12);
       last = force;
       if (force == 0.0) silent += kDt;
@@ -136,15 +136,15 @@ TEST_CASE("motors get no warmer than their continuous force makes them", "[safet
   double first = 0.0;
   for (int i = 0; i < 60000; ++i) {
     const Vec3 force = limitForce({0, 0, 9}, Vec3::Zero(), 1e-3, limits, state).force;
-    // The same by its own sum.
+    // The same sum, computed independently.
     energy += 1e-3 / limits.heating * (force.squaredNorm() - energy);
     if (i == 100) first = force.norm();
     REQUIRE(state.heat <= 4.0 * (1.0 + 1e-12));
     REQUIRE(energy <= 4.0 * (1.0 + 1e-3));
   }
-  CHECK(first == Approx(8.0).margin(1e-9));  // cold: all of the peak
+  CHECK(first == Approx(8.0).margin(1e-9));  // cold: the whole peak
   CHECK(state.sent.norm() == Approx(2.0).margin(1e-3));
-  // Rested it is cold again.
+  // After a rest the motors are cold again.
   for (int i = 0; i < 20000; ++i)
     CHECK(limitForce({0, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force.norm() == 0.0);
   CHECK(state.heat < 0.05);
@@ -158,14 +158,15 @@ TEST_CASE("the tank comes last, and what it leaves is what was sent", "[safety]"
   LimiterState state;
   CHECK(limitForce({3, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force == Vec3::Zero());
   CHECK(state.sent == Vec3::Zero());
-  // 1 mm in a tick against 0.5 N s/m: 0.5 mJ, of which 1 N held for a tick needs as much.
+  // 1 mm in a tick against 0.5 N s/m is 0.5 mJ. A force of 1 N that is held for a tick needs as
+  // much.
   const LimitedForce out = limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state);
   CHECK(out.drained);
   CHECK(out.limited());
   CHECK(out.force.x() == Approx(1.0).epsilon(1e-6));
   CHECK(out.share == Approx(1.0 / 3.0).epsilon(1e-6));
   CHECK(state.sent == out.force);
-  // Looking on it says the same and lets all through.
+  // A tank that only observes reports the same and passes the whole force.
   limits.tank.use = TankUse::kObserve;
   LimiterState watched;
   (void)limitForce(Vec3::Zero(), Vec3::Zero(), 1e-3, limits, watched);
@@ -174,12 +175,12 @@ TEST_CASE("the tank comes last, and what it leaves is what was sent", "[safety]"
   CHECK_FALSE(seen.limited());
   CHECK(seen.force == Vec3(3, 0, 0));
   CHECK(seen.share == Approx(1.0 / 3.0).epsilon(1e-6));
-  // What was not sent is forgotten.
+  // The limiter forgets forces that were not sent.
   limits.tank.use = TankUse::kAct;
   state.forget();
   CHECK(state.tank.energy() == 0.0);
   CHECK(limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
-  // Rubbish gives no force and spoils nothing.
+  // Invalid input gives no force, and the tank stays finite.
   const double nan = std::numeric_limits<double>::quiet_NaN();
   CHECK(limitForce({nan, 0, 0}, {nan, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
   CHECK(std::isfinite(state.tank.energy()));

@@ -1,5 +1,5 @@
-/// Two hands linked by networks that are as bad as they like: the energy at both ends.
-#include "palpate/engine/link.h"
+/// Tests two hands that are linked by networks of any quality: the energy at both ends.
+#include "palpate/engine/loop/link.h"
 
 #include <algorithm>
 #include <array>
@@ -12,8 +12,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/hand_links.h"
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/loop/hand_links.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
@@ -24,20 +24,20 @@ using test::Random;
 
 constexpr double kDt = 1e-3;
 
-/// What a network does to messages.
+/// The effect of a network on messages.
 struct Network {
   double delay = 0.0;    ///< [s]
-  double jitter = 0.0;   ///< More than that, at most [s].
+  double jitter = 0.0;   ///< Added to the delay, at most [s].
   double lost = 0.0;     ///< Share.
-  double doubled = 0.0;  ///< Share that comes once more, up to a second later.
-  double apart = 0.0;    ///< From here [s]
-  double again = 0.0;    ///< to here it carries nothing [s].
+  double doubled = 0.0;  ///< Share that arrives again, up to a second later.
+  double apart = 0.0;    ///< Start of an outage [s].
+  double again = 0.0;    ///< End of the outage [s].
 };
 
-/// On their way to one end, by when they arrive.
+/// Messages on their way to one end, by the time of arrival.
 using Way = std::multimap<double, LinkWord>;
 
-/// A hand that somebody moves: a mass at a spring whose other end goes as he likes.
+/// A hand that a person moves: a mass on a spring, whose other end moves as the person likes.
 struct Hand {
   Vec3 position = Vec3::Zero();
   Vec3 velocity = Vec3::Zero();
@@ -48,11 +48,11 @@ struct Hand {
   double frequency = 1.0;     ///< [Hz]
   double phase = 0.0;
 
-  /// One tick with a force that is held over it.
+  /// Moves for one tick with a force that is held over the tick.
   void move(const Vec3& force, double now, double dt) {
     const Vec3 wanted = std::sin(2.0 * M_PI * frequency * now + phase) * swing;
     const Vec3 all = force + grip * (wanted - position) - damping * velocity;
-    // No arm and no hand is more nimble.
+    // No real arm or hand is more nimble.
     Vec3 a = all / mass;
     const double most = 0.49 * kLinkNimble;
     if (a.norm() > most) a *= most / a.norm();
@@ -61,19 +61,19 @@ struct Hand {
   }
 };
 
-/// One end, and what the test itself counts there.
+/// One end, and the quantities that the test itself counts there.
 struct End {
   explicit End(std::uint64_t life, const LinkParams& params) : link(life, params) {}
   Link link;
   Hand hand;
   Vec3 force = Vec3::Zero();
   double work = 0.0;    ///< On the hand [J].
-  double lowest = 0.0;  ///< Of the tank.
+  double lowest = 0.0;  ///< Lowest energy of the tank [J].
   std::uint64_t lives = 1;
-  double next = 0.0;               ///< When it speaks.
-  Vec3 read = Vec3::Zero();        ///< Its hand's position as it was read,
-  double read_at = 0.0;            ///< and when.
-  Mat3 drives = Mat3::Identity();  ///< Where its motors push.
+  double next = 0.0;               ///< Time of the next message [s].
+  Vec3 read = Vec3::Zero();        ///< Position of the hand as it was read,
+  double read_at = 0.0;            ///< and the time of that reading [s].
+  Mat3 drives = Mat3::Identity();  ///< Directions in which the motors push.
 };
 
 struct Session {
@@ -98,7 +98,7 @@ struct Session {
       hand.age = now - end.read_at;
       hand.drives = end.drives;
       if (random.uniform() < rests) {
-        // A fault, or no hand: nothing is sent.
+        // A fault, or no hand: the end sends no force.
         end.link.rest(hand.position);
         end.force.setZero();
       } else {
@@ -133,7 +133,7 @@ struct Session {
     if (random.uniform() < network.doubled) ways[to].emplace(arrives() + random.uniform(), word);
   }
 
-  /// One end is started anew; what is on its way stays there.
+  /// Restarts one end. Messages on their way stay there.
   void restart(std::size_t i) {
     End& end = ends[i];
     end.link = Link(++end.lives, params);
@@ -145,15 +145,15 @@ struct Session {
   LinkParams params;
   Network network;
   double every = 0.005;  ///< Between two messages [s].
-  bool tanks = true;     ///< Else each end renders a spring, and nobody counts.
+  bool tanks = true;     ///< If false, each end renders a spring without an account.
   std::array<Vec3, 2> heard{Vec3::Zero(), Vec3::Zero()};
-  double unsent = 0.0;  ///< Share of forces of which the gate or the motors keep back a part.
+  double unsent = 0.0;  ///< Share of forces that the gate or the motors reduce.
   int ticks = 0;
-  int reads = 1;          ///< The hand is read in each tick, or in each second, third...
-  double rests = 0.0;     ///< Share of ticks in which there is no hand.
-  double most = 0.0;      ///< That both hands together had got at any time [J].
-  double last = kDt;      ///< Since the last tick [s].
-  double greatest = 0.0;  ///< The most that was done in one tick [J].
+  int reads = 1;          ///< The hand is read in each tick, each second, each third...
+  double rests = 0.0;     ///< Share of ticks without a hand.
+  double most = 0.0;      ///< Most that both hands together had got at any time [J].
+  double last = kDt;      ///< Time since the last tick [s].
+  double greatest = 0.0;  ///< Most work in one tick [J].
 };
 
 Network anyNetwork(Random& random, double seconds) {
@@ -202,7 +202,7 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
     const double forgets = random.integer(4) == 0 ? 0.02 : 0.0;
     for (End& end : session.ends) {
       end.hand = anyHand(random);
-      // Of an arm with one motor, two, three.
+      // The arm has one motor, two or three.
       const Vec3 axis = random.direction();
       const int motors = random.integer(6);
       if (motors == 0) end.drives = axis * axis.transpose();
@@ -215,7 +215,7 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
         restarted = true;
         session.restart(static_cast<std::size_t>(random.integer(2)));
       }
-      // Its place goes to another site, and comes back.
+      // The place of the hand goes to another site, and comes back.
       if (random.uniform() < forgets) {
         session.ends[static_cast<std::size_t>(random.integer(2))].link.forgetOther();
       }
@@ -224,20 +224,20 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // How long it is between two readings is not known before a few of them: by then there is a
-    // fiftieth of the spring.
+    // The time between two readings is known only after a few of them. By then a fiftieth of the
+    // spring is present.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
     REQUIRE(session.most <= bound + 2.0 * slack);
     nearest = std::max(nearest, session.most / bound);
   }
-  // The bound is near: some network gets most of it out.
+  // The bound is tight: some network gets most of the energy out.
   CHECK(nearest > 0.5);
 }
 
 TEST_CASE("what readings do not show of a hand is paid for", "[loop][link]") {
-  // One hand swings, so that the force on the other turns; that one creeps with the force within a
-  // step of its encoders, where no reading shows it.
+  // One hand swings, so that the force on the other hand turns. That hand creeps with the force
+  // within a step of its encoders, where no reading shows it.
   constexpr double kDelay = 0.005;  // [s]
   constexpr double kSwing = 5.0;    // [Hz]
   for (const double step : {0.0, 5e-6, 30e-6, 100e-6, 200e-6}) {
@@ -320,7 +320,7 @@ TEST_CASE("a late tick leaves the force as it is", "[loop][link]") {
 }
 
 TEST_CASE("a spring without tanks gives energy over a network that delays", "[loop][link]") {
-  // What the tanks are for, and that the networks of these tests would show it.
+  // Shows the need for the tanks, and that the networks of these tests would reveal a failure.
   Session session(1, {});
   session.network.delay = 0.05;
   session.tanks = false;
@@ -343,7 +343,7 @@ TEST_CASE("a spring without tanks gives energy over a network that delays", "[lo
 }
 
 TEST_CASE("a hand is led by another one", "[loop][link]") {
-  // One swings by 5 cm at 0.5 Hz, the other is only pulled. docs/cluster.md has the table.
+  // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. docs/cluster.md has the table.
   std::printf("delay ms, lost %%: rms apart mm\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
     for (const double lost : {0.0, 0.1, 0.5}) {
@@ -360,14 +360,14 @@ TEST_CASE("a hand is led by another one", "[loop][link]") {
       int count = 0;
       for (int n = 0; n < 10000; ++n) {
         session.tick(n * kDt);
-        if (n < 4000) continue;  // it begins
+        if (n < 4000) continue;  // start of the motion
         ++count;
         squares += (session.ends[0].hand.position - session.ends[1].hand.position).squaredNorm();
       }
       const double apart = std::sqrt(squares / count);
       std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
       INFO("delay " << delay << " lost " << lost);
-      // Its way in the delay, at 0.16 m/s at most, and what the spring is longer by.
+      // The limit is the path in the delay, at 0.16 m/s at most, and the stretch of the spring.
       CHECK(apart < 2.5e-3 + 0.12 * delay);
     }
   }
@@ -385,7 +385,7 @@ TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
   };
   for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
   const double before = link.energy();
-  // No life, no number, another's sum.
+  // Messages without a life, with invalid numbers, or with another's sum.
   said({0, 5, 2000, {0.1, 0, 0}, 1.0});
   said({7, 5, 2000, {nan, 0, 0}, 1.0});
   said({7, 5, 2000, {0.1, 0, 0}, nan});
@@ -396,7 +396,7 @@ TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
   CHECK(link.energy() == before);
   CHECK(link.pull(Vec3::Zero(), {}, 1.0, kDt).x() > 1.9);
   link.pulled(1.0);
-  // Whoever lies of a sum gives no more than the spring holds.
+  // A peer that lies about a sum gives at most the energy that the spring holds.
   said({7, 5, 2002, {0.1, 0, 0}, 1e9});
   CHECK(link.energy() < 0.2);
 }
@@ -412,7 +412,7 @@ TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
   LinksHeard heard;
   heard.who[2] = 9;
   std::uint64_t number = 0;
-  std::uint64_t life = 2;  // of the link: its place was nobody's before
+  std::uint64_t life = 2;  // of the link: its place was free before
   const auto tick = [&](const Vec3& hand) -> const Telemetry& {
     heard.words[2] = {3, life, ++number, Vec3(0.2, 0, 0), 0.0};
     links.hear(heard);
@@ -431,22 +431,22 @@ TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
   }
   const LinksTold before = links.told();
   CHECK(before.proxy == hand);
-  // It goes away by 10 mm against half a newton: 5 mJ, not the 20 of what was asked for.
+  // The hand moves away by 10 mm against half a newton: 5 mJ, not the 20 mJ of the requested force.
   for (int n = 0; n < 100; ++n) (void)tick(hand -= Vec3(1e-4, 0, 0));
   const LinksTold& after = links.told();
   const double put_in =
       after.energy[2] + after.words[2].given - before.energy[2] - before.words[2].given;
   CHECK(put_in == Approx(5e-3).epsilon(0.05));
-  CHECK(after.words[2].from == 2);  // as it was another one's before
+  CHECK(after.words[2].from == 2);  // its place was another's before
   CHECK(after.words[2].to == 3);
-  // A fault cuts it, and nothing is told.
+  // A fault cuts the pull, and the link sends no message.
   loop.cut();
   CHECK(tick(hand).input.pull == Vec3::Zero());
   const std::uint64_t told = links.told().words[2].number;
   (void)tick(hand);
   CHECK(links.told().words[2].number == told);
   loop.clear();
-  // Another hand in its place begins anew.
+  // Another hand in this place starts a new link.
   heard.who[2] = 10;
   life = 3;
   (void)tick(hand);
@@ -502,7 +502,7 @@ TEST_CASE("several hands pull together as one does", "[loop][link]") {
 }
 
 TEST_CASE("a tank in debt is let out ever less until it is paid", "[loop][link]") {
-  // Away fast, back within one late tick, then slowly away: each turn overdraws.
+  // The hand moves away fast, back within one late tick, then slowly away. Each turn overdraws.
   Link link(1);
   double debt = 0.0;
   double first = 0.0;

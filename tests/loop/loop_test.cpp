@@ -1,4 +1,4 @@
-/// The loop in virtual time: what leaves it, whatever comes in.
+/// Tests the loop in virtual time: the forces that leave it, for any input.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -16,8 +16,8 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_loop.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -32,7 +32,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// A loop whose time we are.
+/// A loop whose time the test sets.
 struct Rig {
   TestDevice device;
   HapticLoop loop;
@@ -59,7 +59,7 @@ struct Rig {
     for (int i = 1; i < static_cast<int>(std::lround(seconds / kDt)); ++i) tick();
     return tick();
   }
-  /// To a place within the hand's speed, then a while there.
+  /// Moves the hand to a place within its speed limit, then holds it there.
   const Telemetry& go(const Vec3& to, double seconds) {
     const Vec3 from = device.hand.position;
     const int n = std::max(1, static_cast<int>((to - from).norm() / (0.5 * kDt)));
@@ -104,7 +104,7 @@ TEST_CASE("there is no force before there is a scene, and then by an engagement"
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
   CHECK(rig.device.writes == 200);
   const FieldPtr ball = ballField();
-  // The hand is in the ball when it appears: it is free inside, and comes out freely.
+  // The hand is in the ball when the ball appears. The hand is free inside, and leaves freely.
   rig.loop.publish(ballScene(ball));
   CHECK(rig.run(2.0).report.force.norm() < 1e-6);
   CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
@@ -121,7 +121,7 @@ TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loo
     rig.run(1.0);
     const double before = rig.go(kPressed, 0.2).report.force.norm();
     CHECK(before == Approx(1.5).margin(0.01));
-    // Another ball in its place.
+    // Another ball takes its place.
     rig.loop.publish(ballScene(ballField(), 2.0));
     double last = rig.tick().report.force.norm();
     CHECK(last < 1e-12);
@@ -132,12 +132,12 @@ TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loo
       most = std::max(most, force - last);
       last = force;
     }
-    // Pressed all the while: an engagement waits its second out.
+    // The hand presses all the time, so the engagement waits its full second.
     CHECK(kDt * ticks == Approx(kEngageWait + kEngage).margin(0.02));
     CHECK(most < 1.1 * 1.5 * kDt / kEngage + 1e-9);
   }
-  // An edit: the force that is there stays, what is more comes within 50 ms at the peak's pace,
-  // however many edits there are.
+  // After an edit the present force stays. Additional force arrives within 50 ms at the peak's
+  // pace, however many edits there are.
   const auto stiff = [&](double k) {
     GraphSpec spec;
     spec.modes.resize(1);
@@ -163,11 +163,11 @@ TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loo
     REQUIRE(force > last - 1e-6);
     REQUIRE(force < last + pace * (1.0 + 1e-9));
     last = force;
-    // A second one while the first is coming in.
+    // A second edit, while the first one is still arriving.
     if (i == 48) rig.loop.publish(stiff(1900.0));
   }
   CHECK(rig.run(0.1).report.force.norm() == Approx(5.7).margin(0.05));
-  // A slider: edits every tick are no buzz.
+  // A slider edits the scene in every tick, and the force does not oscillate.
   double least = 1e9;
   double most = 0.0;
   for (int i = 0; i < 500; ++i) {
@@ -204,7 +204,7 @@ TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an enga
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.loop.latest().fault == cause);
     CHECK(rig.loop.latest().report.status == StepStatus::kFault);
-    // It stays, also when the cause is gone, and also if another one comes.
+    // The fault stays, even if its cause ends, and even if another cause comes.
     mend(rig);
     for (int i = 0; i < 500; ++i) {
       rig.loop.beat();
@@ -274,7 +274,7 @@ TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an enga
   expect(
       Fault::kOverSpeed,
       [](Rig& rig) {
-        // Off to the side: too fast for 50 ms, never a jump.
+        // The hand moves to the side: too fast for 50 ms, never a jump.
         for (int i = 0; i < 80; ++i) {
           rig.device.hand.position.x() += 0.0035;
           rig.tick();
@@ -325,15 +325,16 @@ TEST_CASE("a force that was cut for lateness alone returns by itself, three time
     pressed(rig, kAfter);
     late(rig);
     CHECK(rig.run(1.5).fault == Fault::kLate);
-    late(rig);  // time begins anew
+    late(rig);  // the wait starts again
     CHECK(rig.run(1.9).fault == Fault::kLate);
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.run(0.2).fault == Fault::kNone);
-    // As after clear(): the proxy begins at the hand, which feels the ball when it comes again.
+    // As after clear(), the proxy begins at the hand, which feels the ball when it touches it
+    // again.
     CHECK(rig.device.sent == Vec3::Zero());
     rig.go(kOut, 0.1);
     CHECK(rig.go(kPressed, 2.0).report.force.norm() > 1.0);
-    // Twice more, then not until the first return is a minute ago.
+    // The force returns twice more, then not until the first return is a minute ago.
     for (int i = 0; i < 2; ++i) {
       late(rig);
       CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
@@ -343,7 +344,7 @@ TEST_CASE("a force that was cut for lateness alone returns by itself, three time
     CHECK(rig.run(Reengagement::kWithin).fault == Fault::kNone);
   }
   {
-    Rig rig;  // by default it does not
+    Rig rig;  // by default the force does not return
     pressed(rig, 0.0);
     late(rig);
     CHECK(rig.run(10.0).fault == Fault::kLate);
@@ -358,7 +359,7 @@ TEST_CASE("a force that was cut for lateness alone returns by itself, three time
     late(rig);
     CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
   }
-  // Other causes stay, also such as come while the force is off, or as are over.
+  // Other causes stay, also if they come while the force is off, or if they have ended.
   const std::vector<std::function<void(Rig&)>> others{[](Rig& rig) { rig.loop.cut(); },
                                                       [](Rig& rig) {
                                                         rig.device.hand.fault = Fault::kTemperature;
@@ -423,12 +424,12 @@ TEST_CASE("orders are taken back as they were when somebody took them back", "[l
     return loop.latest().fault;
   };
   CHECK(tick() == Fault::kNone);
-  // A guardian that took the force off: the loop was late, whatever its own clock says.
+  // A guardian took the force off: the loop was late, whatever its own clock shows.
   ++cuts;
   CHECK(tick() == Fault::kLate);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // A stop between clear() and the tick is not swallowed by it.
+  // A stop between clear() and the tick is not lost.
   loop.clear();
   ++stops;
   CHECK(tick() == Fault::kStopped);
@@ -437,7 +438,7 @@ TEST_CASE("orders are taken back as they were when somebody took them back", "[l
   CHECK(tick() == Fault::kStopped);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // A device that fails after another fault is left to the guardian all the same.
+  // A device that fails after another fault is still left to the guardian.
   loop.cut();
   (void)tick();
   device.hand.fault = Fault::kWrite;
@@ -495,12 +496,12 @@ TEST_CASE("a device that takes fewer forces than there are ticks has them later"
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // Waits of up to 1.25 ms: 0.25 to 3.75 ms; of 5 ms: 0 to 7.5.
+  // With waits of up to 1.25 ms: 0.25 to 3.75 ms. With waits of up to 5 ms: 0 to 7.5 ms.
   CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
   CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
   CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
   CHECK(at(200.0, 1000.0).doubt == Approx(3.75e-3));
-  // So more forces may be on their way at once than the tank remembers.
+  // At this rate more forces may be on their way at once than the tank remembers.
   CHECK_THROWS_AS(at(20.0, 2000.0), DeviceError);
   for (const double bad : {-1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     CHECK_THROWS_AS(at(bad, 1000.0), DeviceError);
@@ -522,7 +523,7 @@ TEST_CASE("a device begins as hot as it may be: nobody knows what it did before"
     time.now += kDt;
     heat += -std::expm1(-kDt / 2.0) * (device.sent.squaredNorm() - heat);
     REQUIRE(heat <= 1.0 + 1e-9);
-    // Pressed as soon as it is engaged; let go of, and once more.
+    // The hand presses as soon as the loop is engaged, lets go, and presses once more.
     const bool pressed = (i > 550 && i < 1500) || i > 4000;
     double& z = device.hand.position.z();
     z += std::clamp((pressed ? test::kBallRadius - 0.008 : kOut.z()) - z, -5e-4, 5e-4);
@@ -607,8 +608,8 @@ TEST_CASE("a write that is blocked is a fault, and left to the guardian", "[loop
   device.write_ms = 0;
   tick();
   CHECK(loop.latest().fault == Fault::kWrite);
-  CHECK(heart == 10);  // it stands still: zero comes by the other way
-  // A stop order from there is as any other, and taken back once.
+  CHECK(heart == 10);  // the count stands still: the guardian sends zero
+  // A stop order from the guardian is like any other, and one clear() takes it back.
   loop.clear();
   tick();
   CHECK(loop.latest().fault == Fault::kNone);
@@ -651,7 +652,7 @@ TEST_CASE("a tick that hung is not answered with its old force", "[loop][safety]
 }
 
 TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[loop][safety]") {
-  // An arm that is homed, one that jumps, one that comes back elsewhere.
+  // The arm is homed, or jumps, or returns elsewhere.
   for (const int how : {0, 1, 2}) {
     CAPTURE(how);
     Rig rig;
@@ -680,7 +681,7 @@ TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[
     loop.clear();
     run(100);
     CHECK(loop.latest().report.energy == 0.0);
-    // A hand that does go somewhere puts some in.
+    // A hand that really moves puts energy in.
     for (int i = 0; i < 100; ++i) {
       rig.device.hand.position.z() += 5e-4;
       run(1);
@@ -690,8 +691,8 @@ TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[
 }
 
 TEST_CASE("a switch that closes between two positions lets no energy out", "[loop][safety]") {
-  // An arm of 125 Hz in a sweep of 2 m/s: the way since its last position is not gone in the time
-  // since the switch.
+  // A 125 Hz arm sweeps at 2 m/s. The path since its last position was not covered in the time
+  // since the switch closed.
   constexpr double kViscous = 0.5;
   constexpr int kEvery = 8;
   TestDevice device;
@@ -738,7 +739,7 @@ TEST_CASE("a switch that closes between two positions lets no energy out", "[loo
 namespace {
 
 /// A force of 3 N everywhere, an arm of friction b [N s/m], and a tank that acts at once. Counts
-/// what the hand has put in.
+/// the energy that the hand has put in.
 struct Windy {
   static constexpr double kViscous = 0.5;
   TestDevice device;
@@ -822,7 +823,7 @@ TEST_CASE("while an arm is not ready its speed is watched, and jumps are not", "
     arm.tick(0.0);
   }
   CHECK(arm.loop->latest().fault == Fault::kNone);
-  // The switch closes in a fast sweep: it is braked from the first tick on.
+  // The switch closes in a fast sweep. The sweep is braked from the first tick on.
   for (int i = 0; i < 30; ++i) {
     arm.device.hand.position.x() += 4.0 * kDt;
     arm.device.hand.ready = i >= 20;
@@ -856,7 +857,8 @@ TEST_CASE("a repeated position that grows older does not count as fresh", "[loop
 }
 
 TEST_CASE("ticks as late as a clock's are no debts of the tank, later ones are", "[loop][safety]") {
-  // A force that drives the hand takes all that the tank can pay for, and the hand takes the most.
+  // The force that drives the hand takes all that the tank can pay for, and the hand takes the
+  // most.
   struct Debt final : TickSink {
     double debt = 0.0;
     void take(const Telemetry& /*tick*/, const ProxyState& state) noexcept override {
@@ -879,10 +881,10 @@ TEST_CASE("ticks as late as a clock's are no debts of the tank, later ones are",
     device.hand.position = {0.05, 0, 0};
     TickTime time;
     for (int i = 0; i < 3000; ++i) {
-      // Never behind its deadlines for good.
+      // The loop is never behind its deadlines for good.
       time.dt = i % 2 == 0 ? longest : 2.0 * kDt - longest;
       time.now += time.dt;
-      // To and fro until it is let out, then with it.
+      // The hand moves to and fro until the force is let out, then moves with the force.
       const Vec3 sweep(0, i / 50 % 2 == 0 ? 0.1 : -0.1, 0);
       device.hand.position += time.dt * (i < 2000 ? sweep : Vec3(device.sent / (2.0 * kViscous)));
       loop.tick(time);
@@ -959,8 +961,8 @@ TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {
 
 TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, and costs no memory",
           "[loop][safety][fault]") {
-  // Scenes of every kind, swapped, withdrawn and edited; a hand that moves, jumps, is lost; ticks
-  // that are late; faults that are taken back. PALPATE_CASES: ticks.
+  // Scenes of every kind are swapped, withdrawn and edited. The hand moves, jumps and is lost.
+  // Ticks are late, and faults are taken back. PALPATE_CASES: ticks.
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -968,7 +970,7 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   const FieldPtr ball = std::shared_ptr<const ScalarField>(fetched);
   const FieldPtr rubbish = FieldPtr(makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-0.05), Vec3::Constant(0.05)}}, [&](const Vec3& p) {
-        // Now and then a value that is none, by place: ticks may run through.
+        // Some places have an invalid value. Ticks may pass through them.
         const double n = std::fmod(std::abs(1e5 * p.x()), 50.0);
         const double bad = n < 0.05 ? nan : n < 0.1 ? 1e308 : p.z();
         return ScalarSample{bad, {0, 0, 1}, true};
@@ -1003,9 +1005,9 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   std::atomic<std::uint64_t> guard{0};
   HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
   const ForceLimits limits = device.about.limits;
-  long silent = 0;     // ticks without the application's beat,
-  long unguarded = 0;  // and without the guardian's,
-  long away = 0;       // and without what a volume is fetched from
+  long silent = 0;     // ticks left without the application's beat,
+  long unguarded = 0;  // without the guardian's beat,
+  long away = 0;       // and without the source of the fetched volume
   double ramp = 0.0;   // [s] since the last engagement can have begun
   TickTime time;
   Vec3 velocity = Vec3::Zero();
@@ -1032,7 +1034,7 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
     } else if (event == 6) {
       device.hand.age = random.uniform(0.0, 0.1);
     } else if (event == 7) {
-      // What devices report; the others are caused.
+      // Faults that devices report. Other events cause the other faults.
       const std::array reported{Fault::kWrite,       Fault::kGone,  Fault::kMiscounted,
                                 Fault::kTemperature, Fault::kPower, Fault::kSwitch};
       device.hand.fault = reported[static_cast<std::size_t>(random.integer(6))];
@@ -1057,7 +1059,7 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
     if (silent-- <= 0) loop.beat();
     if (unguarded-- <= 0) ++guard;
     fetched->gone = away-- > 0;
-    // A hand that strives to and fro through everything, sometimes much too fast.
+    // The hand moves to and fro through all volumes, sometimes much too fast.
     velocity += kDt * (random.integer(3000) == 0 ? 4000.0 : 40.0) * random.inCube(1.0) -
                 kDt * 60.0 * device.hand.position;
     velocity *= 0.999;
@@ -1089,7 +1091,7 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
     if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);
     if (told.scene == 0 && size != 0.0) FAIL("force without a scene, tick " << i);
     if (!device.hand.ready && size != 0.0) FAIL("force without a dead man's switch, tick " << i);
-    // Added up anew: after ten hours the clock's own rounding is more than is allowed here.
+    // Summed separately: after ten hours the clock's own rounding exceeds the tolerance here.
     ramp += time.dt;
     if (told.fault != Fault::kNone || told.scene == 0 || !device.hand.ready) ramp = 0.0;
     if (size > limits.peak * ramp / kEngage * (1.0 + 1e-9)) {

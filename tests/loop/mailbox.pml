@@ -1,4 +1,4 @@
-/* The protocol of engine/mailbox.h, for Spin: two threads, three slots, one word.
+/* The protocol of engine/loop/mailbox.h, for Spin: two threads, three slots, one word.
  *
  * A value is two words that are written and read one after the other, so that a thread which is in
  * a slot while the other writes it would see halves. Checked of every interleaving of VALUES

@@ -1,6 +1,6 @@
-/// The mailbox between two threads. What model checking shows of the protocol (mailbox.pml) is
-/// tried here on the real one, under ThreadSanitizer as well.
-#include "palpate/engine/mailbox.h"
+/// Tests the mailbox between two threads. Model checking shows properties of the protocol
+/// (mailbox.pml). These tests check them on the real mailbox, under ThreadSanitizer as well.
+#include "palpate/engine/loop/mailbox.h"
 
 #include <algorithm>
 #include <array>
@@ -21,7 +21,7 @@ namespace palpate::mailbox_test {
 
 namespace {
 
-/// Long enough that a copy takes a while.
+/// A value long enough that a copy takes a while.
 struct Words {
   std::array<std::uint64_t, 40> words{};
   void fill(std::uint64_t n) { words.fill(n); }
@@ -121,7 +121,7 @@ TEST_CASE("between two threads no value is torn, older than the last, or lost", 
     box.draft().fill(static_cast<std::uint64_t>(n));
     box.publish();
   }
-  reader.join();  // it ends only when the last one has come
+  reader.join();  // the reader ends only after the last value has arrived
   CHECK(bad == 0);
   CHECK(last == static_cast<std::uint64_t>(count));
 }
@@ -141,13 +141,13 @@ extern "C" void hold(int /*signal*/) {
 }  // namespace
 
 TEST_CASE("a thread that is held anywhere delays the other nowhere", "[mailbox][host]") {
-  // A signal stops a side wherever it happens to be; the other goes on meanwhile.
+  // A signal stops one side at any point, while the other side continues.
   struct sigaction action {};
   action.sa_handler = hold;
   struct sigaction before {};
   REQUIRE(sigaction(SIGUSR1, &action, &before) == 0);
   test::Random random(5);
-  // Each waits until the machine lets the other thread run.
+  // Each round waits until the machine lets the other thread run.
   const long count = test::share(300);
   for (const bool hold_writer : {true, false}) {
     Mailbox<Words> box;
@@ -173,7 +173,7 @@ TEST_CASE("a thread that is held anywhere delays the other nowhere", "[mailbox][
       pthread_kill(other.native_handle(), SIGUSR1);
       while (held.load() == 0) {
       }
-      // As often as it likes: had it to wait this test would hang.
+      // The free side runs as often as it likes. If it had to wait, this test would hang.
       for (int k = 0; k < 100; ++k) hold_writer ? read() : write();
       let_go = true;
       while (held.load() != 0) {

@@ -1,13 +1,13 @@
-/// Play that is steered: paused, faster, back, sought, over and over.
-#include "palpate/engine/play_clock.h"
+/// Tests play under control: paused, faster, backwards, sought, repeated.
+#include "palpate/engine/loop/play_clock.h"
 
 #include <cmath>
 #include <limits>
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/hand_tick.h"
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/loop/hand_tick.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/scenes.h"
 
 namespace palpate::play_clock_test {
@@ -28,7 +28,7 @@ double after(const PlayClock& clock, PlayHead& head, int ticks) {
 TEST_CASE("play goes by the ticks, and as it is steered", "[sequence]") {
   PlayClock clock({1.0, false, 2.0, 5.0, false});
   PlayHead head;
-  CHECK(clock.next(head, kTick) == 2.0);  // the first tick begins it
+  CHECK(clock.next(head, kTick) == 2.0);  // the first tick starts play
   CHECK(after(clock, head, 500) == Approx(2.5));
   CHECK(head.rate == Approx(1.0));
   clock.pause(true);
@@ -41,12 +41,12 @@ TEST_CASE("play goes by the ticks, and as it is steered", "[sequence]") {
   clock.setSpeed(-2.0);
   CHECK(after(clock, head, 250) == Approx(2.5));
   CHECK(head.rate == Approx(-2.0));
-  CHECK(after(clock, head, 1000) == 2.0);  // it stands at its begin
+  CHECK(after(clock, head, 1000) == 2.0);  // play stands at its start
   CHECK(head.rate == 0.0);
   clock.setSpeed(1.0);
   clock.seek(4.9);
   CHECK(after(clock, head, 1) == 4.9);
-  CHECK(after(clock, head, 1000) == 5.0);  // and at its end
+  CHECK(after(clock, head, 1000) == 5.0);  // play stands at its end
   clock.repeat(true);
   CHECK(after(clock, head, 500) == Approx(2.5));
   clock.setSpeed(-1.0);

@@ -1,6 +1,5 @@
-/// Ticks that nobody feels: about what comes, and without a trace.
-#include "palpate/engine/rehearsal.h"
-
+/// Tests rehearsed ticks, which no hand feels: they are close to the coming tick and leave no
+/// trace.
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -11,7 +10,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/loop/cache_warmup.h"
+#include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -27,7 +27,7 @@ namespace {
 constexpr double kDt = 1e-3;
 constexpr double kLead = 1.0;  ///< [s]: no tick takes a quarter of it, unless the machine stops.
 
-/// A ball with friction and a drag, one that moves, and parts.
+/// A ball with friction and a drag, a ball that moves, and parts.
 std::shared_ptr<const Scene> richScene() {
   GraphSpec spec = ballSpec();
   spec.modes[0].friction = 0.5;
@@ -46,7 +46,7 @@ std::shared_ptr<const Scene> richScene() {
                    {}, std::move(parts));
 }
 
-/// A hand that wanders about the ball at the origin and dips into it, now and then through.
+/// A hand that wanders about the ball at the origin, dips into it, and sometimes passes through it.
 Vec3 handAt(double t) {
   const Vec3 out(std::sin(0.7 * t), std::sin(1.3 * t), 1.0);
   return (0.0315 - (0.0045 + 0.003 * std::sin(0.9 * t)) * std::sin(9.0 * t)) * out.normalized();
@@ -71,8 +71,8 @@ TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
   }
   HapticLoop plain(plain_device, 1.0 / kDt);
   HapticLoop loop(device, 1.0 / kDt);
-  CHECK_FALSE(loop.rehearse(kDt, kLead));
-  loop.prepareRehearsal();
+  CHECK_FALSE(loop.warmUp(kDt, kLead));
+  loop.prepareWarmup();
   plain.publish(scene);
   loop.publish(scene);
   int rehearsals = 0;
@@ -84,7 +84,7 @@ TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
     plain_device.hand.position = device.hand.position = handAt(time.now);
     {
       const test::CountScope scope;
-      rehearsals += loop.rehearse(kDt, kLead) ? 1 : 0;
+      rehearsals += loop.warmUp(kDt, kLead) ? 1 : 0;
       loop.tick(time);
       REQUIRE(test::CountScope::counts().allocations == 0);
       REQUIRE(test::CountScope::counts().locks == 0);
@@ -103,7 +103,7 @@ TEST_CASE("what is rehearsed is what comes", "[loop][rehearsal]") {
   const std::shared_ptr<const Scene> scene = richScene();
   Reader reader;
   ProxyState state;
-  Rehearsal rehearsal(state.limits());
+  CacheWarmup warmup(state.limits());
   int rehearsals = 0;
   int alike = 0;
   int alike_in_contact = 0;
@@ -112,14 +112,14 @@ TEST_CASE("what is rehearsed is what comes", "[loop][rehearsal]") {
   int before = 0;
   for (int i = 0; i < 5000; ++i) {
     const HandState hand{handAt(kDt * i)};
-    const bool did = rehearsal.run(*scene, state, kDt);
+    const bool did = warmup.run(*scene, state, kDt);
     const StepReport report = hapticStep(*scene, reader, hand, state, kDt);
-    rehearsal.look(hand, report);
+    warmup.look(hand, report);
     yields += report.primitives < before ? 1 : 0;
     before = report.primitives;
     if (!did) continue;
     ++rehearsals;
-    const StepReport& rehearsed = rehearsal.rehearsed();
+    const StepReport& rehearsed = warmup.warmed();
     const bool about =
         rehearsed.primitives == report.primitives && (rehearsed.proxy - report.proxy).norm() < 1e-5;
     alike += about ? 1 : 0;
@@ -134,23 +134,23 @@ TEST_CASE("what is rehearsed is what comes", "[loop][rehearsal]") {
 }
 
 TEST_CASE("a twin that has strayed comes back to the proxy", "[loop][rehearsal]") {
-  // A wall holds the hand's proxy; the hand that was expected went through it.
+  // A wall holds the hand's proxy. The predicted hand went through the wall.
   GraphSpec spec = ballSpec(1.0);
-  spec.modes[0].depth_voxels = 0.01;  // who is through is in
+  spec.modes[0].depth_voxels = 0.01;  // a proxy that is through is inside
   const auto scene = makeScene(spec, {{"ball", ballField()}});
   Reader reader;
   ProxyState state;
-  Rehearsal rehearsal(state.limits());
+  CacheWarmup warmup(state.limits());
   const auto tick = [&](double z) {
     const HandState hand{Vec3(0, 0, z)};
-    const bool did = rehearsal.run(*scene, state, kDt);
+    const bool did = warmup.run(*scene, state, kDt);
     const StepReport report = hapticStep(*scene, reader, hand, state, kDt);
-    rehearsal.look(hand, report);
-    return did && (rehearsal.rehearsed().proxy - report.proxy).norm() < 1e-4;
+    warmup.look(hand, report);
+    return did && (warmup.warmed().proxy - report.proxy).norm() < 1e-4;
   };
   for (int i = 0; i < 5; ++i) tick(0.035);
   for (const double z : {0.0335, 0.0305}) tick(z);
-  // Going on by 3 mm as before the twin is deep in it; the hand has stopped.
+  // The twin moves on by 3 mm as before and is deep in the ball, but the hand has stopped.
   CHECK_FALSE(tick(0.0288));
   for (int i = 0; i < 3; ++i) tick(0.0288);
   CHECK(tick(0.0288));
@@ -171,13 +171,13 @@ TEST_CASE("a user's mode is not called by a rehearsal", "[loop][rehearsal]") {
       {"ball"}};
   TestDevice device;
   HapticLoop loop(device, 1.0 / kDt);
-  loop.prepareRehearsal();
+  loop.prepareWarmup();
   loop.publish(makeScene(spec, {{"ball", ballField()}}));
   TickTime time;
   for (int i = 0; i < 10; ++i) loop.tick(time);
   const int before = *calls;
   CHECK(before > 0);
-  CHECK_FALSE(loop.rehearse(kDt, kLead));
+  CHECK_FALSE(loop.warmUp(kDt, kLead));
   CHECK(*calls == before);
 }
 
@@ -185,23 +185,23 @@ TEST_CASE("where a tick is too slow, or the force is cut, none is rehearsed", "[
   TestDevice device;
   device.hand.position = {0, 0, 0.04};
   HapticLoop loop(device, 1.0 / kDt);
-  loop.prepareRehearsal();
-  CHECK_FALSE(loop.rehearse(kDt, kLead));  // no scene
+  loop.prepareWarmup();
+  CHECK_FALSE(loop.warmUp(kDt, kLead));  // no scene
   loop.publish(ballScene(ballField()));
   TickTime time;
   loop.tick(time);
-  CHECK_FALSE(loop.rehearse(kDt, kLead));  // no hand's way
+  CHECK_FALSE(loop.warmUp(kDt, kLead));  // no path of the hand
   loop.tick(time);
-  CHECK(loop.rehearse(kDt, kLead));
+  CHECK(loop.warmUp(kDt, kLead));
   // No tick takes less than four times this.
-  CHECK_FALSE(loop.rehearse(kDt, 1e-12));
+  CHECK_FALSE(loop.warmUp(kDt, 1e-12));
   loop.cut();
   loop.tick(time);
-  CHECK_FALSE(loop.rehearse(kDt, kLead));
+  CHECK_FALSE(loop.warmUp(kDt, kLead));
   loop.clear();
   loop.tick(time);
   loop.tick(time);
-  CHECK(loop.rehearse(kDt, kLead));
+  CHECK(loop.warmUp(kDt, kLead));
 }
 
 }  // namespace palpate::rehearsal_test

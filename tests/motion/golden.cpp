@@ -1,16 +1,17 @@
-/// Golden recordings: what hands of every kind feel in scenes of every kind, pinned.
+/// Golden recordings: pins the forces that hands of every kind feel in scenes of every kind.
 ///
-/// - palpate_golden_ticks FILE: compares with what the file has; 1: it feels otherwise
-/// - palpate_golden_ticks FILE --write: makes the file
-/// - palpate_golden_ticks --record NAME OUT: a scene as a recording, for palpate compare
+/// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if a scene feels different
+/// - palpate_golden_ticks FILE --write: writes FILE
+/// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 ///
-/// By the compiler that made the file no bit may be another: of what ticks are given (which are a
-/// recording's inputs: no device is here), of what they come to, of the work that takes. By another
-/// one they are given the same, and proxies may differ by as much as both ticks' bounds say, and
-/// forces by what that is.
+/// With the compiler that wrote the file every bit must be equal: of the ticks' inputs (those of a
+/// recording: there is no device here), of their outputs, and of the work. With another compiler
+/// the inputs are equal, proxies may differ by both ticks' bounds, and forces by the effect of
+/// that.
 ///
-/// A move of code changes no hash; a change of behaviour says in its commit which, and why. No
-/// function of the C library that rounds as the processor likes (sine, exponential) is used here.
+/// A move of code changes no hash. A change of behaviour reports in its commit which hashes change,
+/// and why. This file avoids functions of the C library whose rounding depends on the processor
+/// (sine, exponential).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -30,9 +31,9 @@
 
 #include <Eigen/Geometry>
 
-#include "palpate/devices/recording.h"
-#include "palpate/engine/hand_tick.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/devices/recording/recording.h"
+#include "palpate/engine/loop/hand_tick.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/corner_noise.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
@@ -46,7 +47,7 @@ namespace {
 constexpr int kTicks = 2000;
 constexpr int kSide = 48;                                // [voxels], of a grid
 const Vec3 kMiddle = Vec3::Constant(0.5 * (kSide - 1));  // [voxels]
-constexpr double kMetres = 0.05;                         // half a room of formulas
+constexpr double kMetres = 0.05;                         // half the size of a formula's space [m]
 using Fields = std::map<std::string, FieldPtr>;
 
 ModeSpec mode(ModeKind kind, const std::string& of, double strength, double friction = 0.0,
@@ -61,7 +62,8 @@ ModeSpec mode(ModeKind kind, const std::string& of, double strength, double fric
   return spec;
 }
 
-/// Smoothly through random places of a box about a middle, one every so many ticks.
+/// A smooth path through random places of a box about `middle`, one place every `ticks_a_leg`
+/// ticks.
 class Wander {
  public:
   Wander(const Vec3& middle, const Vec3& half, int ticks_a_leg, std::uint64_t seed)
@@ -78,7 +80,7 @@ class Wander {
     const Vec3& a = places_[i];
     const Vec3& b = places_[i + 1];
     const Vec3& c = places_[i + 2];
-    const Vec3& d = places_[i + 3];  // Catmull and Rom's
+    const Vec3& d = places_[i + 3];  // Catmull-Rom
     return b + 0.5 * t *
                    ((c - a) + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
   }
@@ -88,11 +90,11 @@ class Wander {
   std::vector<Vec3> places_;
 };
 
-/// What happens before a tick; may change what it is given, and the scene.
+/// The moment before a tick. An event may change the tick's input and the scene.
 struct Moment {
   int tick;
   TickInput& in;
-  std::size_t& scene;  ///< Index into Take::scenes; kNoScene: there is none.
+  std::size_t& scene;  ///< Index into Take::scenes; kNoScene if there is no scene.
 };
 constexpr std::size_t kNoScene = 99;
 
@@ -152,7 +154,7 @@ Fields formulas() {
   return {{"ball", dentedBall()}, {"flow", slantedFlow()}};
 }
 
-/// Every mode, in the variants that place different primitives.
+/// Returns every mode, in the variants that place different primitives.
 std::vector<std::pair<const char*, ModeSpec>> allModes() {
   std::vector<std::pair<const char*, ModeSpec>> modes{
       {"force", mode(ModeKind::kForce, "flow", 0.4)},
@@ -180,7 +182,7 @@ std::vector<std::pair<const char*, ModeSpec>> allModes() {
   return modes;
 }
 
-/// To and fro, with turns by rational quaternions.
+/// Returns a motion to and fro, with turns by rational quaternions.
 MotionPtr tumbling(const Vec3& middle, double size) {
   std::vector<Keyframe> keys(5);
   const std::array<Vec3, 3> turns{Vec3(0.1, 0.05, -0.08), Vec3(0.05, 0.15, 0.05),
@@ -218,7 +220,8 @@ FieldPtr torusGrid() {
   });
 }
 
-/// A groove whose walls are off its middle by an angle with this tangent of its half.
+/// Returns a groove whose walls are off its middle by an angle. The argument is the tangent of half
+/// that angle.
 FieldPtr grooveGrid(double half_tangent) {
   const double sine = 2.0 * half_tangent / (1.0 + half_tangent * half_tangent);
   const double cosine = std::sqrt(1.0 - sine * sine);
@@ -236,7 +239,7 @@ FieldPtr hollowCubeGrid(bool hollow) {
   });
 }
 
-/// Random values at corners so far apart, linear between.
+/// Returns random values at corners `grain` apart, linear between them.
 FieldPtr roughGrid(double grain, std::uint64_t seed) {
   Random random(seed);
   std::vector<double> values(40 * 40 * 40);
@@ -268,7 +271,7 @@ std::function<Vec3(int)> inRoom(int ticks_a_leg, std::uint64_t seed) {
   return Wander(Vec3(0.6, 0.3, 0.4) * kMetres, Vec3::Constant(0.6 * kMetres), ticks_a_leg, seed);
 }
 
-/// A grid felt as an isosurface.
+/// Returns a take of a grid that is felt as an isosurface.
 Take skin(const char* name, const FieldPtr& field, double strength, int ticks_a_leg,
           double half = 18.0, double friction = 0.0, double viscosity = 0.0) {
   return take(
@@ -404,7 +407,7 @@ std::vector<Take> takes() {
     constexpr std::array kSpans{1e-3, 0.7e-3, 1.4e-3, 1e-3, 0.0, 3e-3};
     now.in.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
     now.in.hand.ready = now.tick % 500 < 450;
-    // Each third position is the last one again.
+    // Every third position repeats the last one.
     if (now.tick % 3 == 1) {
       now.in.hand.position = last;
       now.in.hand.age = 1e-3;
@@ -418,7 +421,7 @@ std::vector<Take> takes() {
   return all;
 }
 
-/// Fowler, Noll and Vo's, of 64 bits.
+/// The hash of Fowler, Noll and Vo, of 64 bits.
 class Hash {
  public:
   void add(std::span<const unsigned char> bytes) {
@@ -430,7 +433,7 @@ class Hash {
   std::uint64_t hash_ = 14695981039346656037ULL;
 };
 
-/// All ticks of a take, as a recording keeps them.
+/// Returns all ticks of a take, as a recording keeps them.
 std::vector<RecordedTick> feel(const Take& take) {
   HandTick hand(take.limits);
   std::vector<RecordedTick> rows;
@@ -449,20 +452,20 @@ std::vector<RecordedTick> feel(const Take& take) {
     told.tick = i + 1;
     told.time = 1e-3 * i;
     told.probe = told.input.hand.position;
-    told.scene = felt == nullptr ? 0 : scene + 1;  // ids are of a process
+    told.scene = felt == nullptr ? 0 : scene + 1;  // ids differ between processes
     told.fault = hand.state().fault();
     rows.push_back(recordedTick(told));
   }
   return rows;
 }
 
-/// What is pinned of a take.
+/// The pinned results of a take.
 struct Pinned {
-  std::string hashes;  ///< Of what was given, come to, and taken; how many ticks held something.
+  std::string hashes;  ///< Hashes of inputs, outputs and work; number of ticks with a force.
   std::vector<std::array<double, 7>> places;  ///< Every kEach ticks: proxy, its bound, force.
 };
 constexpr std::size_t kEach = 100;
-// Less is the file's own rounding.
+// Smaller differences come from the rounding of the file.
 constexpr double kRounded = 1e-9;       // [m]
 constexpr double kRoundedForce = 1e-4;  // [N]
 
@@ -492,13 +495,13 @@ Pinned pinned(const std::vector<RecordedTick>& rows) {
   return out;
 }
 
-/// How far two takes are apart where both are pinned.
+/// The distance between two takes, at the ticks where both are pinned.
 struct Apart {
-  std::size_t first = 0;  ///< The tick at which they first are; 0: they are not.
-  double proxy = 0.0;     ///< At most [m],
-  double beyond = 0.0;    ///< and beyond both bounds [m].
-  double force = 0.0;     ///< At most [N].
-  bool far = false;       ///< By more than may be, or by what is no number.
+  std::size_t first = 0;  ///< First pinned tick that differs, or 0.
+  double proxy = 0.0;     ///< Largest distance of the proxies [m].
+  double beyond = 0.0;    ///< Largest distance beyond both bounds [m].
+  double force = 0.0;     ///< Largest difference of the forces [N].
+  bool far = false;       ///< A difference exceeds its limit, or is NaN.
 };
 
 Apart apart(const Pinned& a, const Pinned& b) {
@@ -521,7 +524,7 @@ Apart apart(const Pinned& a, const Pinned& b) {
   return out;
 }
 
-/// Whose last bits they are.
+/// Returns the compiler and the machine that determine the last bits.
 std::string builder() {
 #if defined(__FMA__)
   const char* const machine = "x86-64 with fused multiply-adds";
@@ -538,7 +541,7 @@ std::string builder() {
   return std::string("# ") + compiler + __VERSION__ + ", " + machine;
 }
 
-/// Reads a file of --write.
+/// Reads a file that --write has written.
 std::map<std::string, Pinned> readPinned(std::istream& in) {
   std::map<std::string, Pinned> known;
   std::string line;

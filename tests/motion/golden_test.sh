@@ -1,12 +1,12 @@
 #!/bin/sh
-# Golden recordings as another compiler's: the file may differ by last bits, and by no more:
+# Golden recordings of another compiler: the results may differ in their last bits only:
 # golden_test.sh PROGRAM FILE
 set -eu
 program=$1
 dir=$(mktemp -d)
 trap 'rm -rf "$dir"' EXIT
 
-# By another builder, with other bits in what was felt and taken, and what is asked besides.
+# Pretends that another compiler made the file, with other hashes of results and of work. Applies the edit $2 as well.
 bits='^\([a-z0-9-]* [0-9a-f]*\) [0-9a-f]* [0-9a-f]* '
 judge() {
     sed -e '1s/.*/# another compiler/' -e "s/$bits/\\1 0 0 /" -e "$2" "$3" >"$dir/pinned.txt"
@@ -17,8 +17,8 @@ judge() {
 }
 
 judge 0 '' "$2"                               # within the bounds
-judge 1 '2s/ [0-9a-f]* / 0 /' "$2"            # given something else
-judge 1 '/^torus/,/^cube/s/^ [^ ]*/ 1/' "$2"  # a proxy a metre away
-judge 1 '/^torus/,/^cube/s/ [^ ]*$/ nan/' "$2"                   # a force that is none
+judge 1 '2s/ [0-9a-f]* / 0 /' "$2"            # other input
+judge 1 '/^torus/,/^cube/s/^ [^ ]*/ 1/' "$2"  # a proxy one metre away
+judge 1 '/^torus/,/^cube/s/ [^ ]*$/ nan/' "$2"                   # a force that is not a number
 judge 1 '/^torus/,/^cube/s/ [^ ]*$/ 9/' "$2"    # another force
-judge 1 '/^torus/d' "$2"                      # one that is not there
+judge 1 '/^torus/d' "$2"                      # a missing recording

@@ -1,4 +1,4 @@
-/// A hand that rubs along a noisy scan.
+/// Tests a hand that rubs along a noisy scan.
 #include "tests/support/rubbing.h"
 
 #include <cstdlib>
@@ -16,19 +16,19 @@ namespace palpate::bench::rubbing_test {
 
 TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
           "[.][data][motion]") {
-  // tests/motion/data_test.sh imports it: 64 x 64 x 93 voxels of 3.2 x 3.2 x 1.5 mm.
+  // tests/motion/data_test.sh imports the scan: 64 x 64 x 93 voxels of 3.2 x 3.2 x 1.5 mm.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const Rubbing r = rub(std::string(folder) + "/head.vdb", 500.0, 1e-3, 0.05,
                         static_cast<int>(palpate::test::share(7)));
   CAPTURE(r.ticks, r.force, r.engine.buzz, r.held.buzz, r.engine.given, r.held.given, r.injected);
   CHECK(r.force > 0.1);
-  // Measured 0.005 and 0.11: voxels as large as this make ridges, and the proxy leaps off them.
+  // Measured: 0.005 and 0.11. Voxels as large as this make ridges, and the proxy leaps off them.
   CHECK(r.unfinished < 0.01);
   CHECK(r.engine.buzz < 0.15 * r.force);
   CHECK(r.engine.buzz < 1.3 * r.held.buzz + 0.005 * r.force);
   CHECK(r.held.given < 1e-12);
-  // The ledger counts at least what is given.
+  // The ledger counts at least the energy given.
   CHECK(r.engine.given > 0.0);
   CHECK(r.injected >= r.engine.given);
 }
@@ -44,16 +44,15 @@ TEST_CASE("on a scan the force leaps where an exact proxy's does, and nowhere el
     std::cout << level << " | " << r.sites << " | " << r.ticks << " | " << r.leaps << " | "
               << r.alone << " | " << r.largest << '\n';
     CAPTURE(level, r.sites, r.ticks, r.leaps, r.largest);
-    // In one of the bone's 60,000 ticks: at a fold, where the readings of two ticks are used up,
-    // the first of them ends 1 mm farther from the hand than both the tick before and the one
-    // after.
+    // This occurs in one of the bone's 60,000 ticks. At a fold two ticks use up their readings. The
+    // first of them ends 1 mm farther from the hand than both the tick before and the tick after.
     CHECK(r.alone <= (level > 1000.0 ? 1 : 0));
   }
 }
 
 TEST_CASE("damping makes no more of an encoder's steps in a fast loop than in a slow one",
           "[motion]") {
-  // Over one tick 15 mN at 10 kHz, 3.2 without damping.
+  // At 10 kHz, with the rate over one tick: 15 mN. Without damping: 3.2 mN.
   const double slow = buzzOf({1000.0});
   const double fast = buzzOf({10000.0});
   const double undamped = buzzOf({10000.0, 30e-6, 0.0});
@@ -65,9 +64,9 @@ TEST_CASE("damping makes no more of an encoder's steps in a fast loop than in a 
 }
 
 TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
-  // docs/decisions/0015-stability.md, Buzz: seven slices 4 mm apart about 1 cm below the middle.
-  // Where the proxy leaps out of a groove of the skin it clicks: the targets are for slices in
-  // which it does not.
+  // docs/decisions/0015-stability.md, Buzz: seven slices are 4 mm apart, about 1 cm below the
+  // middle. The proxy clicks where it leaps out of a groove of the skin. The targets are for slices
+  // without clicks.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const auto skin = scanField(std::string(folder) + "/head.vdb", 1e-3);
@@ -80,7 +79,7 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
         std::tuple{"held", BuzzHand::kHeld, 30.0}}) {
     for (const double speed : {0.01, 0.02, 0.05, 0.1, 0.2}) {
 #ifdef __SANITIZE_ADDRESS__
-      if (hand != BuzzHand::kHeld || speed > 0.01) continue;  // minutes, and nothing new
+      if (hand != BuzzHand::kHeld || speed > 0.01) continue;  // takes minutes, shows the same
 #endif
       Buzzes quiet;
       Buzzes clicking;
@@ -104,9 +103,10 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
       CHECK(7 * without >= 3 * slices);
       CHECK(quiet.engine.force / without > 0.3);
       CHECK(gain >= least);
-      // Asked: 6 dB for all. On an arm at 20 mm/s one slice has a groove that is just not deep
-      // enough for a click, and both are so quiet there that it is heard: 13 dB, without it 1.2. A
-      // little more let go of past its edge (kAbove, engine/mode.cpp) and it is a click.
+      // The requirement is 6 dB for all. On an arm at 20 mm/s one slice has a groove that is just
+      // too shallow for a click. Both methods are so quiet there that the groove dominates: 13 dB,
+      // or 1.2 dB without it. If the proxy were released slightly more past the groove's edge
+      // (kAbove, engine/modes/mode.cpp), the groove would make a click.
       CHECK(beside >= (hand == BuzzHand::kHeld ? -14.0 : -6.0));
     }
   }

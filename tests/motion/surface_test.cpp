@@ -1,5 +1,5 @@
-/// A proxy on a surface: how far it comes off the interpolated one, at what cost. What was asked,
-/// and what is reached, is a table in docs/motion_accuracy.md.
+/// Tests a proxy on a surface: its distance from the interpolated surface, and its cost.
+/// docs/motion_accuracy.md has a table of the requirements and the results.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -18,7 +18,7 @@ using namespace palpate::bench;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kStrong = 8.0;  // [N]: deeper than any hand here presses
+constexpr double kStrong = 8.0;  // [N]: more than any hand here presses
 
 StepParams within(double tolerance) {
   StepParams step;
@@ -26,7 +26,7 @@ StepParams within(double tolerance) {
   return step;
 }
 
-/// For the record of a run.
+/// Returns a line for the record of a run.
 std::string words(const SurfaceMotion& motion, const MotionResult& r) {
   return motion.name + ": off " + std::to_string(r.off_max) + ", true " +
          std::to_string(r.true_max) + ", drift " + std::to_string(r.drift) + ", samples " +
@@ -36,8 +36,8 @@ std::string words(const SurfaceMotion& motion, const MotionResult& r) {
 }  // namespace
 
 TEST_CASE("after 100 laps a proxy is still on its surface", "[motion]") {
-  // Asked: 0.01 voxel at every tick, at most 2 readings on average at 40 voxels, mean radius lap 1
-  // to lap 100 within 1e-4.
+  // The requirement: 0.01 voxel at every tick, at most 2 readings on average at 40 voxels, and a
+  // mean radius within 1e-4 from lap 1 to lap 100.
   struct Case {
     SurfaceMotion motion;
     double off;
@@ -58,14 +58,14 @@ TEST_CASE("after 100 laps a proxy is still on its surface", "[motion]") {
     CHECK(r.capped == 0.0);
     CHECK(r.lost == 0.0);
     if (c.motion.floor > 0.0) {
-      // From the true sphere it is as far as the interpolant is.
+      // The proxy is as far from the true sphere as the interpolant is.
       CHECK(r.true_max <= 1.05 * c.motion.floor + r.off_max);
     }
   }
 }
 
 TEST_CASE("a surface mode stays on the value where it began to hold", "[motion]") {
-  // By the value of the first tick that held, whatever the engine remembers later.
+  // The reference is the value of the first tick that held, whatever the engine remembers later.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
         sphereMotion("level set", 40, 7.0), sphereMotion("fog 6", 40, 7.0),
@@ -125,8 +125,8 @@ TEST_CASE("B-splines lower the floor that trilinear values leave", "[motion]") {
 }
 
 TEST_CASE("over a cube's edges and into its corners", "[motion]") {
-  // The interpolant rounds an edge within its cell. Convex ones are left clean; in concave ones
-  // several walls hold and take turns, and some ticks end at the cap.
+  // The interpolant rounds an edge within its cell. Convex edges are left cleanly. In concave edges
+  // several walls hold in turn, and some ticks end at the cap.
   for (const bool turned : {false, true}) {
     const MotionResult over =
         feelSurface(cubeMotion(2.56, turned), ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
@@ -147,7 +147,7 @@ TEST_CASE("over a cube's edges and into its corners", "[motion]") {
 }
 
 TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
-  // Normals blend over two voxels about an edge: planes that were placed there may not stay.
+  // Normals blend over two voxels about an edge. Planes that were placed there must not stay.
   for (const double degrees : {60.0, 90.0, 120.0}) {
     test::Random random(5);
     double off = 0.0;
@@ -166,7 +166,7 @@ TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
       motion.distance = [&](const Vec3& p) { return std::max(n.dot(p - edge), m.dot(p - edge)); };
       motion.field =
           scalarGrid(48, [&](const Vec3& p) { return std::clamp(motion.distance(p), -3.0, 3.0); });
-      // Up one face, and on beyond the edge.
+      // The hand moves up one face, and on beyond the edge.
       Vec3 up = n.cross(along).normalized();
       if (up.dot(out) < 0.0) up = -up;
       up = (up + random.uniform(-0.4, 0.4) * along).normalized();
@@ -189,7 +189,7 @@ TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
       }
     }
     CAPTURE(degrees, off, beside, held, late);
-    // 2 of 11,281 ticks are: as the hand comes out.
+    // Measured: 2 of 11,281 ticks, as the hand comes out.
     CHECK(beside <= 2);
     CHECK(off <= 0.2);
     CHECK(held > 3000);
@@ -198,7 +198,7 @@ TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
 }
 
 TEST_CASE("no corner lets a fast hand out", "[motion]") {
-  // At the cap of readings a proxy can be behind a wall that was just placed: that is no yield.
+  // At the cap of readings a proxy can be behind a wall that was just placed. This is not a yield.
   for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
     for (const int cap : {2, 8, 16}) {
       StepParams step = within(tolerance);
@@ -213,7 +213,7 @@ TEST_CASE("no corner lets a fast hand out", "[motion]") {
 }
 
 TEST_CASE("at any speed the work on the hand is at most what was counted", "[motion]") {
-  // Above 0.78 m/s a tick takes several moves. Laps come back to where the first began.
+  // Above 0.78 m/s a tick takes several moves. Laps end where the first began.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40.0, 2.56), torusMotion(30.0, 12.0, 2.6)}) {
     for (const double speed : {0.5, 1.0, 2.0, 5.0}) {
@@ -221,7 +221,7 @@ TEST_CASE("at any speed the work on the hand is at most what was counted", "[mot
       double way = 0.0;
       Vec3 hand = kVoxel * motion.outside;
       (void)tick(hand);
-      double worst = -1.0;  // work and what is stored by it, less what was counted
+      double worst = -1.0;  // work and the energy stored by it, less the counted energy
       double stored = 0.0;
       double work = 0.0;
       const auto to = [&](const Vec3& next) {

@@ -1,4 +1,4 @@
-#include "palpate/samplers/array_volume.h"
+#include "palpate/samplers/grid/array_volume.h"
 
 #include <array>
 #include <cmath>
@@ -10,14 +10,14 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/grid/vdb_field.h"
 
 namespace palpate::array_volume_test {
 using Catch::Matchers::Contains;
 
 namespace {
 
-/// Values of 0.25 + i + 100 j + 10000 k, k fastest in memory.
+/// The values are 0.25 + i + 100 j + 10000 k, with k fastest in memory.
 constexpr std::array<std::int64_t, 3> kSize{9, 10, 17};
 
 template <class Real>
@@ -84,7 +84,7 @@ TEST_CASE("an array's values stand where its axes put them", "[volume]") {
 TEST_CASE("an array may run in any order in memory, backwards and with gaps", "[volume]") {
   const auto values = ramp<float>();
   const auto straight = makeVolume(viewOf(values));
-  // i fastest, k backwards, a gap behind each value, at an odd address.
+  // i runs fastest and k backwards, with a gap behind each value, at an odd address.
   constexpr std::ptrdiff_t kGap = 7;
   std::vector<std::byte> bytes(values.size() * kGap + 1);
   VoxelArray array = viewOf(values);

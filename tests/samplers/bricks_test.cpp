@@ -1,4 +1,4 @@
-#include "palpate/samplers/bricks.h"
+#include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>
 #include <array>
@@ -25,13 +25,14 @@
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/far_bricks.h"
-#include "palpate/samplers/make_volume.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume_grid.h"
-#include "palpate/samplers/write_bricks.h"
+#include "palpate/samplers/bricks/far_bricks.h"
+#include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume_grid.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
+#include "tests/support/thinned.h"
 #include "tests/support/vdb_grids.h"
 
 namespace palpate::bricks_test {
@@ -48,7 +49,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Bytes = std::vector<std::byte>;
 
-/// Turned, stretched, mirrored and far from the origin.
+/// Returns a transform that is turned, stretched, mirrored and far from the origin.
 Transform::Ptr skewed() {
   auto transform = Transform::createLinearTransform(1.0);
   transform->preRotate(0.4, openvdb::math::X_AXIS);
@@ -57,7 +58,7 @@ Transform::Ptr skewed() {
   return transform;
 }
 
-/// Voxels here and there about the origin, tiles of all sizes, values of all kinds.
+/// Returns scattered voxels about the origin, tiles of all sizes, and values of all kinds.
 template <class GridT>
 typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueType& background) {
   using Value = typename GridT::ValueType;
@@ -72,7 +73,8 @@ typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueTyp
       return Value(one(), one(), one());
     }
   };
-  const auto at = [&] { return static_cast<int>(random.uniform(-90.0, 120.0)); };
+  const double reach = test::kSanitized ? 0.5 : 1.0;
+  const auto at = [&] { return static_cast<int>(reach * random.uniform(-90.0, 120.0)); };
   for (int n = 0; n < 3000; ++n) {
     const Coord c(at(), at() / 2, at());
     n % 3 == 0 ? grid->tree().setValueOff(c, any()) : grid->tree().setValueOn(c, any());
@@ -89,7 +91,7 @@ typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueTyp
   return grid;
 }
 
-/// A ball of a radius about a place, as a level set of half-width 3, by its formula.
+/// Returns balls, each with a place and a radius, as a level set of half-width 3, by formula.
 BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const VoxelAt& lower,
                    const VoxelAt& upper) {
   BrickInput input;
@@ -128,7 +130,7 @@ BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const V
   return input;
 }
 
-/// A fog of some values, each brick of which is stored.
+/// Returns a fog of some values whose bricks are all stored.
 BrickInput fogOf(int bricks, const std::string& identity = "fog") {
   BrickInput input;
   input.name = identity;
@@ -156,7 +158,7 @@ const GridT& gridIn(const Volume& volume) {
   return *std::get<typename GridT::ConstPtr>(volume.grid().parts.front().data);
 }
 
-/// Voxels whose value or state differ, in the box of both and around it.
+/// Counts the voxels with different values or states, in the box of both grids and around it.
 template <class GridT>
 int differences(const GridT& a, const GridT& b) {
   CoordBBox box = a.evalActiveVoxelBoundingBox();
@@ -190,7 +192,7 @@ void put(const fs::path& file, const Bytes& bytes) {
                static_cast<std::streamsize>(bytes.size()));
 }
 
-/// Every file of a folder, by its way in there.
+/// Returns every file of a folder, by its path in the folder.
 std::map<std::string, Bytes> allIn(const fs::path& folder) {
   std::map<std::string, Bytes> files;
   for (const auto& one : fs::recursive_directory_iterator(folder)) {
@@ -210,7 +212,7 @@ std::string errorOf(Body body) {
   return "no error";
 }
 
-/// All entries with an object.
+/// Returns all entries that have an object.
 std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   std::vector<BrickId> ids;
   for (std::int32_t l = 0; l < static_cast<std::int32_t>(manifest.levels().size()); ++l) {
@@ -221,7 +223,7 @@ std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   return ids;
 }
 
-/// A manifest with other facts, its checksum as it should be.
+/// Returns a manifest with changed facts and a correct checksum.
 Bytes forged(const Bytes& manifest, const std::function<void(Json&)>& change,
              const std::function<void(Bytes&)>& change_table = nullptr) {
   std::uint32_t size = 0;
@@ -268,7 +270,7 @@ TEST_CASE("numbers of 16 bits are read and rounded as OpenVDB does", "[bricks]")
   for (int n = 0; n < 200000; ++n) {
     auto value = static_cast<float>(
         std::ldexp(random.uniform(-1.0, 1.0), static_cast<int>(random.uniform(-28.0, 18.0))));
-    // Also half way between two.
+    // Includes values half way between two halves.
     if (n % 2 == 0) {
       const auto low = static_cast<std::uint16_t>(random.uniform(0.0, 31743.0));
       value = 0.5F * (floatOfHalf(low) + floatOfHalf(static_cast<std::uint16_t>(low + 1)));
@@ -286,7 +288,7 @@ TEST_CASE("a volume comes back from bricks to the last bit", "[bricks]") {
     const auto grid = scattered<openvdb::FloatGrid>(halved ? 1 : 2, -0.25F);
     grid->setGridClass(halved ? openvdb::GRID_UNKNOWN : openvdb::GRID_FOG_VOLUME);
     if (halved) {
-      // What 16 bits hold comes back as well.
+      // Values that 16 bits can hold come back exactly.
       for (auto v = grid->beginValueAll(); v; ++v) v.setValue(floatOfHalf(halfOfFloat(*v)));
     }
     const auto volume = makeVolume(*grid);
@@ -370,7 +372,7 @@ TEST_CASE("a level is the mean of the one before, at twice the voxel", "[bricks]
     const auto& coarser = gridIn<openvdb::FloatGrid>(*coarse);
     const auto of_fine = finer.getConstAccessor();
     const auto of_coarse = coarser.getConstAccessor();
-    // Its voxel stands in the middle of eight.
+    // A coarse voxel lies in the middle of eight fine ones.
     const auto& map = coarse->grid().parts.front();
     const auto& before = fine->grid().parts.front();
     CHECK(map.toFile(Vec3(3, -4, 5)).isApprox(before.toFile(Vec3(6.5, -7.5, 10.5)), 1e-12));
@@ -399,7 +401,7 @@ TEST_CASE("a level is the mean of the one before, at twice the voxel", "[bricks]
       auto mean = static_cast<float>(sum / 8.0);
       if (halved) mean = floatOfHalf(halfOfFloat(mean));
       if (of_coarse.getValue(*c) != mean) ++wrong_values;
-      // Both signs within three voxels: looked for only where it matters.
+      // Both signs within three voxels: checked only where it matters.
       if (level_set && !any && of_coarse.isValueOn(*c)) {
         const CoordBBox about((*c).offsetBy(-3), (*c).offsetBy(3));
         bool negative = false;
@@ -439,7 +441,8 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
           Coord::floor(grid.worldToIndex(Vec3d(centre.x(), centre.y(), centre.z()))) -
               Coord(static_cast<int>(radius / voxel) + 4),
           2 * static_cast<int>(radius / voxel) + 9);
-      // Within and without, but for a voxel at the surface: it is closed, and where it should be.
+      // Every place is on the right side, except within a voxel of the surface. So the surface is
+      // closed and where it should be.
       int astray = 0;
       for (auto c = about.begin(); c; ++c) {
         const Vec3d p = grid.indexToWorld(*c);
@@ -448,7 +451,7 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
         if ((beyond > 1.0 && negative) || (beyond < -1.0 && !negative)) ++astray;
       }
       CHECK(astray == 0);
-      // Each cell with both signs, and those up to two cells on, have data at all corners.
+      // Each cell with both signs, and the cells up to two further, have data at all corners.
       int crossed = 0;
       int lacking = 0;
       for (auto c = about.begin(); c; ++c) {
@@ -485,8 +488,8 @@ TEST_CASE("bricks of one value are named, not stored", "[bricks]") {
   }
   const auto volume = makeVolume(*grid);
   const BrickManifest manifest = writeBricks(folder / "b", brickInput(volume)).manifest;
-  // Of the 4 x 2 x 2 of ones none is like its neighbours on all sides; of the 6 x 6 x 6 of others
-  // those within are.
+  // The 4 x 2 x 2 bricks of ones all differ from a neighbour. Of the 6 x 6 x 6 other bricks, the
+  // inner ones equal their neighbours on all sides.
   std::size_t active = 0;
   std::size_t inactive = 0;
   std::size_t stored = 0;
@@ -503,7 +506,7 @@ TEST_CASE("bricks of one value are named, not stored", "[bricks]") {
     if (one.path().filename() != ".zarray") ++files;
   }
   CHECK(files == stored);
-  // A slot of it is filled all the same, and one beyond what is named.
+  // A brick without an object still fills a slot. Places beyond the named bricks have no brick.
   PosixBricks source(folder / "b");
   Bytes slot(manifest.format().bytes());
   const auto inner = manifest.holding(0, {1200, 200, 200});
@@ -591,7 +594,7 @@ TEST_CASE("the folder is a Zarr group, each object a chunk of its array", "[bric
       }
       bytes *= chunks[a];
     }
-    // Every object is a chunk, of that size, within the array.
+    // Every object is a chunk of the right size, within the array.
     for (const auto& one : fs::directory_iterator(folder / "b" / std::to_string(l))) {
       const std::string name = one.path().filename().string();
       if (name == ".zarray") continue;
@@ -616,7 +619,7 @@ TEST_CASE("the bytes do not depend on threads or on a run that ended early", "[b
     (void)writeBricks(folder / "one", input);
     CHECK(allIn(folder / "one") == whole);
   }
-  // Ended at its n-th word of progress, again and again, until it is done.
+  // The run ends at its n-th report of progress, repeatedly, until it is done.
   std::uint64_t kept = 0;
   int runs = 0;
   for (int patience = 1; patience < 1000; patience += 9) {
@@ -641,7 +644,7 @@ TEST_CASE("the bytes do not depend on threads or on a run that ended early", "[b
   CHECK(runs > 3);
   CHECK(kept > 10);
   CHECK(allIn(folder / "again") == whole);
-  // Finished: left as it is.
+  // A finished folder stays as it is.
   const BrickReport report = writeBricks(folder / "again", input);
   CHECK(report.written == 0);
   CHECK(report.manifest.identity() != 0);
@@ -659,7 +662,7 @@ TEST_CASE("what a broken run has left is looked at before it is kept", "[bricks]
   const auto place = [&](std::size_t n) {
     return folder / "b" / brickObject(ids[n], manifest.format());
   };
-  // Missing, cut, flipped, another's, half written.
+  // Missing, cut, flipped, from another volume, half written.
   fs::remove(place(0));
   fs::resize_file(place(1), 100);
   Bytes bytes = bytesIn(place(2));
@@ -704,7 +707,7 @@ TEST_CASE("a folder that is another's is left alone", "[bricks]") {
   fs::create_directory(folder / "empty");
   CHECK(trying(folder / "empty", fogOf(1)) == "no error");
 
-  // Two at a time.
+  // Two writers at a time.
   const BrickInput input = fogOf(1);
   options = {};
   std::string second;
@@ -795,7 +798,7 @@ TEST_CASE("a brick that is not as it was says so in one line", "[bricks]") {
     if (status != BrickStatus::kGone) {
       CHECK_THAT(errorOf([&] { (void)loadBricks(folder / "b"); }), Contains(says));
     }
-    // The others are as they were.
+    // The other bricks are unchanged.
     if (status == BrickStatus::kGone) return;
     CHECK(source.read({0, {0, 0, 0}}, slot).status == BrickStatus::kArrived);
   };
@@ -824,7 +827,7 @@ TEST_CASE("a brick that is not as it was says so in one line", "[bricks]") {
     put(place, flipped);
     read(BrickStatus::kDamaged, "its checksum is wrong");
   }
-  // Of the same size, so that nothing else tells them apart.
+  // The bricks have the same size, so that size does not tell them apart.
   put(place, bytesIn(folder / "b" / brickObject({0, {1, 0, 0}}, manifest.format())));
   read(BrickStatus::kOthers, "it is a brick of another place");
   put(place, bytesIn(folder / "other" / name));
@@ -846,7 +849,7 @@ TEST_CASE("a brick that is not as it was says so in one line", "[bricks]") {
   CHECK(source.read({0, {0, -1, 0}}, slot).status == BrickStatus::kUnknown);
   CHECK(source.read({-1, {0, 0, 0}}, slot).status == BrickStatus::kUnknown);
   CHECK(source.read({1 << 30, {0, 0, 0}}, slot).status == BrickStatus::kUnknown);
-  // Moved it is still the same; removed it is not.
+  // A folder that was moved is still the same. A removed folder is gone.
   fs::rename(folder / "b", folder / "moved");
   CHECK(source.read(id, slot).status == BrickStatus::kArrived);
   fs::remove_all(folder / "moved");
@@ -858,7 +861,7 @@ TEST_CASE("values that are no numbers do not come out of a brick", "[bricks]") {
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(1)).manifest;
   const BrickId id{0, {0, 0, 0}};
   const fs::path place = folder / "b" / brickObject(id, manifest.format());
-  // Written by somebody else, all checksums in order.
+  // Another program wrote the brick, with all checksums correct.
   const Bytes object = bytesIn(place);
   Bytes chunk(manifest.format().bytes());
   REQUIRE(ZSTD_decompress(chunk.data(), chunk.size(), object.data(), object.size()) ==
@@ -885,7 +888,7 @@ TEST_CASE("values that are no numbers do not come out of a brick", "[bricks]") {
 }
 
 TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
-  // It fails each time, after 30 ms.
+  // Each try fails after 30 ms.
   struct Slow final : ObjectStore {
     int& tries;
     explicit Slow(int& counts) : tries(counts) {}
@@ -944,7 +947,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
   newer[7] = std::byte{'2'};
   CHECK_THAT(refusal(newer), Contains("it is of another version of palpate: read it by that one"));
 
-  // Reading such JSON would take twenty times its size.
+  // Reading JSON this large would take twenty times its size.
   CHECK_THAT(refusal(forged(whole, [](Json& facts) { facts["source"] = std::string(70000, 'x'); })),
              Contains("more than 64 kB"));
   BrickInput wordy = fogOf(2);
@@ -952,7 +955,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
   CHECK_THAT(errorOf([&] { (void)writeBricks(folder / "wordy", wordy); }),
              Contains("more than 60 kB: leave some of them out"));
 
-  // Its checksum right, what it says wrong.
+  // The checksum is right, the facts are wrong.
   const std::vector<std::pair<const char*, Json>> wrong{
       {"bricks", 2},
       {"bricks", "1"},
@@ -995,7 +998,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
     CHECK_THAT(refusal(forged(whole, [&](Json& json) { json.erase(name); })),
                Contains("m: it is damaged"));
   }
-  // Its table: a number of rows that there are not, and rows that cannot be.
+  // The table has a wrong number of rows, or impossible rows.
   const auto table = [&](std::size_t at, auto number) {
     return refusal(forged(
         whole, [](Json&) {},
@@ -1025,7 +1028,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
   CHECK_THAT(refusal(forged(whole, [&](Json& json) { json["metadata"] = within; })),
              Contains("m: it is damaged"));
 
-  // As a folder.
+  // The same errors, in a folder.
   const auto folderSays = [&] { return errorOf([&] { (void)PosixBricks(folder / "b"); }); };
   fs::remove(file);
   CHECK_THAT(folderSays(), Contains("it is unfinished: it has no manifest: run the command"));
@@ -1058,7 +1061,7 @@ TEST_CASE("the most urgent brick arrives first, and what is not wanted any more 
   CHECK(source.next(slot, kNone)->id == near);
   const BrickView view(manifest.format(), slot.data());
   CHECK(view.value(BrickView::numberOf(0, 0, 1)) == 31.0F);
-  // The hand has turned back: the list as a whole.
+  // The hand has turned back, so the whole list is new.
   source.want({{middle, 1.0}, {never, 7.0}});
   CHECK(source.next(slot, kNone)->status == BrickStatus::kUnknown);
   CHECK(source.next(slot, kNone)->id == middle);
@@ -1067,7 +1070,7 @@ TEST_CASE("the most urgent brick arrives first, and what is not wanted any more 
   source.want({});
   CHECK(!source.next(slot, kNone));
 
-  // Nothing is allocated for a brick, once there was one.
+  // Once one brick has been read, further bricks do not allocate.
   source.want({{far, 1.0}, {near, 1.0}});
   {
     const CountScope counting;
@@ -1076,7 +1079,7 @@ TEST_CASE("the most urgent brick arrives first, and what is not wanted any more 
     CHECK(CountScope::counts().allocations == 0);
   }
 
-  // Several take what one wants, each of them once; who waits is woken.
+  // Several threads take the wanted bricks, each brick once. A waiting thread is woken.
   std::mutex mutex;
   std::multiset<BrickId> arrived;
   std::vector<std::thread> takers;
@@ -1100,7 +1103,7 @@ TEST_CASE("the most urgent brick arrives first, and what is not wanted any more 
     all = arrived.size() >= wishes.size();
   }
   for (std::thread& taker : takers) {
-    // One after another: an id twice in a list is one wish.
+    // One request after another: an id that is twice in a list counts once.
     source.want({{never, 0.0}});
     static_cast<void>(taker);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -1138,7 +1141,7 @@ TEST_CASE("a volume larger than what memory may be had is written", "[bricks]") 
     file >> pages >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   };
-  // AddressSanitizer has memory of its own, and takes its time.
+  // AddressSanitizer uses memory of its own, and is slow.
 #if defined(__SANITIZE_ADDRESS__)
   constexpr int kBricks = 3;
   constexpr double kMost = 1e9;

@@ -1,6 +1,5 @@
-// Bricks by several ranks, here threads: the bytes are those of one, and who fails ends all.
-#include "palpate/samplers/crew.h"
-
+// Tests bricks by several ranks, here threads. The bytes are those of one rank, and a rank that
+// fails ends all.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -15,11 +14,13 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/make_volume.h"
-#include "palpate/samplers/write_bricks.h"
+#include "palpate/samplers/bricks/brick_grid.h"
+#include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/process_group.h"
 #include "tests/support/random.h"
 #include "tests/support/thinned.h"
-#include "tests/support/thread_crew.h"
+#include "tests/support/thread_group.h"
 #include "tests/support/vdb_grids.h"
 
 namespace palpate::crew_test {
@@ -42,7 +43,7 @@ std::map<std::string, std::string> allIn(const fs::path& folder) {
   return all;
 }
 
-/// A hollow ball about the origin, as a level set by its formula: two slabs of bricks and more.
+/// Returns a hollow ball about the origin, as a level set by formula: two slabs of bricks and more.
 BrickInput ball() {
   BrickInput input;
   input.name = "ball";
@@ -68,7 +69,7 @@ BrickInput ball() {
   return input;
 }
 
-/// Voxels here and there, on both sides of 0, more to one end.
+/// Returns scattered voxels on both sides of 0, with more at one end.
 openvdb::FloatGrid::Ptr scattered() {
   openvdb::initialize();
   Random random(5);
@@ -77,7 +78,7 @@ openvdb::FloatGrid::Ptr scattered() {
     const auto at = [&](double low, double high) {
       return static_cast<int>(random.uniform(low, high));
     };
-    // In two of the tree's largest nodes, far apart.
+    // The voxels are in two of the tree's largest nodes, far apart.
     const int y = at(-20.0, 100.0) + n % 2 * 4080;
     const Coord c(at(-90.0, 200.0), y, at(-150.0, 250.0));
     grid->tree().setValueOn(c, static_cast<float>(random.uniform(-1.0, 1.0)));
@@ -86,7 +87,7 @@ openvdb::FloatGrid::Ptr scattered() {
   return grid;
 }
 
-/// What of it a rank has that fills these bricks.
+/// Returns the part of a grid that a rank needs to fill its bricks.
 openvdb::FloatGrid::Ptr partOf(const openvdb::FloatGrid& grid, const Share& share) {
   auto part = openvdb::FloatGrid::create(grid.background());
   part->setName(grid.getName());
@@ -117,7 +118,7 @@ TEST_CASE("the shares of a crew are the whole, in order", "[crew]") {
     for (const int count : {0, 1, 5, 64}) {
       std::mutex mutex;
       std::map<int, Share> shares;
-      CHECK(byThreads(size, [&](Crew& crew) {
+      CHECK(byThreads(size, [&](ProcessGroup& crew) {
               const std::lock_guard lock(mutex);
               shares[crew.rank()] = shareOf(crew, count);
             }) == 0);
@@ -134,7 +135,7 @@ TEST_CASE("the shares of a crew are the whole, in order", "[crew]") {
 }
 
 TEST_CASE("a crew gathers by its ranks, and lists one behind the other", "[crew]") {
-  CHECK(byThreads(3, [](Crew& crew) {
+  CHECK(byThreads(3, [](ProcessGroup& crew) {
           const std::vector<int> own(static_cast<std::size_t>(2 * crew.rank()), crew.rank());
           const bool right = gatherAll(crew, own) == std::vector<int>{1, 1, 2, 2, 2, 2} &&
                              gatherOne(crew, 10 * crew.rank()) == std::vector<int>{0, 10, 20};
@@ -151,7 +152,7 @@ TEST_CASE("bricks have the same bytes by any crew", "[bricks][crew]") {
     const fs::path out = folder / std::to_string(size);
     std::mutex mutex;
     std::set<std::uint64_t> written;
-    CHECK(byThreads(size, [&](Crew& crew) {
+    CHECK(byThreads(size, [&](ProcessGroup& crew) {
             BrickOptions options;
             options.crew = &crew;
             const BrickReport report = writeBricks(out, ball(), options);
@@ -172,8 +173,8 @@ TEST_CASE("a grid in parts is told of as a whole", "[bricks][crew]") {
   for (const int size : {9, 2, 5}) {
     if (!sizes.runs()) continue;
     const fs::path out = folder / std::to_string(size);
-    CHECK(byThreads(size, [&](Crew& crew) {
-            // Three slabs of bricks below 0 and four above it; the last ranks have none.
+    CHECK(byThreads(size, [&](ProcessGroup& crew) {
+            // Three slabs of bricks are below 0 and four above it. The last ranks have no slab.
             const Share of_seven = shareOf(crew, 7);
             const Share share{of_seven.first - 3, of_seven.end - 3};
             BrickOptions options;
@@ -188,10 +189,11 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
   const TemporaryFolder folder;
   (void)writeBricks(folder / "alone", ball());
   const fs::path out = folder / "out";
-  const auto by = [&](int size, const std::function<void(Crew&, BrickInput&, BrickOptions&)>& but) {
+  const auto by = [&](int size,
+                      const std::function<void(ProcessGroup&, BrickInput&, BrickOptions&)>& but) {
     std::uint64_t kept = 0;
     const std::string why = errorOf([&] {
-      const int told = byThreads(size, [&](Crew& crew) {
+      const int told = byThreads(size, [&](ProcessGroup& crew) {
         BrickInput input = ball();
         BrickOptions options;
         options.crew = &crew;
@@ -204,11 +206,11 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
     return std::pair(why, kept);
   };
 
-  // In each level, by the last one or by all at once.
+  // In each level, the last rank fails, or all ranks fail at once.
   for (const bool all : {false, true}) {
     for (const double when : {0.1, 0.95}) {
       const std::string why =
-          by(3, [&](Crew& crew, BrickInput&, BrickOptions& options) {
+          by(3, [&](ProcessGroup& crew, BrickInput&, BrickOptions& options) {
             if (!all && crew.rank() != 2) return;
             options.progress = [=, &crew](double done) {
               if (done < when) return;
@@ -219,20 +221,21 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
       CHECK_FALSE(fs::exists(out / "palpate.bricks"));
     }
   }
-  // Another input than the others'.
+  // One rank has another input than the others.
   CHECK_THAT(by(2,
-                [](Crew& crew, BrickInput& input, BrickOptions&) {
+                [](ProcessGroup& crew, BrickInput& input, BrickOptions&) {
                   if (crew.rank() == 1) input.identity = "another";
                 })
                  .first,
              Contains("another than that of rank 0"));
   CHECK_FALSE(fs::exists(out / "palpate.bricks"));
-  const auto [why, kept] = by(4, [](Crew&, BrickInput&, BrickOptions&) {});
+  const auto [why, kept] = by(4, [](ProcessGroup&, BrickInput&, BrickOptions&) {});
   CHECK(why == "no error");
   CHECK(kept > 5);
   CHECK(allIn(out) == allIn(folder / "alone"));
-  // Finished: left as it is, by all.
-  CHECK(by(2, [](Crew&, BrickInput&, BrickOptions&) {}) == std::pair(why, std::uint64_t{0}));
+  // All ranks leave a finished folder as it is.
+  CHECK(by(2, [](ProcessGroup&, BrickInput&, BrickOptions&) {}) ==
+        std::pair(why, std::uint64_t{0}));
 }
 
 }  // namespace palpate::crew_test

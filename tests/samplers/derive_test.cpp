@@ -1,4 +1,4 @@
-#include "palpate/samplers/derive.h"
+#include "palpate/samplers/grid/derive.h"
 
 #include <cmath>
 #include <filesystem>
@@ -8,8 +8,8 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
@@ -29,14 +29,14 @@ Vec3 eigen(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Through a file and the loader, as users have it.
+/// Loads grids through a file and the loader, as users do.
 std::shared_ptr<const Volume> load(const openvdb::GridPtrVec& grids, const std::string& name) {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", grids);
   return loadVolume(folder / "a.vdb", name);
 }
 
-/// Neither orthogonal nor of equal edges, turned and moved.
+/// Returns a transform that is turned and moved. Its edges are neither orthogonal nor equal.
 Transform::Ptr skewed(double voxel = 0.1) {
   openvdb::Mat4R matrix = openvdb::Mat4R::identity();
   const std::array<std::array<double, 3>, 3> rows{
@@ -50,7 +50,7 @@ Transform::Ptr skewed(double voxel = 0.1) {
   return Transform::createLinearTransform(matrix);
 }
 
-/// Random vectors with holes, an active tile of a leaf's size and one of a node's.
+/// Returns random vectors with holes, an active tile of a leaf's size, and one of a node's.
 template <class GridT>
 typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   openvdb::initialize();
@@ -77,7 +77,7 @@ typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   return grid;
 }
 
-/// Arnold, Beltrami and Childress's flow of wave number 1: its curl is itself.
+/// The flow of Arnold, Beltrami and Childress, of wave number 1. Its curl is the flow itself.
 Vec3d abc(const Vec3d& p) {
   return {std::sin(p.z()) + 0.5 * std::cos(p.y()), 0.8 * std::sin(p.x()) + std::cos(p.z()),
           0.5 * std::sin(p.y()) + 0.8 * std::cos(p.x())};
@@ -121,7 +121,7 @@ TEST_CASE("a derived grid holds at its voxels what is read there on the fly",
     for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
       for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) compare(voxel.getCoord());
     }
-    // The tiles: faces, edges, corners and within.
+    // Compares the tiles: faces, edges, corners and interior.
     for (const int x : {16, 17, 20, 23}) {
       for (const int y : {16, 19, 23}) {
         for (const int z : {16, 22, 23}) compare({x, y, z});
@@ -133,7 +133,7 @@ TEST_CASE("a derived grid holds at its voxels what is read there on the fly",
       }
     }
     CHECK(count > 5000);
-    // The skew and a position's rounding on the way, and a float's.
+    // The error has three sources: the skew, a position's rounding and a float's.
     CHECK(worst < 3e-6 * largest);
   }
 }

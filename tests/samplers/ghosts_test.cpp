@@ -1,4 +1,4 @@
-#include "palpate/samplers/ghosts.h"
+#include "palpate/samplers/grid/ghosts.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,8 +8,8 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/make_volume.h"
-#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -26,12 +26,12 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr double kBand = 3.0;
 
 struct Ball {
-  Vec3 centre;  ///< Index space.
+  Vec3 centre;  ///< In index space.
   double radius = 0.0;
 };
 
-/// Clamped level sets as tools make them: active in the band only, inside tiles where there is no
-/// band.
+/// Returns clamped level sets as tools make them: active only in the band, with inside tiles where
+/// there is no band.
 openvdb::FloatGrid::Ptr levelSet(const std::vector<Ball>& balls, double voxel = 1.0,
                                  const Vec3& origin = Vec3::Zero()) {
   openvdb::initialize();
@@ -84,7 +84,7 @@ bool same(const Ghosts& a, const Ghosts& b) {
          a.size == b.size;
 }
 
-/// The edge of a cube of a ball's volume.
+/// Returns the edge of a cube that has a ball's volume.
 double width(double radius) {
   return std::cbrt(4.0 / 3.0 * kPi) * radius;
 }
@@ -93,11 +93,13 @@ Vec3 along(double x) {
   return {x, 0.0, 0.0};
 }
 
-/// Voxel by voxel, without leaves and tiles: matter by its piece.
+/// Finds the pieces voxel by voxel, without leaves and tiles. Returns the piece of each voxel of
+/// matter.
 template <class GridT>
 std::map<Coord, int> piecesOf(const GridT& grid, double level, double sign, int& count) {
   const bool level_set = grid.getGridClass() == openvdb::GRID_LEVEL_SET;
-  // Where scatter may put tiles, and all leaves: OpenVDB's own box leaves out the inactive ones.
+  // The box has all leaves and every place where scatter may put tiles. OpenVDB's own box leaves
+  // out inactive leaves.
   CoordBBox box(Coord(-24), Coord(31));
   for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) box.expand(leaf->getNodeBoundingBox());
   std::map<Coord, int> piece;
@@ -184,7 +186,7 @@ Ghosts reference(const GridT& a, const GridT& b, double level, double sign) {
   return out;
 }
 
-/// Blobs, strands, specks and tiles at random.
+/// Returns random blobs, strands, specks and tiles.
 template <class GridT>
 typename GridT::Ptr scatter(Random& random, bool level_set, const Transform::Ptr& transform) {
   using Real = typename GridT::ValueType;
@@ -196,7 +198,7 @@ typename GridT::Ptr scatter(Random& random, bool level_set, const Transform::Ptr
   const Real sign = level_set ? Real{-1} : Real{1};
   const auto coord = [](const Vec3& p) { return Coord::floor(Vec3d(p.x(), p.y(), p.z())); };
   for (int i = 0; i < 4; ++i) {
-    // Fogs of one tile have it active; a level set's inside has it inactive.
+    // A fog's tiles are active, the tiles inside a level set are inactive.
     const Coord at = coord(random.inCube(20.0)) & ~7;
     grid->tree().addTile(1, at, sign * matter(), !level_set);
   }
@@ -223,7 +225,7 @@ TEST_CASE("a ball is a ghost from where it moves by its own size", "[sequence]")
     const Vec3 origin(3.0, -1.0, 0.25);
     const Vec3 centre(4.0, 5.0, -6.0);
     const auto a = levelSet({{centre, 10.0}}, voxel, origin);
-    // Its voxels are at most 9 to each side: by 18 the last of them overlaps.
+    // The ball's voxels are at most 9 to each side: after 18 the last voxels overlap.
     for (const double way : {0.0, 5.0, 18.0}) {
       CAPTURE(voxel, way);
       for (const int axis : {0, 1, 2}) {
@@ -246,7 +248,7 @@ TEST_CASE("a ball is a ghost from where it moves by its own size", "[sequence]")
         CHECK(found.of == 2);
         CHECK(found.pieces == 2);
         CHECK(found.share == 1.0);
-        // Of equals the first frame's.
+        // If the pieces are equal, the first frame's is reported.
         CHECK((found.where - (voxel * centre + origin)).norm() < 1e-9);
         CHECK(found.size == Approx(voxel * width(10.0)).epsilon(0.01));
         const Ghosts back = between(b, a);
@@ -270,13 +272,13 @@ TEST_CASE("a small ball that jumps beside a large one is the ghost", "[sequence]
   CHECK((found.where - small.centre).norm() < 1e-9);
   CHECK(found.size == Approx(width(8.0)).epsilon(0.02));
   CHECK(between(a, levelSet({large, less})).pieces == 0);
-  // One that is gone, and the same one that is new.
+  // One ball is gone, or the same ball is new.
   for (const Ghosts& gone : {between(a, levelSet({large})), between(levelSet({large}), a)}) {
     CHECK(gone.of == 3);
     CHECK(gone.pieces == 1);
     CHECK((gone.where - small.centre).norm() < 1e-9);
   }
-  // Of two ghosts the larger one is shown, whichever frame has it.
+  // If there are two ghosts, the larger one is reported, whichever frame has it.
   const auto larger = levelSet({large, {along(-80.0), 12.0}});
   for (const Ghosts& two : {between(a, larger), between(larger, a)}) {
     CHECK(two.pieces == 2);
@@ -288,7 +290,7 @@ TEST_CASE("a small ball that jumps beside a large one is the ghost", "[sequence]
 TEST_CASE("a level set's inside is matter, whatever holds it", "[sequence]") {
   const auto large = levelSet({{along(0.0), 60.0}});
   REQUIRE(large->tree().root().getTableSize() > 0);
-  // In the middle of it is no active voxel, but tiles.
+  // The middle of the ball has tiles, without active voxels.
   REQUIRE(large->tree().getValueDepth(Coord(0)) < 3);
   for (const double voxel : {1.0, 0.5}) {
     CAPTURE(voxel);
@@ -296,7 +298,7 @@ TEST_CASE("a level set's inside is matter, whatever holds it", "[sequence]") {
     CHECK(found.of == 2);
     CHECK(found.pieces == 0);
   }
-  // The same frame with tiles of 128 voxels and of 4096, that only one corner's voxels touch.
+  // The same frame with tiles of 128 voxels and of 4096. Only one corner's voxels touch them.
   for (const openvdb::Index level : {2U, 3U}) {
     const int edge = level == 2 ? 128 : 4096;
     auto tile = openvdb::FloatGrid::create(1.0F);
@@ -319,14 +321,14 @@ TEST_CASE("a level set's inside is matter, whatever holds it", "[sequence]") {
         CHECK((found.where - along(-40)).norm() < 1e-9);
       }
     }
-    // Wholly elsewhere: a tile's volume and middle.
+    // A frame that is wholly elsewhere: the result is a tile's volume and middle.
     const double far = 3.0 * edge;
     const Ghosts gone = between(tile, levelSet({{Vec3(-far, 0, 0), 5.0}}));
     CHECK(gone.pieces == 2);
     CHECK(gone.size == Approx(edge).epsilon(1e-4));
     CHECK((gone.where - Vec3::Constant(0.5 * (edge - 1))).norm() < 1e-3);
   }
-  // Felt from within, what is outside has no end, and only the band is matter.
+  // Felt from within, the outside has no end, and only the band is matter.
   const Ghosts inverse =
       between(levelSet({{along(0.0), 10.0}}), levelSet({{along(30.0), 10.0}}), 0.0, -1.0);
   CHECK(inverse.of == 2);
@@ -344,7 +346,7 @@ TEST_CASE("an isosurface felt from below has its ghosts above the level", "[sequ
     return grid;
   };
   const auto a = fog(10.0);
-  // Above 1 it is a ball of radius 5, above 3 one of radius 3.
+  // Above 1 the fog is a ball of radius 5, above 3 a ball of radius 3.
   CHECK(between(a, fog(17.0), 1.0, -1.0).pieces == 0);
   const Ghosts high = between(a, fog(17.0), 3.0, -1.0);
   CHECK(high.of == 2);
@@ -352,14 +354,14 @@ TEST_CASE("an isosurface felt from below has its ghosts above the level", "[sequ
   CHECK(high.share == 1.0);
   CHECK((high.where - Vec3(10.0, 20.0, 20.0)).norm() < 1e-9);
   CHECK(std::abs(high.size - width(3.0)) < 1.0);
-  // From above, matter is all around the balls, and is one piece that stays.
+  // Felt from above, matter is all around the balls, in one piece that stays.
   const Ghosts around = between(a, fog(30.0), 1.0, 1.0);
   CHECK(around.of == 2);
   CHECK(around.pieces == 0);
-  // A level that there is not.
+  // A level that does not occur.
   const Ghosts nothing = between(a, a, 5.0, -1.0);
   CHECK(same(nothing, Ghosts{}));
-  // Where a fog has no data it has no matter, whatever the value.
+  // A fog without data has no matter there, for any value.
   auto hollow = a->deepCopy();
   for (auto value = hollow->beginValueOn(); value; ++value) value.setValueOff();
   hollow->tree().setValueOn(Coord(0));
@@ -390,10 +392,10 @@ TEST_CASE("frames whose voxels differ are laid over each other in the file's spa
       CHECK(std::min(found.where.norm(), (found.where - along(way)).norm()) < 0.5);
     }
   }
-  // The same indices are other places, and other indices the same place.
+  // The same indices are different places, and different indices are the same place.
   CHECK(between(a, levelSet({{along(0.0), 10.0}}, 1.0, along(30.0))).pieces == 2);
   CHECK(between(a, levelSet({{along(-300.0), 10.0}}, 1.0, along(300.0))).pieces == 0);
-  // Volume counts, not voxels: a small finer ball has as many.
+  // Volume counts, not voxels: a small ball of finer voxels has as many voxels.
   const auto both = levelSet({{along(0.0), 10.0}}, 0.5);
   CHECK(between(levelSet({{along(30.0), 10.0}}), levelSet({{along(60.0), 10.0}})).share == 1.0);
   const auto pair = levelSet({{along(0.0), 10.0}, {along(-60.0), 10.0}}, 0.5);
@@ -402,7 +404,7 @@ TEST_CASE("frames whose voxels differ are laid over each other in the file's spa
   CHECK(found.pieces == 1);
   CHECK(found.share == Approx(1.0 / 10.0).epsilon(1e-9));
   CHECK(between(a, both).pieces == 0);
-  // Far beyond any index.
+  // A frame far beyond any index.
   CHECK(between(a, levelSet({{along(0.0), 10.0}}, 1e-3, along(1e9))).pieces == 2);
 }
 
@@ -435,7 +437,7 @@ TEST_CASE("specks are left out, and a slanting strand is no speck", "[sequence]"
       CHECK(found.share == 1.0);
       CHECK(found.size == Approx(2.0).epsilon(1e-12));
     }
-    // Left out, and yet there: what overlaps a speck is no ghost.
+    // A speck is left out but still present: a piece that overlaps a speck is not a ghost.
     CHECK(between(voxels(piece), voxels({piece[3]}), 0.5, -1.0).pieces == 0);
     CHECK(between(voxels(piece), voxels({piece[3]}), 0.5, -1.0).of == 1);
   }
@@ -451,7 +453,7 @@ TEMPLATE_TEST_CASE("pieces, overlaps and shares are those of a search voxel by v
     const bool level_set = n % 2 == 0;
     const auto transform = Transform::createLinearTransform(0.5);
     auto other = Transform::createLinearTransform(0.5);
-    // Half of the pairs have the same voxels, the others oblong and turned ones.
+    // Half of the pairs have the same voxels. The others have oblong and turned ones.
     if (n % 4 >= 2) {
       other->preScale(Vec3d(random.uniform(0.5, 1.5), random.uniform(0.5, 1.5), 1.1));
       other->preRotate(random.uniform(0.0, 0.7), openvdb::math::Y_AXIS);
@@ -497,7 +499,7 @@ TEST_CASE("a surface that moves farther than its band is beyond the other frame'
   CHECK(surfaceBeyondData(*first, *ballOf(21.5), 0.0) == 0.0);
   CHECK(surfaceBeyondData(*first, *ballOf(26.0), 0.0) == 1.0);
   CHECK(surfaceBeyondData(*ballOf(26.0), *first, 0.0) == 1.0);
-  // Moved along x: where it is steepest.
+  // The ball moves along x. Its surface leaves the data where it is steepest along x.
   const auto grid = makeBall(20.0, 1.0);
   grid->transform().postTranslate(openvdb::Vec3d(6.0, 0.0, 0.0));
   const double share = surfaceBeyondData(*first, *makeVolume(*grid), 0.0);

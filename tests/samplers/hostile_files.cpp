@@ -1,13 +1,14 @@
-/// Cut and damaged copies of .vdb files, felt as a user would: each must end in finite, bounded
-/// output or in one line of error, within 10 s and four times the memory of the file's grids.
+/// Tests cut and damaged copies of .vdb files, felt as a user would. Each must end in finite,
+/// bounded output or in one line of error, within 10 s and four times the memory of the file's
+/// grids.
 ///
 /// palpate_hostile_files [--data] [--cases N] [FILE.vdb...]
-///   each file cut at ten places, and N copies in all, more of small files than of large, with one
-///   flipped bit (default 1000; PALPATE_CASES; at most 100,000, with sanitizers 10,000).
-///   --data: the files of PALPATE_DATA/vdb; without any file: volumes of its own. Every case is a
-///   process of its own.
+///   Cuts each file at ten places, and flips one bit in N copies in all, with more copies of small
+///   files than of large (default 1000; PALPATE_CASES; at most 100,000, with sanitizers 10,000).
+///   --data: the files of PALPATE_DATA/vdb. Without any file: the program's own volumes. Every case
+///   is a process of its own.
 /// palpate_hostile_files --only FILE BYTE BIT
-///   one case again; BIT "cut" cuts the file before BYTE. FILE may be one of its own.
+///   Repeats one case. BIT "cut" cuts the file before BYTE. FILE may be one of the program's own.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -27,17 +28,17 @@
 #include <openvdb/io/Stream.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
-#include "palpate/samplers/volume_grid.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
+#include "palpate/samplers/grid/volume_grid.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/lsan_interface.h>
 constexpr bool kSanitized = true;
-// What asks for more at once is a failure, not an exception.
+// A larger request at once is a failure, not an exception.
 extern "C" const char* __asan_default_options() {
   return "max_allocation_size_mb=1024:allocator_may_return_null=0";
 }
@@ -60,11 +61,11 @@ constexpr std::uint64_t kSlack = std::uint64_t{256} << 20U;
 
 // One file, felt.
 
-/// What a child tells of its file.
+/// The result that a child reports of its file.
 struct Outcome {
   enum Kind : int { kRead, kRefused, kFailed } kind = kFailed;
-  std::uint64_t digest = 0;  ///< Of everything that was said and sampled.
-  std::uint64_t memory = 0;  ///< Of its grids.
+  std::uint64_t digest = 0;  ///< Of all messages and samples.
+  std::uint64_t memory = 0;  ///< Memory of its grids [bytes].
   std::array<char, 400> text{};
 
   void say(const std::string& line) { std::strncpy(text.data(), line.c_str(), text.size() - 1); }
@@ -91,7 +92,7 @@ struct Broken {
   std::string why;
 };
 
-/// An error must be one line that says something.
+/// Throws unless an error is one line with content.
 void checkLine(const std::string& line) {
   if (line.size() < 20) throw Broken{"an error that says nothing: \"" + line + "\""};
   for (const char c : line) {
@@ -112,7 +113,7 @@ double magnitude(const T& v) {
   }
 }
 
-/// Largest stored magnitude, tiles, background and inactive values included.
+/// Returns the largest stored magnitude, tiles, background and inactive values included.
 template <class GridT>
 double largestIn(const GridT& grid) {
   double largest = magnitude(grid.background());
@@ -126,7 +127,7 @@ double largestIn(const GridT& grid) {
   return largest;
 }
 
-/// Positions in the volume, about it, at some of its leaves, and out of every reach.
+/// Returns positions in the volume, about it, at some of its leaves, and out of reach.
 std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   Random random(7);
   std::vector<Vec3> points;
@@ -155,7 +156,8 @@ std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   return points;
 }
 
-/// `turn`: of a large volume, whose splines take seconds, each is made once in kTurns cases.
+/// Samples a volume. The splines of a large volume take seconds, so `turn` makes each of them once
+/// in kTurns cases.
 void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Digest& digest) {
   double largest = 0.0;
   double per_index = 0.0;
@@ -216,7 +218,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
   }
 }
 
-/// All that a user does with a file.
+/// Does everything with a file that a user does.
 Outcome feel(const fs::path& file, std::size_t turn) {
   Outcome outcome;
   Digest digest;
@@ -282,13 +284,13 @@ Outcome feel(const fs::path& file, std::size_t turn) {
 struct Ended {
   Outcome outcome;
   double seconds = 0.0;
-  std::uint64_t memory = 0;  ///< Largest, resident.
+  std::uint64_t memory = 0;  ///< Largest resident memory [bytes].
 };
 
 struct Child {
   pid_t pid = 0;
   int pipe = -1;
-  std::FILE* complaints = nullptr;  ///< What it writes to stderr.
+  std::FILE* complaints = nullptr;  ///< Its output on stderr.
   std::chrono::steady_clock::time_point start;
 };
 
@@ -313,7 +315,8 @@ Child start(Body body) {
   if (child.pid == 0) {
     close(ends[0]);
     dup2(fileno(child.complaints), STDERR_FILENO);
-    // Of a processor's time; and of the clock's, for what waits: others may have the processor.
+    // Limits processor time, and below clock time for a child that waits: others may have the
+    // processor.
     const rlimit processor{kSeconds, kSeconds + 1};
     setrlimit(RLIMIT_CPU, &processor);
     const rlimit core{0, 0};
@@ -321,7 +324,7 @@ Child start(Body body) {
     alarm(30 * kSeconds);
     const Outcome outcome = body();
     const bool told = write(ends[1], &outcome, sizeof outcome) == sizeof outcome;
-    // Not exit(): log4cplus would wait for the thread that it had in the parent.
+    // Does not call exit(): log4cplus would wait for a thread that only the parent has.
     _exit(told && !leaks() ? 0 : 1);
   }
   if (child.pid < 0) std::abort();
@@ -330,7 +333,7 @@ Child start(Body body) {
   return child;
 }
 
-/// What has come of a child that has ended; prints its complaints if it ended badly.
+/// Returns the result of a child that has ended. Prints its complaints if it ended badly.
 Ended conclude(const Child& child, int status, const rusage& usage) {
   Ended ended;
   ended.seconds =
@@ -387,7 +390,7 @@ T at(const std::string& bytes, std::uint64_t place) {
 }
 
 /// Finds the parts of a file: where its first grids' nodes and values are, and the headers of
-/// compressed leaves. Wherever that fails, fewer places are known; nothing depends on it.
+/// compressed leaves. If this fails, fewer places are known, and the test still runs.
 void dissect(Victim& victim) {
   const std::string& bytes = victim.bytes;
   for (std::uint64_t i = 57; i + 32 < std::min<std::uint64_t>(bytes.size(), 4096); ++i) {
@@ -519,7 +522,7 @@ void writeOwn(const fs::path& folder) {
   auto twin = openvdb::FloatGrid::create(ball->treePtr());
   twin->setName("twin");
   write("twins.vdb", {ball, twin, ball}, usual);
-  // One whose name is what users call another by, which shares its tree, or lends it.
+  // One grid has a name that users write for another grid. It shares that grid's tree, or lends it.
   auto literal = ball->deepCopy();
   literal->setName("density[0]");
   auto alike = openvdb::FloatGrid::create(literal->treePtr());
@@ -560,7 +563,7 @@ class Run {
                 return Outcome{};
               }).memory) {}
 
-  /// Reads the file and feels it whole, in a child. False if that fails.
+  /// Reads the file and feels it whole, in a child. Returns false if that fails.
   bool open(const fs::path& path, Victim& victim) const {
     victim.path = path;
     std::ifstream in(path, std::ios::binary);
@@ -578,7 +581,7 @@ class Run {
     return true;
   }
 
-  /// One case, judged.
+  /// Judges one case.
   void judge(const Victim& victim, const Damage& damage, Ended ended, Counts& counts) const {
     Outcome& outcome = ended.outcome;
     const std::uint64_t grids = std::max(victim.whole.outcome.memory, outcome.memory);
@@ -645,7 +648,7 @@ class Run {
   }
 
  private:
-  /// What stands between the file's name and the remedy, without numbers.
+  /// Returns the text between the file's name and the remedy, without numbers.
   static std::string reasonIn(const std::string& line) {
     if (line.find("NaN or infinite") != std::string::npos) return "values are NaN or infinite";
     const auto begin = line.find(": it");
@@ -716,7 +719,7 @@ int run(const std::vector<std::string>& arguments) {
   long passed = 0;
   long failed = 0;
   std::map<std::string, long> reasons;
-  // Large files take longer, and are no more likely to be trouble.
+  // Large files take longer, and are not more likely to cause trouble.
   const auto weight = [](const fs::path& file) {
     return 1.0 / std::sqrt(1.0 + static_cast<double>(fs::file_size(file)));
   };

@@ -1,4 +1,5 @@
-// Grids as files keep them: staggered, by component, in index space, axial, with holes and noise.
+// Tests grids as files keep them: staggered, by component, in index space, axial, with holes and
+// noise.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -9,9 +10,9 @@
 #include <openvdb/tools/Filter.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
@@ -33,7 +34,7 @@ Vec3 eigen(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// An oblong, sheared and moved lattice.
+/// Returns an oblong, sheared and moved lattice.
 Transform::Ptr oblong() {
   auto transform = Transform::createLinearTransform(1.0);
   transform->postScale(Vec3d(0.5, 0.25, 0.4));
@@ -42,7 +43,7 @@ Transform::Ptr oblong() {
   return transform;
 }
 
-/// From a voxel's centre to its face below, along one index axis.
+/// Returns the way from a voxel's centre to its face below, along one index axis.
 Vec3d toFace(int axis) {
   const auto transform = oblong();
   Vec3d index(0.0);
@@ -64,7 +65,7 @@ std::shared_ptr<const Volume> reload(const openvdb::GridPtrVec& grids, const std
   return loadVolume(folder / "a.vdb", name, options);
 }
 
-/// The field's value and Jacobian at random places of the lattice's middle.
+/// Checks the field's value and Jacobian at random places in the lattice's middle.
 void requireLinear(const std::shared_ptr<const Volume>& volume) {
   const auto transform = oblong();
   for (const Interpolation order : kSmooth) {
@@ -84,13 +85,13 @@ void requireLinear(const std::shared_ptr<const Volume>& volume) {
       }
       CAPTURE(wordFor(order), p.transpose());
       REQUIRE(s.inside);
-      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // the edge rings, eleven voxels on
+      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // ringing from the edge, eleven voxels on
       REQUIRE((s.jacobian - kSlope).norm() < 1e-3);
     }
   }
 }
 
-/// Component c of `linear`, on the face of each voxel that a staggered grid keeps it on.
+/// Returns component c of `linear`, on the face of each voxel where a staggered grid keeps it.
 double onFace(int c, const Vec3d& centre) {
   return linear(eigen(centre + toFace(c)))[c];
 }
@@ -138,7 +139,7 @@ TEST_CASE("three scalars are one vector, each at its own place", "[samplers][kin
   for (const GridInfo& info : infos) parts += info.name.rfind("vel.", 0) == 0 ? info.memory : 0;
   CHECK(infos.back().memory == parts);
 
-  // Of other types or places they are no vector.
+  // Scalars of other types or places do not form a vector.
   grids[1] = makeGrid<openvdb::DoubleGrid>(
       24, oblong(), [](const Vec3d&) { return 1.0; }, "vel.y");
   CHECK_THROWS_WITH(reload(grids, "vel"), Contains("no grid"));
@@ -183,7 +184,7 @@ TEST_CASE("vectors of index space are turned by the rule of their kind", "[sampl
 }
 
 TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kinds]") {
-  // Fibres that turn by some 3 degrees a voxel, each voxel with a sign of its own.
+  // The fibres turn by about 3 degrees a voxel. Each voxel has a sign of its own.
   Random random(5);
   const auto direction = [](const Vec3d& p) {
     const double a = 0.05 * p.x() + 0.03 * p.y();
@@ -219,7 +220,7 @@ TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kind
     const VectorSample s = field->sample({x, 12.3, 11.7}, cache);
     const Counts counts = CountScope::counts();
     REQUIRE(counts.allocations + counts.locks + counts.exceptions == 0);
-    // The Jacobian goes with the value's sign: |d v| = |d angle|, 0.05 and 0.03 a voxel.
+    // The Jacobian has the sign of the value: |d v| = |d angle|, 0.05 and 0.03 a voxel.
     REQUIRE(s.jacobian.col(0).norm() == Approx(0.05 / std::sqrt(1.04)).epsilon(0.01));
     REQUIRE(s.jacobian.col(0).dot(s.value) == Approx(0.0).margin(1e-4));
   }
@@ -259,9 +260,9 @@ TEST_CASE("values that are no numbers are refused, or filled by choice", "[sampl
   const auto field = std::get<0>(makeVdbField(zeroed, {}));
   FieldCache cache;
   field->reset(cache);
-  CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // what was finite stays
+  CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // a finite value stays
 
-  // What a filter or a map makes infinite is no number either.
+  // A value that a filter or a map makes infinite is refused too.
   auto steep = makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
                                             [](const Vec3d&) { return 2e38F; });
   CHECK_THROWS_WITH(reload({steep}, "", {NonFinite::kRefuse, 1, nullptr}), Contains("infinite"));
@@ -276,7 +277,7 @@ TEST_CASE("smoothing is OpenVDB's own and says what it takes away", "[samplers][
   const auto volume = reload({noise}, "", {NonFinite::kRefuse, width, nullptr});
   const Smoothing said = volume->info().smoothing;
   CHECK(said.width == width);
-  CHECK(said.rms_change > 0.4);  // nearly all of noise of 0.58 rms
+  CHECK(said.rms_change > 0.4);  // nearly all of the noise of 0.58 rms
   CHECK(said.largest_change > said.rms_change);
   auto theirs = noise->deepCopy();
   openvdb::tools::Filter<openvdb::FloatGrid>(*theirs).gaussian(width);
@@ -286,7 +287,7 @@ TEST_CASE("smoothing is OpenVDB's own and says what it takes away", "[samplers][
   CHECK(field->sample({15, 14, 13}, cache).value ==
         Approx(theirs->tree().getValue(Coord(15, 14, 13))));
 
-  // A wave of the length that it names keeps half of its height.
+  // A wave of the reported length keeps half of its height.
   const double k = 2.0 * M_PI / said.half_height_voxels;
   auto wave = makeGrid<openvdb::FloatGrid>(
       64, Transform::createLinearTransform(1.0),
@@ -339,7 +340,7 @@ TEST_CASE("a long load says how far it is, and can be ended", "[samplers][kinds]
   };
   CHECK_THROWS_WITH(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, 0, stop}),
                     Contains("it was stopped"));
-  // A file that goes away meanwhile is still read to its end.
+  // A file that goes away during the load is still read to its end.
   const auto gone = [&](double) { std::filesystem::remove(folder / "a.vdb"); };
   CHECK(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, 0, gone})->info().mean ==
         volume->info().mean);

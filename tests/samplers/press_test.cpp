@@ -1,4 +1,4 @@
-/// A level-set sphere pressed from all sides: the whole way from a .vdb to newtons.
+/// Tests a level-set sphere pressed from all sides: the whole path from a .vdb file to newtons.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -6,9 +6,9 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/step.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -20,9 +20,9 @@ namespace {
 constexpr double kStiffness = 500.0;
 
 struct Pressed {
-  double direction_rms = 0.0;  ///< Of the force from radial [degrees].
-  double magnitude_max = 0.0;  ///< Of the force from k times depth, relative.
-  double leaves_rms = 0.0;     ///< Of the depth at which the proxy leaves, from s/k, relative.
+  double direction_rms = 0.0;  ///< Error of the force against radial [degrees].
+  double magnitude_max = 0.0;  ///< Error of the force against k times depth, relative.
+  double leaves_rms = 0.0;     ///< Error of the release depth against s/k, relative.
 };
 
 /// Presses along 1,000 directions to depths of 2 to 8 mm below a surface of given radius, then
@@ -109,7 +109,7 @@ TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions", "[.][data]") {
   REQUIRE(data != nullptr);
   const auto file = std::filesystem::path(data) / "vdb" / "aswf_sphere.vdb";
   const auto volume = loadVolume(file, "ls_sphere");
-  // Its radius, from the data: where the stored distance is zero along the axes.
+  // The sphere's radius from the data: the stored distance is zero there along the axes.
   const FieldPtr field = makeVdbField(volume, {});
   FieldCache cache;
   std::get<0>(field)->reset(cache);

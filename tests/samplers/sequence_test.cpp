@@ -1,4 +1,4 @@
-/// A volume that is played: between two frames it is a share of each, and nothing steps in time.
+/// Tests a volume that is played: between two frames it is a share of each, without steps in time.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -13,8 +13,8 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/sequence_field.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/time/sequence_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -37,7 +37,7 @@ Placement placed() {
   return place;
 }
 
-/// A file a frame, which `make` fills.
+/// Returns requests for one file a frame, which `make` fills.
 template <class Make>
 std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, const Make& make) {
   std::vector<VolumeRequest> frames;
@@ -48,7 +48,7 @@ std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, co
   return frames;
 }
 
-/// V = 100 i + x + 2 y - 3 z + w(i), 14^3 voxels.
+/// Returns V = 100 i + x + 2 y - (3 + i) z, 14^3 voxels.
 openvdb::FloatGrid::Ptr ramp(int i) {
   return makeGrid<openvdb::FloatGrid>(
       14, openvdb::math::Transform::createLinearTransform(1.0), [i](const openvdb::Vec3d& p) {
@@ -56,7 +56,7 @@ openvdb::FloatGrid::Ptr ramp(int i) {
       });
 }
 
-/// The level set of a ball about the middle, of a radius in voxels.
+/// Returns the level set of a ball about the middle, with its radius in voxels.
 openvdb::FloatGrid::Ptr ball(double radius) {
   return makeBall(radius, 1.0);
 }
@@ -80,14 +80,14 @@ struct Player {
       : sequence(of), field(std::get<0>(makeSequenceField(of))) {
     field->reset(*cache);
   }
-  /// What is read at p in a tick at a time of play.
+  /// Returns the reading at p in a tick at a time of play.
   ScalarSample at(double play, const Vec3& p, double rate = 0.0) const {
     field->attend({p, p, kTick, play, rate}, *cache);
     const ScalarSample out = field->sample(p, *cache);
     field->leave(*cache);
     return out;
   }
-  /// The same where play has stood there for a while.
+  /// Returns the same after play has stood there for a while.
   ScalarSample settled(double play, const Vec3& p) const {
     ScalarSample out;
     REQUIRE(arrives(*sequence, play));
@@ -100,7 +100,7 @@ struct Player {
   std::unique_ptr<FieldCache> cache = std::make_unique<FieldCache>();
 };
 
-/// The surface at 0 of a field, solid below.
+/// Builds a scene with the surface at 0 of a field, solid below.
 std::unique_ptr<const Scene> sceneOf(const FieldPtr& field, double strength = 50.0,
                                      double friction = 0.0) {
   GraphSpec spec = ballSpec(strength);
@@ -112,7 +112,7 @@ std::uint64_t bytesOf(const VolumeRequest& frame) {
   return sequenceOf({frame}, 1.0)->state().bytes;
 }
 
-/// A budget of so many frames like the first.
+/// Returns a budget of `count` frames like the first.
 SequenceParams budgetOf(const std::vector<VolumeRequest>& frames, double count) {
   SequenceParams params;
   params.budget = static_cast<std::uint64_t>(count * static_cast<double>(bytesOf(frames.front())));
@@ -134,12 +134,12 @@ TEST_CASE("between two frames a sequence is a share of each", "[sequence]") {
     CHECK(at.inside);
     CHECK_FALSE(at.coarse);
   }
-  // Before the first and after the last it stands.
+  // Before the first frame and after the last one play stands.
   CHECK(of.settled(-5.0, p).value == of.settled(0.0, p).value);
   CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
-  // Outside ticks it is its first frame.
+  // Outside ticks the field is its first frame.
   CHECK(of.field->value(p, *of.cache) == Approx(V(0.0)).margin(1e-3));
-  // Around, the first comes after the last.
+  // With repeat, the first frame comes after the last.
   const Player round(sequenceOf(frames, 10.0, true));
   CHECK(round.settled(0.35, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
   CHECK(round.settled(0.4, p).value == Approx(V(0.0)).margin(1e-3));
@@ -189,7 +189,7 @@ TEST_CASE("a vector that is played is a share of each frame", "[sequence]") {
 
 TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][moving]") {
   const TemporaryFolder folder;
-  // A voxel a frame, 200 frames a second: 0.2 m/s.
+  // The ball grows by a voxel a frame, 200 frames a second: 0.2 m/s.
   constexpr double kFirst = 20.0;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(kFirst + i); });
   const double friction = GENERATE(0.0, 0.3);
@@ -202,7 +202,7 @@ TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][movi
   double injected = 0.0;
   double given = 0.0;
   for (int i = 0; i < 160; ++i) {
-    // Down to the surface, then held while the ball grows by ten voxels.
+    // The hand moves down to the surface. It is then held while the ball grows by ten voxels.
     const double depth = std::min(1.0, 0.02 * i);
     const double play = i < 100 ? 0.0 : kTick * (i - 100);
     state.playAt(play, i < 101 ? 0.0 : 1.0);
@@ -265,7 +265,7 @@ TEST_CASE("play that jumps does not step", "[sequence]") {
   double largest = 0.0;
   int arrived = 0;
   for (int i = 0; i < 2250; ++i) {
-    // A jump, and before the first has arrived the next one.
+    // Play jumps, and jumps again before the first jump has arrived.
     if (i % 150 == 0 || i % 150 == 20) play = 0.7 * random.uniform();
     const ScalarSample at = player.at(play, p);
     largest = std::max(largest, std::abs(at.value - last));
@@ -278,7 +278,7 @@ TEST_CASE("play that jumps does not step", "[sequence]") {
     }
     if (!all) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // 700 in 50 ms and more.
+  // A change of 700 takes 50 ms or more.
   CHECK(largest < 700.0 * kTick / 0.05 + 1e-6);
   CHECK(largest > 5.0);
   CHECK(arrived >= (all ? 15 : 1));
@@ -304,7 +304,7 @@ TEST_CASE("a hand on a ball that is scrubbed feels no step", "[sequence]") {
     last = r.wanted;
   }
   CHECK(last.norm() > 0.4);
-  // 1.75 voxels of 1 mm in 50 ms: 0.0175 N a tick; at once it would be 0.9 N.
+  // 1.75 voxels of 1 mm in 50 ms are 0.0175 N a tick. At once they would be 0.9 N.
   CHECK(largest < 0.03);
 }
 
@@ -322,7 +322,8 @@ TEST_CASE("a surface that is played out of its data lets go of the hand little b
   int pressed = 0;
   double play = 0.0;
   for (int i = 0; i < 4000; ++i) {
-    // Ten voxels into the smaller ball, which goes: at once, or by and by. Then out and in again.
+    // The hand is ten voxels in the smaller ball, which goes away at once or gradually. Then the
+    // hand moves out and in again.
     const int at = i % 500;
     const bool plays = i % 1000 >= 500 && at >= 250 && at < 350;
     if (at == 0) play = 0.0;
@@ -345,7 +346,7 @@ TEST_CASE("a surface that is played out of its data lets go of the hand little b
 
 TEST_CASE("in play a hand that comes and goes feels what it would feel without", "[sequence]") {
   const TemporaryFolder folder;
-  // The same ball in each frame: play changes nothing but that it goes on.
+  // Each frame has the same ball: play changes only the time.
   const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0, true)));
   const int every = GENERATE(1, 8);  // ticks, of 1/4 ms: an arm may be slower than its loop
@@ -359,7 +360,7 @@ TEST_CASE("in play a hand that comes and goes feels what it would feel without",
   double felt = 0.0;
   for (int i = 0; i < 8000; ++i) {
     if (i % every == 0) {
-      // Fast into the ball by 8 voxels and slowly out, or at the same speed.
+      // The hand moves into the ball by 8 voxels fast and out slowly, or at the same speed.
       const double way = std::fmod(speed * kQuarter * i / kVoxel, 20.0);
       hand = kVoxel * Vec3(24.0 - (way < 10.0 ? 1.2 * way : 24.0 - 1.2 * way), 0.0, 0.0);
     }
@@ -403,7 +404,7 @@ TEST_CASE("a scene that is edited while play fades goes on fading", "[sequence]"
 
 TEST_CASE("readers of a sequence wait for nothing and read whole frames", "[sequence][realtime]") {
   const TemporaryFolder folder;
-  // Each frame is of one value: a torn or foreign one has none of these.
+  // Each frame has one value. A torn or foreign frame has another one.
   const auto frames = framesIn(folder, 24, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
         12, openvdb::math::Transform::createLinearTransform(1.0),
@@ -467,7 +468,7 @@ TEST_CASE("a frame that a reader holds stays, however little memory there is", "
   REQUIRE(held);
   const std::uint64_t stay = held.stay();
   const std::uint64_t fetched = of->state().fetched;
-  // Play is elsewhere, for longer than frames are kept that nobody holds.
+  // Play is elsewhere, for longer than the sequence keeps frames that no reader holds.
   std::this_thread::sleep_for(std::chrono::milliseconds(60));
   for (const double play : {0.75, 1.05, 1.35}) {
     of->tell(of->at(play), 1.0);
@@ -512,12 +513,12 @@ TEST_CASE("play stands while a frame is not there, and goes on without one", "[s
   const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
   const fs::path file = frames[9].file;
   fs::rename(file, folder / "aside");
-  // A jump to where nothing is yet: what was there stays.
+  // Play jumps to a time whose frames have not arrived. The old frames stay.
   const double before = player.at(0.1, p).value;
   const ScalarSample at = player.at(0.95, p);
   CHECK(at.coarse);
   CHECK(at.value == before);
-  // Between frames 8 and 10, without the 9th.
+  // Play is between frames 8 and 10, without the 9th.
   REQUIRE(arrives(*of, 0.95));
   CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
   const PlayMoment gap = of->at(0.95);
@@ -529,7 +530,7 @@ TEST_CASE("play stands while a frame is not there, and goes on without one", "[s
   REQUIRE(troubles.size() == 1);
   CHECK_THAT(troubles[0], Contains("frame_9.vdb") && Contains("without the frame"));
   CHECK(of->takeTroubles().empty());
-  // It comes back by itself.
+  // The missing frame comes back by itself.
   fs::rename(folder / "aside", file);
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   while (of->state().failed > 0 && std::chrono::steady_clock::now() < until) {
@@ -574,7 +575,7 @@ TEST_CASE("two hands some milliseconds apart are played from the same frames", "
     (void)two.at(play - 0.005, p, 1.0);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // Each once at load, and once more.
+  // Each frame is fetched once at load, and once more.
   CHECK(of->state().fetched > 40);
   CHECK(of->state().fetched < 70);
 }
@@ -619,7 +620,7 @@ TEST_CASE("who waits for frames feels the same each time, with gaps and beside o
     }
     return read;
   };
-  (void)run(1);  // what is missing has been found
+  (void)run(1);  // the missing frames have been found
   const std::vector<double> alone = run(2);
   CHECK(run(2) == alone);
   std::vector<double> beside;

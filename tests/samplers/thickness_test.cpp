@@ -1,12 +1,14 @@
-#include "palpate/samplers/thickness.h"
+#include "palpate/samplers/grid/thickness.h"
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <catch2/catch.hpp>
 
-#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
@@ -19,7 +21,7 @@ using openvdb::math::Transform;
 
 namespace {
 
-/// Through a file and the loader, as users have it.
+/// Loads a grid through a file and the loader, as users do.
 std::shared_ptr<const Volume> load(const openvdb::GridBase::Ptr& grid) {
   const TemporaryFolder folder;
   grid->setName("it");
@@ -39,7 +41,7 @@ Thickness measure(const std::shared_ptr<const Volume>& volume, double level, Sol
     CHECK(found->tenth <= kThick);
     CHECK(found->crowd > 0);
     CHECK(found->crowd <= found->thin_cells);
-    // The places are on the surface.
+    // The reported places are on the surface.
     Probe probe(volume);
     for (const Vec3& p_F : {found->thinnest_F, found->crowd_F}) {
       const ScalarSample there = probe.scalar(p_F);
@@ -56,7 +58,7 @@ bool same(const Thickness& a, const Thickness& b) {
          a.thinnest_F == b.thinnest_F && a.crowd == b.crowd && a.crowd_F == b.crowd_F;
 }
 
-/// Cells with corners on both sides, one by one.
+/// Counts the cells with corners on both sides, one by one.
 template <class GridT>
 std::uint64_t surfaceCells(const GridT& grid, double level, Solid solid) {
   const openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
@@ -83,7 +85,7 @@ double height(const Vec3d& p) {
   return (p - Vec3d(31.6, 32.3, 31.85)).length() - kRadius;
 }
 
-/// A shell of a sphere as a level set; 0: a solid ball.
+/// Returns a shell of a sphere as a level set. If `thickness` is 0, returns a solid ball.
 openvdb::FloatGrid::Ptr levelSet(double thickness) {
   auto grid =
       makeGrid<openvdb::FloatGrid>(64, Transform::createLinearTransform(), [=](const Vec3d& p) {
@@ -94,7 +96,7 @@ openvdb::FloatGrid::Ptr levelSet(double thickness) {
   return grid;
 }
 
-/// The same as a fog, its edges spread over one voxel.
+/// Returns the same as a fog, with its edges spread over one voxel.
 openvdb::FloatGrid::Ptr fog(double thickness) {
   auto grid =
       makeGrid<openvdb::FloatGrid>(64, Transform::createLinearTransform(), [=](const Vec3d& p) {
@@ -123,7 +125,7 @@ TEST_CASE("a plate is as thick as it is made, in voxels along the way in", "[sam
     for (int i = 0; i < 3; ++i) matrix(i, a) = linear(a, i);
     matrix(3, a) = 0.7 - a;
   }
-  // The way in is the normal's; in index space it is longer than the plate by this.
+  // The path in follows the normal. In index space it is longer than the plate by this factor.
   const Vec3 way = (linear.transpose() * linear).inverse().col(0);
   const double longer = way.norm() / way.x();
   constexpr int kSide = 20;
@@ -135,14 +137,14 @@ TEST_CASE("a plate is as thick as it is made, in voxels along the way in", "[sam
     });
     grid->setGridClass(openvdb::GRID_LEVEL_SET);
     const Thickness found = measure(load(grid), 0.0, Solid::kBelow);
-    // Where a side is on the voxels, rounding says in which of two layers of cells it is.
+    // If a side is on the voxels, rounding decides in which of two layers of cells it is.
     if (thickness != 2.0) CHECK(found.surface_cells == 2 * (kSide - 1) * (kSide - 1));
     const double seen = thickness * longer;
     if (seen > kThick) {
       CHECK(found.thin_cells == 0);
       continue;
     }
-    // A slanting way in can leave the data at the rim.
+    // A slanting path in can leave the data at the rim.
     if (longer == 1.0) CHECK(found.thin_cells == found.surface_cells);
     CHECK(found.thin_cells > 0.8 * static_cast<double>(found.surface_cells));
     CHECK(found.least == Approx(seen).epsilon(1e-9));
@@ -154,7 +156,7 @@ TEST_CASE("a plate is as thick as it is made, in voxels along the way in", "[sam
 TEST_CASE("a lone voxel is thin by hand", "[samplers][motion]") {
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0F);
-  // One in the midst of a leaf, one in its corner: no other leaf has its cells.
+  // One voxel is in the middle of a leaf, one in its corner. No other leaf has its cells.
   for (const int at : {3, 0}) {
     grid->clear();
     grid->tree().setValue(Coord(at), 1.0F);
@@ -165,7 +167,7 @@ TEST_CASE("a lone voxel is thin by hand", "[samplers][motion]") {
     CHECK(found.crowd == 8);
     // Along the diagonal the value is (1 - t)^3.
     CHECK(found.least == Approx(2.0 * std::sqrt(3.0) * (1.0 - std::cbrt(0.5))).epsilon(1e-9));
-    // Around it the solid has no end.
+    // The solid around it has no end.
     CHECK(measure(load(grid), 0.5, Solid::kBelow).thin_cells == 0);
   }
 }
@@ -178,7 +180,7 @@ TEST_CASE("shells of a sphere are thin below 1.5 voxels, a ball is nowhere", "[s
     CHECK(same(found, measure(volume, level, solid)));
     return found;
   };
-  // Between voxels the distance to the middle is read too large: the shell is a little thinner.
+  // Between voxels the distance to the middle reads too large, so the shell is a little thinner.
   for (const double thickness : {1.3, 1.4, 1.45}) {
     CAPTURE(thickness);
     const Thickness found = look(levelSet(thickness), 0.0, Solid::kBelow);
@@ -195,7 +197,8 @@ TEST_CASE("shells of a sphere are thin below 1.5 voxels, a ball is nowhere", "[s
     CAPTURE(thickness);
     CHECK(look(levelSet(thickness), 0.0, Solid::kBelow).thin_cells == 0);
   }
-  // One voxel thick, it is thinner all round; some places are measured aslant, along the ridge.
+  // A shell of one voxel is thinner all round. Some places are measured at a slant, along the
+  // ridge.
   for (const bool cloud : {false, true}) {
     const auto grid = cloud ? fog(1.0) : levelSet(1.0);
     const Thickness found = look(grid, cloud ? 0.5 : 0.0, cloud ? Solid::kAbove : Solid::kBelow);
@@ -204,7 +207,7 @@ TEST_CASE("shells of a sphere are thin below 1.5 voxels, a ball is nowhere", "[s
     CHECK(static_cast<double>(found.below_one) > 0.85 * cells);
     CHECK(found.least < 0.5);
   }
-  // Felt at a fourth of its density a fog of one voxel is half a voxel thicker.
+  // Felt at a fourth of its density, a fog of one voxel is half a voxel thicker.
   const Thickness low = look(fog(1.0), 0.25, Solid::kAbove);
   CHECK(low.thin_cells < 0.01 * static_cast<double>(low.surface_cells));
   CHECK(low.least > 1.4);
@@ -214,7 +217,7 @@ TEST_CASE("shells of a sphere are thin below 1.5 voxels, a ball is nowhere", "[s
       CHECK(look(fog(thickness), level, Solid::kAbove).thin_cells == 0);
     }
   }
-  // Turned inside out the shell is free, and what is round it and within is thick.
+  // Turned inside out, the shell is free, and the space round it and within it is thick.
   CHECK(look(levelSet(1.0), 0.0, Solid::kAbove).thin_cells == 0);
 }
 
@@ -227,7 +230,7 @@ TEST_CASE("a shell of single voxels has holes, and is thin all round", "[sampler
   const Thickness found = measure(volume, 0.5, Solid::kAbove);
   CHECK(found.surface_cells == surfaceCells(*grid, 0.5, Solid::kAbove));
   CHECK(static_cast<double>(found.thin_cells) > 0.9 * static_cast<double>(found.surface_cells));
-  // Ways from outside to the middle that meet nothing.
+  // Counts paths from outside to the middle that do not meet the surface.
   Probe probe(volume);
   Random random(5);
   const Vec3 centre(31.6, 32.3, 31.85);
@@ -292,7 +295,7 @@ TEST_CASE("where most thin cells are together is a wall, not the thinnest speck"
   const Thickness found = measure(load(grid), 0.5, Solid::kAbove);
   CHECK((found.thinnest_F - Vec3::Constant(60.0)).norm() < 1.0);
   CHECK((found.crowd_F - Vec3::Constant(20.0)).cwiseAbs().maxCoeff() < 4.0);
-  // The plate's cells of its leaf, x and y from 16 to 23, z 19 and 20.
+  // The plate's cells in its leaf: x and y from 16 to 23, z 19 and 20.
   CHECK(found.crowd == 2 * 8 * 8);
 }
 
@@ -303,11 +306,79 @@ TEST_CASE("only trilinear scalars are looked at for thin places", "[samplers][mo
     CHECK_FALSE(measureThickness(ball, {other, false}, 0.0, Solid::kBelow).has_value());
   }
   CHECK(measure(ball, 0.0, Solid::kBelow).thin_cells == 0);
-  // A level that there is not.
+  // A level that does not occur.
   CHECK(measure(ball, 7.0, Solid::kBelow).surface_cells == 0);
   const auto flow = load(makeGrid<openvdb::Vec3SGrid>(
       3, Transform::createLinearTransform(), [](const Vec3d& p) { return openvdb::Vec3s(p); }));
   CHECK_FALSE(measureThickness(flow, {}, 1.0, Solid::kAbove).has_value());
+}
+
+TEST_CASE("a surface that leaves its data is counted, with the place", "[samplers]") {
+  const auto ball = makeBall(kRadius, 1.0);
+  CHECK(measure(load(ball), 0.0, Solid::kBelow).open_cells == 0);
+  const auto cut = ball->deepCopy();
+  for (auto voxel = cut->beginValueOn(); voxel; ++voxel) {
+    if (voxel.getCoord().x() > 3) voxel.setValueOff();
+  }
+  const Thickness found = measure(load(cut), 0.0, Solid::kBelow);
+  // The ring at the cut has about 2 pi r cells, and half as many again where it runs at a slant.
+  const double around = 2.0 * std::numbers::pi * std::sqrt(kRadius * kRadius - 9.0);
+  CAPTURE(found.open_cells, around);
+  CHECK(static_cast<double>(found.open_cells) > 0.8 * around);
+  CHECK(static_cast<double>(found.open_cells) < 1.6 * around);
+  CHECK(found.open_F.x() == 3.0);
+  CHECK(std::abs(Vec3(3.0, found.open_F.y(), found.open_F.z()).norm() - kRadius) < 2.0);
+}
+
+TEST_CASE("a gap between two solids is as wide as it is", "[thickness]") {
+  constexpr int kSide = 20;
+  const auto transform = Transform::createLinearTransform(0.5);
+  // `sense` 1: solid where x is below `at`, in voxels; -1: above.
+  const auto half = [&](double at, double sense) {
+    auto grid = makeGrid<openvdb::FloatGrid>(kSide, transform, [&](const Vec3d& p) {
+      return 0.5 * sense * (transform->worldToIndex(p).x() - at);
+    });
+    grid->setGridClass(openvdb::GRID_LEVEL_SET);
+    return load(grid);
+  };
+  Placement place;
+  place.scale = 0.01;
+  place.rotation = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  place.translate = Vec3(0.1, -0.2, 0.3);
+  const auto volume = half(9.3, 1.0);
+  for (const double width : {-3.0, -0.4, 0.0, 0.03, 0.1, 0.5, 1.0, 1.9, 2.1, 4.0}) {
+    CAPTURE(width);
+    const FieldPtr other = makeVdbField(half(9.3 + width, -1.0), place, {});
+    const auto gap =
+        measureGap(volume, {}, 0.0, Solid::kBelow, place, *std::get<0>(other), 0.0, Solid::kBelow);
+    REQUIRE(gap.has_value());
+    CHECK(gap->surface_cells == (kSide - 1) * (kSide - 1));
+    const bool is_gap = width > 0.05 && width < kGap;
+    CHECK(gap->facing_cells == (is_gap ? gap->surface_cells : 0));
+    CHECK(gap->widest == Approx(is_gap ? width : 0.0).margin(1e-4));
+    CHECK(gap->length_F == Approx(is_gap ? 0.5 * width : 0.0).margin(1e-4));
+    CHECK(gap->median == Approx(is_gap ? width : 0.0).margin(0.0101));
+    if (is_gap) CHECK(2.0 * gap->widest_F.x() == Approx(9.3).margin(1e-4));
+  }
+
+  // One ball lies in another, beyond the band of the larger one.
+  const auto ball = [&](double radius) {
+    auto grid = makeGrid<openvdb::FloatGrid>(34, transform, [&](const Vec3d& p) {
+      return 0.5 * ((transform->worldToIndex(p) - Vec3d(17.0)).length() - radius);
+    });
+    for (auto at = grid->beginValueAll(); at; ++at) {
+      if (std::abs(*at) <= 1.5F) continue;
+      at.setValue(*at < 0.0F ? -1.5F : 1.5F);
+      at.setValueOff();
+    }
+    grid->setGridClass(openvdb::GRID_LEVEL_SET);
+    return load(grid);
+  };
+  const FieldPtr outer = makeVdbField(ball(14.0), place, {});
+  const auto within = measureGap(ball(10.0), {}, 0.0, Solid::kBelow, place, *std::get<0>(outer),
+                                 0.0, Solid::kBelow);
+  CHECK(within->surface_cells > 1000);
+  CHECK(within->facing_cells == 0);
 }
 
 }  // namespace palpate::thickness_test

@@ -1,4 +1,4 @@
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/grid/vdb_field.h"
 
 #include <array>
 #include <cmath>
@@ -11,8 +11,8 @@
 #include <catch2/catch.hpp>
 #include <openvdb/tools/Interpolation.h>
 
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
@@ -33,15 +33,15 @@ Vec3 eigen(const openvdb::Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// A field over a grid, through a file and the loader, as users have it.
+/// Returns a field over a grid, through a file and the loader, as users have it.
 FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement = {},
-                 Interpolation interpolation = Interpolation::kTrilinear) {
+                 const Sampling& sampling = {}) {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {grid});
-  return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, {interpolation});
+  return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
 }
 
-/// Random values in a ball with holes, tiles and several leaves.
+/// Returns random values in a ball with holes, tiles and several leaves.
 openvdb::FloatGrid::Ptr roughGrid() {
   openvdb::initialize();
   Random random(1);
@@ -57,8 +57,8 @@ openvdb::FloatGrid::Ptr roughGrid() {
   return grid;
 }
 
-/// Random voxels with holes beside a box of one value, moved by `by`: what of the box is a tile,
-/// and where leaves end, hangs on that alone.
+/// Returns random voxels with holes beside a box of one value, moved by `by`. The move alone
+/// decides which parts of the box are tiles, and where leaves end.
 template <class GridT>
 typename GridT::Ptr movedGrid(const Coord& by) {
   using Value = typename GridT::ValueType;
@@ -75,7 +75,7 @@ typename GridT::Ptr movedGrid(const Coord& by) {
   return grid;
 }
 
-/// All that a field says at a place, one number after the other.
+/// Returns all that a field reports at a place, one number after the other.
 std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   std::vector<double> out;
   if (probe.field.index() == 0) {
@@ -91,7 +91,7 @@ std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   return out;
 }
 
-/// The trilinear blend of any value at the voxels.
+/// Returns the trilinear blend of any value at the voxels.
 template <class F>
 double blend(const Vec3d& p, F at) {
   const Coord c = Coord::floor(p);
@@ -109,10 +109,11 @@ double blend(const Vec3d& p, F at) {
 
 }  // namespace
 
-TEST_CASE("the value is trilinear and the gradient interpolated central differences",
+TEST_CASE("the value is trilinear and the gradient its difference over the slope's reach",
           "[samplers]") {
   const auto grid = roughGrid();
-  Probe probe(fieldOf(grid));
+  const double reach = GENERATE(0.5, 1.0);
+  Probe probe(fieldOf(grid, {}, {Interpolation::kTrilinear, false, reach}));
   Random random(2);
   const auto& tree = grid->constTree();
   const auto value = [&](const Coord& c) { return static_cast<double>(tree.getValue(c)); };
@@ -123,13 +124,10 @@ TEST_CASE("the value is trilinear and the gradient interpolated central differen
     const ScalarSample s = probe.scalar(p);
     worst = std::max(worst, std::abs(s.value - blend(at, value)));
     for (int a = 0; a < 3; ++a) {
-      const double slope = blend(at, [&](const Coord& c) {
-        Coord up = c;
-        Coord down = c;
-        ++up[a];
-        --down[a];
-        return 0.5 * (value(up) - value(down)) / 0.5;  // voxels of 0.5
-      });
+      Vec3d step(0.0);
+      step[a] = reach;
+      const double slope =
+          (blend(at + step, value) - blend(at - step, value)) / (2.0 * reach * 0.5);  // voxels 0.5
       worst = std::max(worst, std::abs(s.gradient[a] - slope));
     }
     bool any = false;
@@ -143,8 +141,8 @@ TEST_CASE("the value is trilinear and the gradient interpolated central differen
 
 namespace {
 
-/// Indices where a sampler could go wrong: about active voxels, at the seams of leaves (8), of
-/// their parents (128) and theirs (4096), and outside.
+/// Returns indices where a sampler could go wrong: about active voxels, at the seams of leaves (8),
+/// of their parents (128) and of their grandparents (4096), and outside.
 template <class GridT>
 std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
   std::vector<Coord> leaves;
@@ -166,7 +164,7 @@ std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
     }
     const double seams[] = {1, 8, 128, 4096};
     if (i % 2 == 0) {
-      // On a face, or the last digit to its side.
+      // The index is on a face, or to its side by the last digit.
       const double size = seams[random.integer(4)];
       const int a = random.integer(3);
       const double seam = size * std::round(at[a] / size);
@@ -201,19 +199,19 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
   double worst_slope = 0.0;
   const std::vector<Vec3d> indices = hardIndices(grid, 20000, random);
   for (const Vec3d& index : indices) {
-    // The position that the field is asked for, and its index: one rounding for both.
+    // The position at which the field is read, and its index: one rounding for both.
     const Vec3d p = grid.transform().indexToWorld(index);
     const Vec3d at = grid.transform().worldToIndex(p);
     for (int n = 0; n < kComponents; ++n) {
       const double value = blend(at, [&](const Coord& c) { return component(c, n); });
       Vec3d slope;
       for (int a = 0; a < 3; ++a) {
-        slope[a] = blend(at, [&](Coord up) {
-          Coord down = up;
-          ++up[a];
-          --down[a];
-          return 0.5 * (component(up, n) - component(down, n));
-        });
+        Vec3d step(0.0);
+        step[a] = kScalar ? Sampling().slope_reach : 1.0;
+        const auto value_at = [&](const Vec3d& place) {
+          return blend(place, [&](const Coord& c) { return component(c, n); });
+        };
+        slope[a] = (value_at(at + step) - value_at(at - step)) / (2.0 * step[a]);
       }
       const Vec3 gradient = eigen(map->applyIJT(slope));
       double got = 0.0;
@@ -245,7 +243,7 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
 
 namespace {
 
-/// At active voxels of the grid a spline is the voxel's value, to 1e-5 of the largest.
+/// Checks that a spline at the grid's active voxels is the voxel's value, to 1e-5 of the largest.
 void checkSplinesThroughVoxels(const openvdb::FloatGrid& grid,
                                const std::shared_ptr<const Volume>& volume) {
   const double largest = std::max(std::abs(volume->info().lowest), volume->info().highest);
@@ -301,14 +299,14 @@ TEST_CASE("every grid of the data is read as its voxels say, seams and outside i
 TEMPLATE_TEST_CASE("a reading is the same to the last bit however its voxels are cut into leaves",
                    "[samplers]", openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Vec3SGrid) {
   const auto interpolation = GENERATE(Interpolation::kTrilinear, Interpolation::kNearest);
-  Probe here(fieldOf(movedGrid<TestType>(Coord(0)), {}, interpolation));
+  Probe here(fieldOf(movedGrid<TestType>(Coord(0)), {}, {interpolation}));
   Random random(7);
   for (int move = 0; move < 24; ++move) {
     const Coord by = Coord::round(vdb(random.inCube(20.0)));
     CAPTURE(interpolation, by);
-    Probe there(fieldOf(movedGrid<TestType>(by), {}, interpolation));
+    Probe there(fieldOf(movedGrid<TestType>(by), {}, {interpolation}));
     for (int i = 0; i < 1000; ++i) {
-      // A place whose sums with whole numbers are exact.
+      // The sums of this place with whole numbers are exact.
       const Vec3 p = (64.0 * (Vec3::Constant(11.0) + random.inCube(15.0))).array().round() / 64.0;
       REQUIRE(readingOf(there, p + eigen(by.asVec3d())) == readingOf(here, p));
     }
@@ -369,7 +367,7 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
     const Vec3 p_F = eigen(transform->indexToWorld(index));
     const ScalarSample s = probe.scalar(placement(p_F));
     REQUIRE(s.value == Approx(slope.dot(p_F) + 0.5).margin(1e-11));
-    // Per unit of the file, only the direction turned.
+    // The gradient is per unit of the file. Only its direction turns.
     REQUIRE((s.gradient - turn * slope).norm() < 1e-10);
     REQUIRE((probe.cellGradient(placement(p_F)) - turn * slope).norm() < 1e-10);
     REQUIRE(s.inside);
@@ -386,13 +384,13 @@ TEST_CASE("how the gradient turns is what its differences say, in any placement"
         return std::sin(p[0]) * std::cos(0.7 * p[1]) + 0.3 * p[2] * p[0] - 0.1 * p[1] * p[2];
       });
   const Placement placement = test::slanted();
-  Probe probe(fieldOf(grid, placement, kind));
+  Probe probe(fieldOf(grid, placement, {kind}));
   Random random(6);
   constexpr double kStep = 1e-8;  // [m], far within a cell
   for (int i = 0; i < 1000; ++i) {
     const Vec3 index(random.uniform(4, 11), random.uniform(4, 11), random.uniform(4, 11));
     const Vec3 cell = (index - index.array().round().matrix()).cwiseAbs();
-    // Away from the faces of a trilinear cell, or of a spline's piece.
+    // Skips places near the faces of a trilinear cell, or of a spline's piece.
     if (cell.minCoeff() < 0.01 || cell.maxCoeff() > 0.49) continue;
     const Vec3 p = placement(Vec3(0.7, 0.7, 1.4).cwiseProduct(index));
     const Mat3 by = probe.gradientJacobian(p);
@@ -497,7 +495,7 @@ TEST_CASE("B-splines pass through the voxels' values, the nearest voxel is itsel
   const auto grid = roughGrid();
   const auto interpolation =
       GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
-  Probe probe(fieldOf(grid, {}, interpolation));
+  Probe probe(fieldOf(grid, {}, {interpolation}));
   CAPTURE(wordFor(interpolation));
   Random random(41);
   double worst = 0.0;
@@ -506,7 +504,7 @@ TEST_CASE("B-splines pass through the voxels' values, the nearest voxel is itsel
     const ScalarSample s = probe.scalar(eigen(grid->transform().indexToWorld(c)));
     worst = std::max(worst, std::abs(s.value - static_cast<double>(grid->tree().getValue(c))));
   }
-  CHECK(worst < 2e-6);  // values to 3, coefficients are floats
+  CHECK(worst < 2e-6);  // values are up to 3, coefficients are floats
 }
 
 TEST_CASE("B-splines reproduce polynomials of their degree, derivative included, under any map",
@@ -532,10 +530,10 @@ TEST_CASE("B-splines reproduce polynomials of their degree, derivative included,
       makeGrid<openvdb::DoubleGrid>(56, transform, [&](const Vec3d& p) { return value(eigen(p)); });
   const Placement placement{
       0.01, Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix(), {0.1, 0.2, 0.3}};
-  Probe probe(fieldOf(grid, placement, interpolation));
+  Probe probe(fieldOf(grid, placement, {interpolation}));
   Random random(42);
   for (int i = 0; i < 2000; ++i) {
-    // In the middle: the filter feels the block's end 20 voxels on.
+    // The place is in the middle of the block. The filter feels the block's end 20 voxels away.
     const Vec3 in = random.inCube(6.0);
     const Vec3 p_F = eigen(transform->indexToWorld(Vec3d(28 + in.x(), 28 + in.y(), 28 + in.z())));
     const ScalarSample s = probe.scalar(placement(p_F));
@@ -565,7 +563,7 @@ TEST_CASE("the error falls with the order of the spline, and its derivative's wi
         56, Transform::createLinearTransform(1.0), [&](const Vec3d& p) {
           return std::sin(wave * p.x()) * std::sin(wave * p.y()) * std::sin(wave * p.z());
         });
-    Probe probe(fieldOf(grid, {}, order.interpolation));
+    Probe probe(fieldOf(grid, {}, {order.interpolation}));
     Random random(43);
     for (int i = 0; i < 4000; ++i) {
       const Vec3 p = Vec3::Constant(28.0) + random.inCube(8.0);
@@ -600,7 +598,7 @@ TEST_CASE("a spline of a linear vector field has its Jacobian, and turns with th
       });
   const Placement placement{2.0, Eigen::AngleAxisd(1.1, Vec3::UnitY()).toRotationMatrix(),
                             Vec3::Zero()};
-  Probe probe(fieldOf(grid, placement, interpolation));
+  Probe probe(fieldOf(grid, placement, {interpolation}));
   Random random(44);
   for (int i = 0; i < 500; ++i) {
     const Vec3 p_F = Vec3::Constant(2.8) + random.inCube(0.6);
@@ -615,12 +613,12 @@ TEST_CASE("splines are continuous, with their derivative, across cells and the m
           "[samplers][spline]") {
   const auto grid = roughGrid();
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
-  Probe probe(fieldOf(grid, {}, interpolation));
+  Probe probe(fieldOf(grid, {}, {interpolation}));
   Random random(45);
   for (int i = 0; i < 5000; ++i) {
     Vec3 p = random.inCube(12.0);
     const int axis = random.integer(3);
-    p[axis] = 0.25 * std::round(p[axis] / 0.25);  // voxels of 0.5: faces and midsts
+    p[axis] = 0.25 * std::round(p[axis] / 0.25);  // voxels of 0.5: faces and middles
     Vec3 beyond = p;
     p[axis] -= 1e-9;
     beyond[axis] += 1e-9;
@@ -636,7 +634,7 @@ TEST_CASE("reading a spline allocates, locks and throws nothing, cold cells incl
   const auto grid = roughGrid();
   const auto interpolation =
       GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
-  Probe probe(fieldOf(grid, {}, interpolation));
+  Probe probe(fieldOf(grid, {}, {interpolation}));
   Random random(46);
   const CountScope scope;
   for (int i = 0; i < 2000; ++i) (void)probe.scalar(random.inCube(30.0));
@@ -649,7 +647,7 @@ TEST_CASE("reading a spline allocates, locks and throws nothing, cold cells incl
 TEST_CASE("every order is silent and finite where there is nothing", "[samplers][spline]") {
   const auto interpolation =
       GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
-  Probe probe(fieldOf(roughGrid(), {}, interpolation));
+  Probe probe(fieldOf(roughGrid(), {}, {interpolation}));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (const Vec3& p : {Vec3(1e12, 0, 0), Vec3(nan, 0, 0), Vec3(500, 500, 500)}) {
     const ScalarSample s = probe.scalar(p);

@@ -1,4 +1,4 @@
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/volume.h"
 
 #include <atomic>
 #include <chrono>
@@ -19,10 +19,10 @@
 #include <openvdb/points/PointDataGrid.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/make_volume.h"
-#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/leased_file.h"
 #include "palpate/samplers/parallel.h"
-#include "palpate/samplers/steady_file.h"
 #include "tests/support/random.h"
 #include "tests/support/thinned.h"
 #include "tests/support/vdb_grids.h"
@@ -50,7 +50,7 @@ std::string refusal(const std::filesystem::path& file, const std::string& grid =
   return "no error";
 }
 
-/// Unless there is room, no folder for temporary files for as long as it lives.
+/// Unless there is room, disables the folder for temporary files during its lifetime.
 class NoRoom {
  public:
   explicit NoRoom(bool room) {
@@ -69,7 +69,8 @@ class NoRoom {
   std::optional<std::string> was_;
 };
 
-/// A file of grids of one size and random values: two of equal size differ in nothing else.
+/// Writes a file of grids of one size with random values. Two files of equal size differ in no
+/// other way.
 void writeRough(const std::filesystem::path& file, const std::vector<std::string>& names, int n,
                 std::uint64_t seed) {
   Random random(seed);
@@ -89,7 +90,7 @@ std::string bytesOf(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-/// What the system has read or copied for this program [bytes].
+/// Returns how much the system has read or copied for this program [bytes].
 double readSoFar() {
   std::ifstream io("/proc/self/io");
   std::string word;
@@ -199,8 +200,8 @@ TEST_CASE("what many grids cost grows with their number", "[volume]") {
 }
 
 TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
-  // By somebody who comes and has to wait, and by somebody who has it open already, with room for a
-  // copy and without.
+  // The file is cut by a process that comes and has to wait, and by a process that already has it
+  // open. Both occur with room for a copy and without.
   const TemporaryFolder folder;
   Random values(3);
   openvdb::initialize();
@@ -256,7 +257,7 @@ TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
 TEST_CASE("who waits to change a file is waited for before the system lets him", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
-  // Over 10,000 leaves, so that it is read in parts.
+  // The grid has more than 10,000 leaves, so that it is read in parts.
   writeVdb(folder / "a.vdb", {makeGrid<openvdb::FloatGrid>(
                                  176, Transform::createLinearTransform(1.0),
                                  [](const Vec3d& p) { return static_cast<float>(p.x()); })});
@@ -264,16 +265,16 @@ TEST_CASE("who waits to change a file is waited for before the system lets him",
   double longest = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> longest;
   const auto somebodyWaits = [&] {
-    // He would be told to come again: that he came is enough.
+    // The writer would have to try again. Its first try is enough here.
     CHECK(open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC) < 0);
     CHECK(errno == EWOULDBLOCK);
   };
   SECTION("asked") {
-    const SteadyFile steady(file);
-    // A copy, where the file system gives no lease.
+    const LeasedFile steady(file);
+    // The place is a copy if the file system gives no lease.
     if (!std::filesystem::equivalent(steady.place(), file)) return;
-    const auto after = [&, begin = SteadyFile::Clock::now()](double seconds) {
-      return begin + std::chrono::duration_cast<SteadyFile::Clock::duration>(
+    const auto after = [&, begin = LeasedFile::Clock::now()](double seconds) {
+      return begin + std::chrono::duration_cast<LeasedFile::Clock::duration>(
                          std::chrono::duration<double>(seconds));
     };
     CHECK(steady.keptAt(after(10.0 * longest)));
@@ -283,13 +284,13 @@ TEST_CASE("who waits to change a file is waited for before the system lets him",
   }
   SECTION("a copy is nobody else's") {
     const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
-    const SteadyFile steady(file);
+    const LeasedFile steady(file);
     close(ours);
     CHECK_FALSE(std::filesystem::equivalent(steady.place(), file));
-    CHECK(steady.keptAt(SteadyFile::Clock::now() + std::chrono::hours(1)));
+    CHECK(steady.keptAt(LeasedFile::Clock::now() + std::chrono::hours(1)));
   }
   SECTION("between the parts of a load") {
-    // Half of the longest wait: in a whole run only.
+    // This takes half of the longest wait, so only a whole run does it.
     if (share(10) < 10) return;
     LoadOptions options;
     int parts = 0;
@@ -312,7 +313,8 @@ TEST_CASE("who waits to change a file is waited for before the system lets him",
 }
 
 TEST_CASE("what was checked is what is read, whatever others write meanwhile", "[volume]") {
-  // Somebody has it open and writes another vector over it once the first component is read.
+  // Another process has the file open, and writes another vector over it once the first component
+  // is read.
   const TemporaryFolder folder;
   const std::vector<std::string> names{"vel.x", "vel.y", "vel.z"};
   writeRough(folder / "a.vdb", names, 24, 1);
@@ -388,7 +390,8 @@ TEST_CASE("a file is read once, however many of its grids are asked for", "[volu
     });
     if (ours >= 0) close(ours);
     WARN("read " << asked << " and " << all << " times" << (others ? ", copied" : ""));
-    // To be checked, to be read, and what stands about the grids; and to be copied.
+    // The loader reads the file to check it, to load it, and for the data about the grids. It may
+    // also copy the file.
     CHECK(asked < (others ? 4.0 : 3.0));
     CHECK(all < (others ? 4.0 : 3.0));
   }
@@ -422,7 +425,7 @@ TEST_CASE("a grid in memory is felt as if it had been read from a file", "[volum
     CHECK(a.highest == b.highest);
     CHECK(a.mean == b.mean);
   }
-  // What it has is its own, and the grid is as it was.
+  // The volume has its own values, and the grid is unchanged.
   const auto before = block(20, "rock");
   LoadOptions fill;
   fill.non_finite = NonFinite::kFill;
@@ -467,7 +470,8 @@ TEST_CASE("a tree of a type that cannot be felt is never read", "[volume]") {
   writeVdb(folder / "a.vdb", {labels, block()});
   std::fstream file(folder / "a.vdb", std::ios::in | std::ios::out | std::ios::binary);
   const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  // Its tree begins behind the four numbers of its transform's last row; all of it is overwritten.
+  // The tree begins behind the four numbers of its transform's last row. The test overwrites all of
+  // it.
   const auto transform = bytes.find("UniformScaleMap");
   const auto next = bytes.find("density", transform);
   REQUIRE(next < bytes.size());
@@ -527,7 +531,7 @@ TEST_CASE("grids of equal name are told apart", "[volume]") {
 TEST_CASE("a grid that shares a tree has that one, whatever others are called", "[volume]") {
   const TemporaryFolder folder;
   Random random(5);
-  for (const int n : {8, 80}) {  // read through, and out of a map
+  for (const int n : {8, 80}) {  // read as a whole, and from a map
     CAPTURE(n);
     const auto rough = [&](double least, const char* name) {
       return makeGrid<openvdb::FloatGrid>(
@@ -543,14 +547,14 @@ TEST_CASE("a grid that shares a tree has that one, whatever others are called", 
     const auto lowest = [&](const std::string& name) {
       return std::floor(loadVolume(folder / "a.vdb", name)->info().lowest);
     };
-    // The second of two of one name lends its tree.
+    // The second of two grids of one name lends its tree.
     const auto first = rough(1.0, "density");
     const auto second = rough(2.0, "density");
     writeVdb(folder / "a.vdb", {first, second, shared(second, "twin")});
     CHECK(lowest("density[0]") == 1.0);
     CHECK(lowest("density[1]") == 2.0);
     CHECK(lowest("twin") == 2.0);
-    // One that is called as users call the first of two, which has its tree, or lends it.
+    // One grid has the name that users write for the first of two. It borrows a tree, or lends it.
     const auto literal = rough(3.0, "density[0]");
     const auto twin = shared(literal, "density");
     for (const bool lends : {true, false}) {
@@ -593,7 +597,7 @@ TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
        {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
     auto grid = block();
     grid->tree().setValue(openvdb::Coord(3, 3, 3), bad);
-    grid->tree().setValueOff(openvdb::Coord(4, 3, 3), bad);  // inactive ones are read as well
+    grid->tree().setValueOff(openvdb::Coord(4, 3, 3), bad);  // inactive values are read as well
     writeVdb(folder / "bad.vdb", {grid});
     CHECK_THAT(refusal(folder / "bad.vdb"), Contains("2 of its values are NaN, infinite"));
   }
@@ -604,8 +608,8 @@ TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
 }
 
 TEST_CASE("volumes of one file are loaded at once, again and again", "[volume]") {
-  // Giving back one load's pages must not touch what another's have become: with sanitizers, or
-  // before it was mended, this ended the program in one of some ten runs.
+  // If one load drops its pages, it must not touch pages that another load now uses. With
+  // sanitizers, or before the fix, this ended the program in one of about ten runs.
   const TemporaryFolder folder;
   openvdb::initialize();
   const std::vector<std::string> names{"a", "b", "c"};
@@ -632,7 +636,7 @@ TEST_CASE("a loop that is given up leaves no work within it half done", "[volume
   const auto wait_for = [](const std::atomic<bool>& that) {
     for (int i = 0; i < 60000 && !that; ++i) std::this_thread::sleep_for(milliseconds(1));
   };
-  // One gives up while the other is about to begin a loop of its own.
+  // One task gives up while the other is about to begin a loop of its own.
   CHECK_THROWS_WITH(inParallel(2,
                                [&](std::size_t i) {
                                  ++begun;
@@ -648,10 +652,10 @@ TEST_CASE("a loop that is given up leaves no work within it half done", "[volume
                                                    [&](std::size_t) { ++done; });
                                }),
                     Contains("cancelled"));
-  // With one processor the second is left out.
+  // With one processor the second task does not run.
   CHECK(done == (begun == 2 ? kMany : 0));
 
-  // What has not begun is left out.
+  // Tasks that have not begun do not run.
   begun = 0;
   CHECK_THROWS_AS(inParallel(1000000,
                              [&](std::size_t) {

@@ -1,4 +1,4 @@
-/// Ways through grids: where one first falls through a level, and where a stream leads.
+/// Tests paths through grids: where one first falls through a level, and where a stream leads.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -7,10 +7,10 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/trace.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/engine/field/trace.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
@@ -31,7 +31,7 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
 }
 
-/// Values between -1 and 1 without any order: the hardest interpolant.
+/// Returns values between -1 and 1 without any order: the hardest interpolant.
 openvdb::FloatGrid::Ptr noise(int n) {
   Random random(5);
   return makeGrid<openvdb::FloatGrid>(n, Transform::createLinearTransform(1.0), [&](const Vec3d&) {
@@ -39,7 +39,7 @@ openvdb::FloatGrid::Ptr noise(int n) {
   });
 }
 
-/// A flow with curls of some voxels.
+/// Returns a flow with curls of some voxels.
 Vec3 curly(const Vec3& p) {
   return {std::sin(0.3 * p.z()) + std::cos(0.25 * p.y()),
           std::sin(0.3 * p.x()) + std::cos(0.2 * p.z()),
@@ -58,7 +58,7 @@ openvdb::Vec3SGrid::Ptr curlyGrid(const Transform::Ptr& transform) {
       "velocity");
 }
 
-/// Along a stream by many small steps of the midpoint rule on samples.
+/// Follows a stream by many small steps of the midpoint rule on samples.
 Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double length, int steps) {
   const double h = length / steps;
   for (int i = 0; i < steps; ++i) {
@@ -90,7 +90,7 @@ TEST_CASE("the first fall through a level is exact, on any way through noise",
         return sign * (scalar.sample(placement(a + share * (b - a)), *memory).value - level);
       };
       const Crossing crossing = scalar.firstFall(placement(a), placement(b), level, sign, *memory);
-      // By small steps; what dips by less between two of them is beyond both.
+      // Searches by small steps. This search does not see a smaller dip between two steps.
       constexpr int kSteps = 2000;
       bool above = height(0.0) > 0.0;
       double share = 2.0;
@@ -110,7 +110,7 @@ TEST_CASE("the first fall through a level is exact, on any way through noise",
         REQUIRE(height(crossing.share + 1e-6) < height(crossing.share));
       }
       if (!crossing.found) REQUIRE(share > 1.0);
-      // Nothing below the level before it, once it was above.
+      // Before the crossing the height does not fall below the level, once it was above.
       if (crossing.found && crossing.share > 0.0 && height(0.0) > 0.0) {
         for (int k = 0; k < 50; ++k) REQUIRE(height(crossing.share * k / 50.0) > -1e-9);
       }
@@ -136,8 +136,8 @@ TEST_CASE("a way that begins on the surface counts as it goes on", "[samplers][m
   CHECK_FALSE(fall({4, 4, 4}, {4.3, 4, 5.5}).found);  // out of it
   CHECK_FALSE(fall({4, 4, 4}, {6, 4, 4}).found);      // along it
   CHECK(fall({4, 4, 5.5}, {4, 4, 3.5}).share == Approx(0.75));
-  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // found behind it, and on
-  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // behind it, and out
+  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts behind it, and goes on
+  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts behind it, and goes out
   CHECK_FALSE(fall({40, 4, 5}, {40, 4, 3}).found);   // no data
   CHECK_FALSE(fall({4, 4, 5}, {NAN, 4, 3}).found);
   CHECK_FALSE(fall({4, 4, 5}, {4, 4, 1e300}).found);
@@ -186,7 +186,7 @@ TEST_CASE("a stream is traced by arc length, whatever the placement and the voxe
 
 TEST_CASE("a trace ends with the data, with the flow and with its steps", "[samplers][motion]") {
   const auto transform = Transform::createLinearTransform(1.0);
-  // Along x for x from 0 to 20, no flow beyond.
+  // The flow is along x for x from 0 to 20, and zero beyond.
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       32, transform,
       [](const Vec3d& p) { return openvdb::Vec3f(p.x() < 20.5 ? 1.0F : 0.0F, 0.0F, 0.0F); }, "v");
@@ -218,9 +218,8 @@ TEST_CASE("a trace ends with the data, with the flow and with its steps", "[samp
   }
 }
 
-TEST_CASE("a trace that leads past the place nearest to the hand ends there",
+TEST_CASE("a short trace reads two values, or as many as a longer one where that is not enough",
           "[samplers][motion]") {
-  // Circles about an axis: a tangent's length leads past by the distance over the radius.
   const Vec3 centre(16.3, 15.7, 16.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       33, Transform::createLinearTransform(1.0),
@@ -233,25 +232,77 @@ TEST_CASE("a trace that leads past the place nearest to the hand ends there",
   const VectorField& circles = *std::get<1>(field);
   const auto memory = std::make_unique<FieldCache>();
   circles.reset(*memory);
+  for (const double radius : {3.0, 8.0}) {
+    for (const double length : {0.01, 0.03, 0.09, -0.09}) {
+      CAPTURE(radius, length);
+      const Vec3 start = centre + Vec3(radius, 0, 0.2);
+      TraceOrder order;
+      order.along = Vec3::UnitY();
+      order.length = length;
+      order.tolerance = 1e-3;
+      order.bend = Vec3(-1.0 / radius, 0, 0);
+      const double turned = length / radius;
+      const Vec3 exact = centre + radius * Vec3(std::cos(turned), std::sin(turned), 0.2 / radius);
+      const Trace trace = circles.trace(start, order, *memory);
+      CHECK(trace.samples == 2);
+      CHECK(trace.length == Approx(length).epsilon(1e-12));
+      CHECK((trace.position - exact).norm() < std::abs(length * turned * turned) / 5.0);
+      const Vec3 ahead(-std::sin(turned), std::cos(turned), 0.0);
+      CHECK((trace.direction - ahead).norm() < turned * turned);
+      // A curve that bent differently before has a larger third derivative.
+      order.bend = Vec3(0, 0, 1.0);
+      const Trace longer = circles.trace(start, order, *memory);
+      CHECK(longer.samples == 5);
+      CHECK((longer.position - exact).norm() < 1e-8);
+    }
+  }
+}
+
+TEST_CASE("a trace to the hand ends at the first place nearest to it, either way",
+          "[samplers][motion]") {
+  const Vec3 centre(16.3, 15.7, 16.0);
+  const auto grid = makeGrid<openvdb::Vec3SGrid>(
+      33, Transform::createLinearTransform(1.0),
+      [&](const Vec3d& p) {
+        return openvdb::Vec3f(static_cast<float>(centre.y() - p.y()),
+                              static_cast<float>(p.x() - centre.x()), 0.0F);
+      },
+      "v");
+  const FieldPtr field = fieldOf(grid);
+  const VectorField& circles = *std::get<1>(field);
+  const auto memory = std::make_unique<FieldCache>();
+  circles.reset(*memory);
+  // W is sheared: the place nearest in W is not the place nearest where the volume rests.
+  Mat3 shear = Mat3::Identity();
+  shear(0, 1) = 0.7;
   for (const double radius : {1.5, 3.0, 8.0}) {
     for (const double sense : {1.0, -1.0}) {
-      for (const double away : {0.1, 0.5, 1.1, 4.0}) {  // of the hand from the circle, in radii
+      // The hand's distance outside of the circle, in radii. At -1.5 it is beyond the centre.
+      for (const double away : {-1.5, -0.5, 0.1, 0.5, 1.1, 4.0}) {
         const Vec3 start = centre + Vec3(radius, 0, 0.2);
         TraceOrder order;
         order.along = Vec3::UnitY();
-        order.length = sense * radius;
-        order.hand = Vec3(away * radius, order.length, 0);
+        order.to_hand = true;
+        order.length = 4.0 * radius;
+        order.hand = Vec3(away * radius, sense * radius, 0);
         order.max_steps = 64;
-        const Trace trace = circles.trace(start, order, *memory);
         CAPTURE(radius, sense, away);
-        REQUIRE_FALSE(trace.capped);
-        // A radian on, the hand is so far behind, in radii.
-        const bool past = (1.0 + away) * std::sin(1.0) - std::cos(1.0) > 0.5;
-        const double nearest = std::atan2(sense, 1.0 + away) * radius;
-        CHECK(trace.shortened == past);
-        CHECK(trace.length == Approx(past ? nearest : order.length).epsilon(0.01));
+        const Trace trace = circles.trace(start, order, *memory);
         const Vec3 left = order.hand - (trace.position - start);
-        if (past) CHECK(std::abs(trace.direction.dot(left)) < 0.02 * radius);
+        CHECK(trace.arrived);
+        CHECK(trace.length == Approx(std::atan2(sense, 1.0 + away) * radius).margin(0.01));
+        CHECK(std::abs(trace.direction.dot(left)) <= order.near);
+        CHECK(trace.hairpin == (away < -1.0));
+        order.length = 0.1;
+        const Trace capped = circles.trace(start, order, *memory);
+        CHECK_FALSE(capped.arrived);
+        CHECK(capped.length == Approx(sense * order.length));
+        order.length = 4.0 * radius;
+        order.metric = shear.transpose() * shear;
+        const Trace sheared = circles.trace(start, order, *memory);
+        const Vec3 aside = shear * (order.hand - (sheared.position - start));
+        CHECK(sheared.arrived);
+        CHECK(std::abs(aside.dot(shear * sheared.direction)) <= order.near);
       }
     }
   }

@@ -1,4 +1,5 @@
-/// A window of bricks is felt as the whole volume where its bricks are, and coarsely elsewhere.
+/// Tests a window of bricks: it equals the whole volume where its bricks are, and is coarse
+/// elsewhere.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -12,12 +13,12 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/brick_field.h"
-#include "palpate/samplers/bricks_about.h"
-#include "palpate/samplers/make_volume.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/bricks/brick_field.h"
+#include "palpate/samplers/bricks/bricks_about.h"
+#include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/retries.h"
-#include "palpate/samplers/write_bricks.h"
 #include "tests/support/counters.h"
 #include "tests/support/formula_bricks.h"
 #include "tests/support/random.h"
@@ -32,7 +33,7 @@ namespace {
 
 constexpr double kVoxel = 1e-3;  // [m]
 
-/// A dense volume of n^3 voxels of 1 mm, rough enough that a level's means differ from it.
+/// Returns a dense volume of n^3 voxels of 1 mm, so rough that the means of a level differ from it.
 std::shared_ptr<const Volume> bumpy(int n) {
   const auto grid = makeGrid<openvdb::FloatGrid>(
       n, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
@@ -49,7 +50,7 @@ Placement placed() {
 }
 
 std::uint64_t budgetOf(std::uint64_t bricks) {
-  constexpr std::uint64_t kBesides = 2;  // what is being read
+  constexpr std::uint64_t kBesides = 2;  // bricks being read
   return (bricks + kBesides) * ((BrickFormat{}.bytes() + 63) / 64 * 64) + (64U << 10U);
 }
 
@@ -97,7 +98,7 @@ TEST_CASE("where its bricks are a window is the whole volume, to the last bit", 
   Random random(3);
   long fine = 0;
   for (int i = 0; i < 20000; ++i) {
-    // As far as a tick reads: beyond, nothing is.
+    // The place is as far as a tick reads. The grid has no data beyond.
     const Box& box = both.window->frame().bounds;
     const Vec3 p = (kVoxel * (Vec3::Constant(75.0) + random.inCube(90.0)))
                        .cwiseMax(box.lower)
@@ -177,7 +178,7 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
   window->aim(0, {centre / kVoxel, centre / kVoxel, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
-  // Away from the hand, in steps of a fiftieth of a voxel: no jump anywhere.
+  // The reading moves away from the hand in steps of a fiftieth of a voxel, without a jump.
   double jump = 0.0;
   long coarse = 0;
   long same = 0;
@@ -195,8 +196,9 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
   CAPTURE(jump, coarse, same);
   CHECK(coarse > 1000);
   CHECK(same > 1000);
-  CHECK(jump < 0.05);  // the data's own is up to 0.01, levels differ by up to 1
-  // Across the faces of bricks, whichever are there, by no more than the data do in so little.
+  CHECK(jump < 0.05);  // the data's own jump is up to 0.01, levels differ by up to 1
+  // Across the faces of bricks, present or not, the step is at most that of the data over this
+  // distance.
   Random random(6);
   double step = 0.0;
   for (int i = 0; i < 2000; ++i) {
@@ -207,8 +209,8 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
     step = std::max(step, std::abs(both.ofWindow(kVoxel * (p + little)).value -
                                    both.ofWindow(kVoxel * (p - little)).value));
   }
-  CHECK(step < 1e-4);  // a level and the next one differ by some 1e-2
-  // The hand goes there: what was coarse becomes fine tick by tick, by a fiftieth at most.
+  CHECK(step < 1e-4);  // a level and the next one differ by about 1e-2
+  // The hand moves there. The coarse reading becomes fine tick by tick, by a fiftieth at most.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
   double excess = -1.0;
@@ -220,7 +222,7 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
     const std::chrono::duration<double> since = std::chrono::steady_clock::now() - last_tick;
     last_tick += std::chrono::duration_cast<std::chrono::steady_clock::duration>(since);
     const ScalarSample at = both.ofWindow(there);
-    // Levels differ by up to 1, of which each arrives within 10 ms; two may at once.
+    // Levels differ by up to 1. Each arrives within 10 ms, and two may arrive at once.
     excess = std::max(excess, std::abs(at.value - value) - 1.5 * (since.count() + 1e-3) / 0.01);
     value = at.value;
     fine = !at.coarse;
@@ -240,7 +242,7 @@ TEST_CASE("whatever is taken away while it is read, what is told as fine is righ
   const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
   const Both both(volume, window);
   std::atomic<bool> stop{false};
-  // A hand that leaps takes everything away all the time.
+  // A hand that leaps evicts all bricks all the time.
   std::thread leaper([&] {
     Random random(9);
     while (!stop) {
@@ -325,7 +327,7 @@ TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]")
   CHECK(both.ofWindow(kVoxel * Vec3::Constant(96.0)).coarse);
   CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
   CHECK_THROWS_WITH(windowOf(folder / "bricks", 3), Contains("a window of") && Contains("give it"));
-  // Nor where nothing is stored: its tables need what they need.
+  // The same holds if no brick is stored, because the tables need their memory.
   (void)writeBricks(folder / "empty",
                     formulaBricks("empty", {63, 63, 63}, [](const VoxelAt&) { return 0; }));
   CHECK_THROWS_WITH(BrickWindow(std::make_unique<PosixBricks>(folder / "empty"), {1000}),
@@ -363,7 +365,8 @@ TEST_CASE("a hand that comes back to where it was finds its bricks there", "[bri
     REQUIRE(window->settle(20.0));
     return window->state().fetched;
   };
-  // To and fro, within less than there is room for; from where something had to go for it.
+  // The hand moves to and fro within less than there is room for. It starts at a place for which
+  // bricks had to be evicted.
   for (const double x : {14.0, 12.0, 10.0, 8.0, 5.0, 3.0, 1.0}) (void)go(x);
   const std::uint64_t fetched = window->state().fetched;
   REQUIRE(fetched > window->state().slots);
@@ -378,16 +381,16 @@ TEST_CASE("hands that tell nothing any more, and proxies far from their hands", 
   const Both both(volume, window);
   const Vec3 proxy = Vec3::Constant(30.0);
   const Vec3 probe = Vec3::Constant(270.0);
-  // A surface holds the proxy, far from where the hand has gone: both are looked after.
+  // A surface holds the proxy far from the hand's place. The window serves both.
   window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK_FALSE(both.ofWindow(kVoxel * proxy).coarse);
   const std::uint64_t fetched = window->state().fetched;
-  // A hand that stays is told of each tick, and nothing is fetched for that.
+  // A hand that stays reports in each tick, and the window fetches no brick for it.
   for (int tick = 0; tick < 1000; ++tick) window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().fetched == fetched);
-  // After a second without a word, the next hand has all of the room.
+  // After a second without a report, the next hand has all of the room.
   std::this_thread::sleep_for(std::chrono::milliseconds(1100));
   window->aim(1, {Vec3(270.0, 30.0, 30.0), Vec3(270.0, 30.0, 30.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
@@ -397,13 +400,13 @@ TEST_CASE("hands that tell nothing any more, and proxies far from their hands", 
 }
 
 TEST_CASE("where no brick but the coarsest are there, it is these and nothing else", "[bricks]") {
-  // A ramp: all levels say the same, so that whatever else is read shows.
+  // On a ramp all levels agree, so that any other reading shows.
   const TemporaryFolder folder;
   const BrickInput ramp =
       formulaBricks("ramp", {639, 255, 127}, [](const VoxelAt& at) { return at[1]; });
   const BrickReport report = writeBricks(folder / "bricks", ramp);
   REQUIRE(report.manifest.levels().size() == 3);
-  // Faces of level 0 and 1 that coincide, beyond which neither is there.
+  // Faces of levels 0 and 1 coincide here, and beyond them both levels are missing.
   std::vector<BrickId> missing{{1, {1, 0, 0}}, {1, {1, 1, 0}}};
   for (int n = 0; n < 8; ++n) missing.push_back({0, {2, n / 2, n % 2}});
   for (const BrickId& id : missing) {
@@ -415,8 +418,8 @@ TEST_CASE("where no brick but the coarsest are there, it is these and nothing el
   field->reset(*cache);
   window->aim(0, {Vec3(150.0, 60.0, 60.0), Vec3(150.0, 60.0, 60.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
-  // There and back in steps of a tenth of a voxel, and read elsewhere in between: what is at a
-  // place is always the same.
+  // The reading moves there and back in steps of a tenth of a voxel, with other readings in
+  // between. The value at a place is always the same.
   std::vector<double> there;
   double off = 0.0;
   double other = 0.0;
@@ -511,7 +514,7 @@ TEST_CASE("all of the box about a brick is there, and what is far from the rest 
 
 namespace {
 
-/// Bricks of a folder that are said to take long or do, and what is wanted of them.
+/// Bricks of a folder that report a delay, or take time, with a record of the bricks wanted.
 class SlowBricks final : public BrickSource {
  public:
   explicit SlowBricks(const std::filesystem::path& folder, double delay,
@@ -556,7 +559,7 @@ TEST_CASE("where bricks take long to come a hand's way is looked ahead farther",
     auto source = std::make_unique<SlowBricks>(folder / "bricks", delay);
     const SlowBricks& of = *source;
     const BrickWindow window(std::move(source), {budgetOf(60), 0.1, false});
-    // A brick a second.
+    // The hand passes a brick a second.
     window.aim(0, {Vec3(32.0, 32.0, 32.0), Vec3(32.0, 32.0, 32.0), Vec3(64.0, 0.0, 0.0)});
     REQUIRE(window.settle(20.0));
     return of.farthest();
@@ -569,7 +572,7 @@ TEST_CASE("who waits for a window is not taken for silent meanwhile", "[bricks]"
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
-  // 27 bricks: 1.6 s, of which a hand may be silent for one.
+  // 27 bricks take 1.6 s. A hand may be silent for one second.
   const auto window = std::make_shared<BrickWindow>(
       std::make_unique<SlowBricks>(folder / "bricks", 0.0, std::chrono::milliseconds(60)),
       WindowParams{budgetOf(60), 0.25, false});

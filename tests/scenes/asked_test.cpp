@@ -1,5 +1,5 @@
-/// What a window asks of a run, and what becomes of the scene that is felt.
-#include "palpate/scenes/cli/asked.h"
+/// Tests the requests of a window to a run, and their effect on the felt scene.
+#include "palpate/scenes/apps/common/asked.h"
 
 #include <algorithm>
 #include <chrono>
@@ -14,12 +14,12 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
-#include "palpate/scenes/cli/common.h"
-#include "palpate/scenes/cli/dials.h"
-#include "palpate/scenes/cli/watcher.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
+#include "palpate/scenes/apps/cli/dials.h"
+#include "palpate/scenes/apps/cli/watcher.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_files.h"
 
@@ -35,7 +35,7 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
-/// A ball of 4 cm, a vortex, and a scalar that has data where x > 0 only.
+/// A ball of 4 cm, a vortex, and a scalar that has data only where x > 0.
 SceneSpec fields() {
   SceneSpec spec;
   FieldFrame frame;
@@ -49,7 +49,7 @@ SceneSpec fields() {
   return spec;
 }
 
-/// The forces of a hand that goes through all of it [N].
+/// Returns the forces on a hand that goes through all fields [N].
 std::vector<Vec3> felt(const Scene& scene) {
   Reader reader;
   ProxyState state;
@@ -74,7 +74,7 @@ SceneSpec named(const std::vector<std::string>& names) {
     ModeSpec mode;
     mode.of = "ball";
     mode.name = name;
-    // Without a name, of another volume.
+    // A name that begins with a slash stands for a mode without a name, of another volume.
     if (!name.empty() && name[0] == '/') {
       mode.of = name;
       mode.name.clear();
@@ -84,7 +84,7 @@ SceneSpec named(const std::vector<std::string>& names) {
   return spec;
 }
 
-/// What is written to standard error meanwhile.
+/// Captures standard error during the object's lifetime.
 class Said {
  public:
   Said() {
@@ -153,7 +153,7 @@ TEST_CASE("a dialled scene is the one that is written so", "[dial]") {
     mode.solid = Solid::kBelow;
     mode.strength = property(times * 0.8);
     if (skin) mode.viscosity = property(times * 0.2);
-    // Reads what `by` names: whatever the strength is, that is there for a reason.
+    // The friction reads `by`, so that `by` has a use in every form of the strength.
     if (skin) mode.friction = TransferFunction::piecewise({{0.0, 0.1}, {2.0, 0.2}});
     const bool reads = form == "curve" || form == "number" || skin;
     if (by && reads) mode.by = "half";
@@ -172,7 +172,7 @@ TEST_CASE("a dialled scene is the one that is written so", "[dial]") {
   }
   if (factor == 0.0F) CHECK(most(is) < 1e-6);
   if (factor == 8.0F) CHECK(most(is) > 0.05);
-  // So a hand feels it as an edit.
+  // For a hand, a changed gain is therefore an edit.
   CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
 }
 
@@ -227,7 +227,7 @@ TEST_CASE("what is asked is in bounds whatever the memory holds", "[asked]") {
   now.dials[5] = {15, 0.5F};
   cli::Asked asked = cli::asked(before, now);
   CHECK(asked.dialled == 7);
-  // What is no number turns nothing.
+  // A gain that is not a number is ignored.
   REQUIRE(asked.dials.size() == 3);
   CHECK((asked.dials[0].mode == 13 && asked.dials[0].factor == 0.0F));
   CHECK((asked.dials[1].mode == 14 && asked.dials[1].factor == kMostDial));
@@ -236,7 +236,7 @@ TEST_CASE("what is asked is in bounds whatever the memory holds", "[asked]") {
   CHECK(cli::asked(before, now).dials.size() == kLiveModes - 3);
   CHECK(cli::asked(now, now).dialled == 0);
 
-  // A cut that comes with a clear stays.
+  // If a cut comes with a clear, the cut stays.
   before = now;
   ++now.cuts;
   ++now.clears;
@@ -261,7 +261,7 @@ TEST_CASE("a hand is behind its mouse by 20 ms, and by the clock", "[asked]") {
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
-    // Asked again, at the same time or before it, nothing has moved.
+    // Asked again for the same time or an earlier one, the hand has not moved.
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
     Vec3 at = start;
     for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
@@ -305,7 +305,8 @@ TEST_CASE("an arm goes with its mouse, not against the world", "[asked]") {
       device.write(Vec3::Zero());
     }
     CHECK(device.velocity().x() == Approx(kSpeed).epsilon(1e-3));
-    // The target is held over a tick, in whose middle the arm is where it would be.
+    // The target is held over a tick. In the middle of the tick the arm is where it would be if the
+    // target moved continuously.
     const double behind = 1e-3 / std::expm1(1e-3 / 0.02) + arm.viscous / grip.stiffness;
     const double should = kSpeed * (2.0005 - behind);
     CHECK(device.position().x() == Approx(should).margin(2e-6));
@@ -332,7 +333,7 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
         << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "grid": "ball",
       "place": {"scale": 0.02}}}, "modes": [)" +
                modes + "]}";
-    // However coarse its clock is.
+    // The time stamps differ, however coarse the file system's clock is.
     std::filesystem::last_write_time(
         file, std::filesystem::file_time_type::clock::now() + std::chrono::seconds(++edits));
   };
@@ -350,7 +351,7 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   REQUIRE(cli::fitToAll(spec, devices));
   SceneCache cache;
   cli::Watcher watcher(spec, file, cli::writtenAt(file), true, devices, cache);
-  /// Looks until there is something new; nothing where a request was refused.
+  /// Looks until there is a new scene. Returns nullopt if a request was refused.
   const auto look = [&]() -> std::optional<BuiltScene> {
     const std::uint64_t refused = watcher.refused();
     for (int i = 0; i < 60000; ++i) {
@@ -370,7 +371,7 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   };
   CHECK_FALSE(watcher.look());
 
-  // Off: within a look or two it is felt, and what the loop was told before is not told again.
+  // Off: within a look or two it is felt, and messages that were printed before are not repeated.
   watcher.turn({{0, 0.0F}, {1, 1.0F}}, 1);
   auto built = look();
   INFO(said.all());
@@ -379,7 +380,7 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   CHECK(factors() == std::vector<float>{0.0F, 1.0F});
   CHECK(said.times("the coupling is 300 N/m") == 1);
 
-  // With an edit its place is another, and it is off all the same.
+  // The edit changes the mode's place in the file. The mode stays off.
   const std::string core = R"({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.5,
       "solid": "below", "strength": 2})";
   write(core + "," + pin + "," + skin);
@@ -393,7 +394,8 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   CHECK(built->scene->coupling.stiffness == 300.0);
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // A key that was pressed before the edit was seen is still the skin's; strangers are nobody's.
+  // A key that was pressed before the edit was seen still acts on the skin. An unknown mode is
+  // ignored.
   watcher.turn({{0, 0.5F}, {1, 1.0F}, {77, 0.0F}}, 2);
   built = look();
   REQUIRE(built);
@@ -401,7 +403,7 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.5F});
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // What cannot be felt is refused, said once, and the dials are as they were.
+  // A scene that cannot be felt is refused and reported once. The gains stay as they were.
   watcher.turn({{0, 0.5F}, {1, 8.0F}}, 3);
   CHECK_FALSE(look());
   CHECK(watcher.refused() == 3);
@@ -409,7 +411,7 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   for (int i = 0; i < 20; ++i) CHECK_FALSE(watcher.look());
   CHECK(said.times("the scene before it goes on") == 1);
 
-  // A file that is wrong keeps no dial from being turned.
+  // A wrong file does not prevent a change of a gain.
   write("nothing");
   watcher.turn({{0, 1.25F}, {1, 1.0F}}, 4);
   built = look();

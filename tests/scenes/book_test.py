@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """The book's first pages: every block of commands runs as it stands, in the order of its page.
 
-book_test.py BIN_DIR. A block of JSON is the scene that the next commands name. Then the book is built,
-where mkdocs is, and the API reference, where doxygen is.
+book_test.py BIN_DIR. A block of JSON is the scene that the next commands name, and blocks of Python are the script
+that they name. A block of text is output that the commands print. Blocks of console need an arm, and do not run. Then
+the book is built, where mkdocs is, and the API reference, where doxygen is.
 """
 import os
 import re
@@ -19,7 +20,8 @@ import suite  # noqa: E402
 BIN = Path(sys.argv[1]).resolve()
 ROOT = Path(__file__).resolve().parents[2]
 HEAD = Path("/usr/share/mricron/templates/ch2.nii.gz")
-BLOCK = re.compile(r"^```(sh|json)\n(.*?)^```$", re.S | re.M)
+BLOCK = re.compile(r"^```(sh|json|python)\n(.*?)^```$", re.S | re.M)
+SHOWN = re.compile(r"^```text\n(.*?)^```$", re.S | re.M)
 
 
 def script(page):
@@ -31,13 +33,14 @@ def script(page):
             lines.append(text)
             continue
         rest = "".join(text for kind, text in blocks[at + 1:] if kind == "sh")
-        name = re.search(r"[\w-]+\.json", rest)[0]
-        lines.append(f"cat >{name} <<'END'\n{text}END")
+        end, into = (".py", ">>") if kind == "python" else (".json", ">")
+        name = re.search(rf"[\w-]+\{end}\b", rest)[0]
+        lines.append(f"cat {into}{name} <<'END'\n{text}END")
     return "\n".join(lines)
 
 
 class Pages(unittest.TestCase):
-    def run_page(self, page, *said):
+    def run_page(self, page, *said, complaint=None):
         with tempfile.TemporaryDirectory() as folder:
             env = {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}"}
             done = subprocess.run(["bash", "-c", script(page)], cwd=folder, env=env, text=True,
@@ -45,7 +48,14 @@ class Pages(unittest.TestCase):
             self.assertEqual(done.returncode, 0, done.stdout[-2000:])
             for words in said:
                 self.assertRegex(done.stdout, words)
-            self.assertNotIn("palpate:", done.stdout)  # nothing to complain of
+            printed = done.stdout.splitlines()
+            for block in SHOWN.findall((ROOT / "docs" / page).read_text(encoding="utf-8")):
+                for line in block.splitlines():
+                    self.assertIn(line, printed)
+            complaints = [line for line in printed if "palpate:" in line]
+            self.assertEqual(len(complaints), 0 if complaint is None else 1, complaints)
+            for line in complaints:
+                self.assertRegex(line, complaint)
 
     @unittest.skipUnless(HEAD.exists(), "needs mricron-data")
     def test_your_ct(self):
@@ -54,6 +64,17 @@ class Pages(unittest.TestCase):
 
     def test_your_flow(self):
         self.run_page("your_flow.md", r"felt +stream: ", r"mode +tip: vortex_tube")
+
+    def test_your_arm(self):
+        self.run_page("your_arm.md", r"profiles: polhem, ", r"status +fault in 3000 ticks",
+                      complaint=r"^palpate: feel: the force was cut: the position jumped")
+
+    def test_your_script(self):
+        needed = subprocess.run(["/usr/bin/python3", "-c", "import palpate, matplotlib"], check=False,
+                                env={**os.environ, "PYTHONPATH": str(BIN)}, stderr=subprocess.DEVNULL)
+        if needed.returncode != 0:
+            self.skipTest("needs palpate's module for /usr/bin/python3, and matplotlib")
+        self.run_page("your_script.md", r"the same to the last bit: True", r"forces differ by at most 0 N")
 
     def test_questions(self):
         self.run_page("questions.md", r"because +", r"room +")

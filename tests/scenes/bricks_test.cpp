@@ -1,5 +1,5 @@
-/// Scenes with volumes in bricks: what is felt, what is refused, and what comes of a folder that
-/// goes.
+/// Tests scenes with volumes in bricks: what is felt, what is refused, and the result if a folder
+/// disappears.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -11,11 +11,11 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/engine/haptic_loop.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/write_bricks.h"
-#include "palpate/scenes/scene_cache.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/built_scene.h"
 #include "tests/support/fine_head.h"
 #include "tests/support/formula_bricks.h"
@@ -30,7 +30,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A ball of 60 mm in the middle of a cube of 128, voxels of half a millimetre: its depth.
+/// Writes the depth in a ball of radius 60 mm, in the middle of a cube of 128 mm, in voxels of half
+/// a millimetre.
 void writeBall(const fs::path& folder) {
   BrickInput ball = formulaBricks("density", {255, 255, 255}, [](const VoxelAt& at) {
     return 60.0 - (0.5 * Vec3(at[0], at[1], at[2]) - Vec3::Constant(63.75)).norm();
@@ -55,7 +56,7 @@ SceneSpec specOf(const Json& scene, const fs::path& folder) {
   return spec;
 }
 
-/// What a hand comes to.
+/// A scene with the reader and the proxy of one hand.
 struct Touching {
   explicit Touching(BuiltScene of, const ForceLimits& limits = {20.0, 2000.0})
       : built(std::move(of)), state(std::make_unique<ProxyState>(limits)) {}
@@ -104,13 +105,13 @@ TEST_CASE("a scene of a folder of bricks is felt as that of its file", "[scene][
   CHECK(other == 0);
   CHECK(coarse == 0);
   CHECK(bricks.built.windows.at("ball")->state().fetched > 8);
-  // Opened by itself, it is looked at by its coarsest level.
+  // If the folder itself is opened, the scene guess analyses its coarsest level.
   const SceneSpec guessed = openScene(folder / "ball.bricks/");
   REQUIRE(guessed.volumes.size() == 1);
   CHECK(guessed.volumes.begin()->second.file == folder / "ball.bricks");
   CHECK_FALSE(guessed.graph.modes.empty());
   CHECK(buildScene(guessed).windows.size() == 1);
-  // The same window for the next scene: an edit.
+  // The next scene, an edit, uses the same window.
   SceneCache cache;
   const BuiltScene one = buildScene(specOf(ballJson("ball.bricks"), folder.path()), {}, &cache);
   Json harder = ballJson("ball.bricks");
@@ -145,7 +146,7 @@ TEST_CASE("what cannot be done with bricks is refused with its path", "[scene][b
   many["volumes"]["ball"].erase("place");
   many["volumes"]["ball"]["instances"] = Json::parse(R"([{"scale": 0.001}])");
   CHECK_THAT(refusal(many, folder.path()), Contains(at + "instances"));
-  // A field whose derivatives a mode needs would have to be computed of the whole.
+  // A mode that needs the derivatives of a field would need that field of the whole volume.
   Json derived = ballJson("ball.bricks");
   derived["fields"] =
       Json::parse(R"({"steep": {"gradient": "ball"}, "how": {"magnitude": "steep"}})");
@@ -163,7 +164,7 @@ TEST_CASE(
   const TemporaryFolder folder;
   writeBall(folder.path());
   SceneSpec spec = specOf(ballJson("ball.bricks"), folder.path());
-  spec.volumes.at("ball").budget_mb = 48.0;  // 36 bricks of 72: what is far is not there
+  spec.volumes.at("ball").budget_mb = 48.0;  // 36 bricks of 72: distant bricks are not in memory
   const BuiltScene built = buildScene(spec);
   const auto& window = *built.windows.at("ball");
   TestDevice device;
@@ -185,7 +186,7 @@ TEST_CASE(
   CHECK(go(Vec3(0, 0, 0.055), 200).report.force.z() > 1.0);
   fs::copy(folder / "ball.bricks", folder / "away", fs::copy_options::recursive);
   fs::remove_all(folder / "ball.bricks");
-  // Whatever is in memory is felt on; the first brick that is not tells.
+  // Bricks in memory are still felt. The first missing brick raises the fault.
   Telemetry now = loop.latest();
   double step = 0.0;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -203,7 +204,7 @@ TEST_CASE(
   REQUIRE(troubles.size() == 1);
   CHECK_THAT(troubles[0], Contains("ball.bricks") && Contains("not there any more"));
   CHECK(window.state().gone);
-  // Taken back while it is away, it is cut again.
+  // If the fault is cleared while the folder is away, the force is cut again.
   loop.clear();
   CHECK(go(Vec3(0, 0, 0.07), 200).fault == Fault::kVolume);
   fs::rename(folder / "away", folder / "ball.bricks");
@@ -216,7 +217,7 @@ TEST_CASE(
   now = go(Vec3(0, 0, 0.055), 200);
   CHECK(now.report.force.z() > 1.0);
   CHECK_FALSE(now.report.coarse);
-  // And on the other side, whose bricks are fetched now.
+  // The same on the other side. Its bricks are fetched now.
   (void)go(Vec3(0.09, 0, 0.09), 300);
   (void)go(Vec3(0.09, 0, -0.09), 300);
   (void)go(Vec3(0, 0, -0.07), 300);
@@ -230,7 +231,7 @@ TEST_CASE(
   CHECK_FALSE(now.report.coarse);
 }
 
-// With sanitizers it takes minutes: what it runs through is tested small by the others.
+// With sanitizers this takes minutes. The other tests run the same code on small volumes.
 #ifdef NDEBUG
 TEST_CASE("a volume sixteen times its window is felt as the whole", "[.][data][bricks]") {
   const char* data = std::getenv("PALPATE_DATA");
@@ -251,7 +252,7 @@ TEST_CASE("a volume sixteen times its window is felt as the whole", "[.][data][b
   const auto feltWhole = [&] { return Touching(buildScene(of_whole)); };
   CHECK(static_cast<double>(window.state().bytes) <= 1.1 * whole / 16.0 * kMegabyte);
 
-  // 0.3 m/s, waiting for the disk: the same in every bit.
+  // At 0.3 m/s, waiting for the disk: the same in every bit.
   Touching all = feltWhole();
   int held = 0;
   int other = 0;
@@ -266,10 +267,10 @@ TEST_CASE("a volume sixteen times its window is felt as the whole", "[.][data][b
   CHECK(held > 2000);
   CHECK(other == 0);
   CHECK(coarse == 0);
-  CHECK(window.state().fetched > 2 * window.state().slots);  // and taken away again
+  CHECK(window.state().fetched > 2 * window.state().slots);  // bricks were evicted, too
   CHECK(window.state().failed == 0);
 
-  // 2 m/s, waiting for nothing: whatever is there in time.
+  // At 2 m/s, without waiting: uses the bricks that arrive in time.
   spec.waits = false;
   Touching fast(buildScene(spec));
   double step = 0.0;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Volumes in bricks as users and other tools meet them: bricks_test.py BIN_DIR VOLUMES_PROGRAM."""
+"""Tests volumes in bricks through the command line and with other tools: bricks_test.py BIN_DIR VOLUMES_PROGRAM."""
 import ctypes
 import ctypes.util
 import json
@@ -34,13 +34,13 @@ def bytes_in(folder):
 
 
 def snippet(number):
-    """Python of docs/bricks.md."""
+    """Returns a Python example of docs/bricks.md."""
     text = (ROOT / "docs/bricks.md").read_text(encoding="utf-8")
     return re.findall(r"```python\n(.*?)```", text, re.DOTALL)[number]
 
 
 class ZarrArray:
-    """As little of Zarr v2 as its specification asks of who reads: none of palpate's code."""
+    """The part of Zarr v2 that its specification requires of a reader; shares no code with palpate."""
     ZSTD = ctypes.CDLL(ctypes.util.find_library("zstd") or "libzstd.so.1")
     ZSTD.ZSTD_decompress.restype = ctypes.c_size_t
     ZSTD.ZSTD_decompress.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p,
@@ -89,7 +89,7 @@ class Case(unittest.TestCase):
 
 
 class Others(Case):
-    """What a tool finds that knows of Zarr and of docs/bricks.md only."""
+    """The data that a tool finds which knows only Zarr and docs/bricks.md."""
 
     def test_values_are_where_the_document_says(self):
         # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
@@ -179,7 +179,7 @@ class Others(Case):
 
 class Broken(Case):
     def test_a_killed_run_is_gone_on_with(self):
-        """kill -9 at many points: in the end the bytes are those of one run."""
+        """kill -9 at many points: in the end the bytes equal those of one run."""
         run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.3)
         words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
         run(*words, self.dir / "whole")
@@ -192,7 +192,7 @@ class Broken(Case):
             for count in sorted(dice.sample(range(stored), 3)):
                 child = subprocess.Popen([PALPATE, *map(str, words), str(out)],
                                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                # When so many bricks are there, and at any point of the next one.
+                # Kills the run after `count` bricks, at a random point of the next one.
                 while child.poll() is None and len(list(out.glob("*/*.0.0.0"))) < count:
                     time.sleep(0.001)
                 time.sleep(dice.uniform(0, 0.005))
@@ -293,7 +293,7 @@ class Verbs(Case):
         self.refused("brick", ball, self.dir / "n", "--compression", "x", says="--compression")
         self.refused("brick", self.dir / "none.vdb", self.dir / "n", says="no such file")
         self.refused("brick", self.dir / "labels.vdb", self.dir / "n", says="convert it")
-        # What others have done to it.
+        # Damage by other programs.
         manifest = out / "palpate.bricks"
         whole = manifest.read_bytes()
         manifest.write_bytes(whole[:-5])
@@ -308,7 +308,7 @@ class Verbs(Case):
 
 
 class Felt(Case):
-    """A head's skin through a window: 27 bricks and some coarser ones."""
+    """The skin of a head through a window: 27 bricks and some coarser ones."""
 
     def skin(self):
         i, j, k = np.mgrid[0:300, 0:160, 0:160]
@@ -351,7 +351,7 @@ class Felt(Case):
             for row in rows:
                 del row[timed]
         self.assertEqual(felt[0], felt[1])
-        # By itself, with a slash, and looked at.
+        # The bricks without a scene, with a trailing slash, and under `check`.
         self.assertIn(f'"file": "{bricks}"', run("scene", bricks).stdout)
         self.assertIn("in bricks", run("check", self.dir / "bricks.json").stdout)
         run("feel", f"{bricks}/", "--seconds", 1, status=None)

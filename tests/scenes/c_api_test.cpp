@@ -1,5 +1,5 @@
-/// The page of C, by what it does with what is wrong.
-#include "palpate/scenes/c_api.h"
+/// Tests the C interface, above all its answers to wrong input.
+#include "palpate/scenes/bindings/c/c_api.h"
 
 #include <cmath>
 #include <cstdlib>
@@ -10,7 +10,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/safety.h"
+#include "palpate/engine/safety/safety.h"
 #include "tests/support/counters.h"
 #include "tests/support/vdb_files.h"
 
@@ -18,13 +18,13 @@ namespace palpate::c_api_test {
 
 namespace {
 
-/// A ball of 43 mm, felt as a .vdb is; and its hand.
+/// A ball of 43 mm, felt like a .vdb, and its hand.
 class Host {
  public:
   Host() {
     test::writeTestVolumes(folder_.path());
     palpate_arm arm = palpate_weakest_arm();
-    arm.hand = 0;  // nobody's: it may jump, and forces come at once
+    arm.hand = 0;  // not held by a hand: it may jump, and forces come at once
     char error[200];
     hand = palpate_load(file().c_str(), &arm, 1000.0, error, sizeof error);
     INFO(error);
@@ -41,7 +41,7 @@ class Host {
     CHECK(palpate_tick(hand, position, 0.0, 1e-3, &felt) == felt.fault);
     return felt;
   }
-  /// From outside to within its surface.
+  /// Presses from outside to below the surface.
   palpate_felt press() const {
     palpate_felt felt{};
     for (int i = 0; i < 1000; ++i) felt = tick(0.06 - 2e-5 * i);
@@ -54,7 +54,7 @@ class Host {
   test::TemporaryFolder folder_;
 };
 
-/// Works in a folder for a while.
+/// Sets the working directory during the object's lifetime.
 class Folder {
  public:
   explicit Folder(const std::filesystem::path& to) { std::filesystem::current_path(to); }
@@ -152,7 +152,7 @@ TEST_CASE("a host in C asks why, and gets all of it or as much as it has room fo
   CHECK(refused == -static_cast<long>(std::strlen(why)));
   CHECK(std::string(why).rfind("at: ", 0) == 0);
   CHECK(palpate_explain(host.hand, at, far, why, sizeof why) < 0);
-  CHECK(std::string(why).rfind("push: ", 0) == 0);  // as the function's own argument is called
+  CHECK(std::string(why).rfind("push: ", 0) == 0);  // the name of the function's own argument
 }
 
 TEST_CASE("a host in C may go to another folder after it has loaded", "[c]") {

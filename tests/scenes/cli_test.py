@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The program as its users meet it: cli_test.py BIN_DIR VOLUMES_PROGRAM [--host]. With --host the
+"""Tests the program through its command line: cli_test.py BIN_DIR VOLUMES_PROGRAM [--host]. With --host runs the
 tests that depend on how the machine schedules, without it all others."""
 import csv
 import fcntl
@@ -36,7 +36,7 @@ PALPATE = str(BIN / "palpate")
 
 def run(*words, stdin="", status=0, statuses=None):
     done = process.run([PALPATE, *map(str, words)], input=stdin, capture_output=True, text=True,
-                          timeout=300)  # sanitized, on a loaded machine
+                          timeout=300)  # for sanitizers, on a loaded machine
     if done.returncode not in (statuses or (status,)):
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
     return done
@@ -54,7 +54,7 @@ class Case(unittest.TestCase):
         cls.holder.cleanup()
 
     def refused(self, *words, says, stdin="", status=2):
-        """One clear line on stderr, nothing on stdout, no file left."""
+        """The command is refused: one clear line on stderr, no output on stdout, no file left."""
         _, line = refusal(self, self.dir, lambda: run(*words, stdin=stdin, status=status))
         self.assertIn(says, line)
 
@@ -70,7 +70,7 @@ class Program(Case):
 
     def test_the_schemas_are_those_that_are_shipped(self):
         root = Path(__file__).resolve().parents[2]
-        for word, file in (("scene", "scenes/scene.schema.json"), ("arm", "devices/hid_profile.schema.json")):
+        for word, file in (("scene", "scenes/scene.schema.json"), ("arm", "devices/hid/hid_profile.schema.json")):
             self.assertEqual(run("schema", word).stdout, (root / file).read_text(encoding="utf-8"))
         self.refused("schema", "hand", says="hand")
 
@@ -83,20 +83,20 @@ class Program(Case):
 
 
 def verbs():
-    """As palpate --help lists them."""
+    """Returns the verbs that palpate --help lists."""
     told = run("--help").stdout.split("Subcommands:\n")[1].split("\n\n")[0]
     return [line.split()[0] for line in told.splitlines()]
 
 
 def options(verb):
-    """As its --help lists them."""
+    """Returns the options that the verb's --help lists."""
     told = run(verb, "--help").stdout.split("\nOptions:\n")[1].split("\n\n")[0]
     return {name for line in told.splitlines() if line.startswith("  -")
             for name in line.split()[0].split(",")}
 
 
 class Help(Case):
-    """One set of words, by whatever way they are asked for."""
+    """The help text is the same for each way to request it."""
     def test_help_of_a_verb_is_what_it_says_itself(self):
         self.assertEqual(run("help").stdout, run("--help").stdout)
         self.assertGreater(len(verbs()), 15)
@@ -113,7 +113,7 @@ class Help(Case):
         return run("completion", shell).stdout
 
     def bash(self, *words):
-        """What bash offers for the last word."""
+        """Returns bash's completions of the last word."""
         script = self.completion("bash") + """
             complete -p palpate >/dev/null
             COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _palpate; printf '%s\\n' "${COMPREPLY[@]}" """
@@ -165,7 +165,7 @@ class Documents(unittest.TestCase):
     ROOT = Path(__file__).resolve().parents[2]
 
     def test_the_readme_shows_the_smallest_program_as_it_is(self):
-        program = (self.ROOT / "scenes" / "first_tick.cpp").read_text().strip()
+        program = (self.ROOT / "scenes" / "apps" / "first_tick.cpp").read_text().strip()
         self.assertIn(program, (self.ROOT / "README.md").read_text())
 
     def test_every_verb_is_documented(self):
@@ -233,7 +233,7 @@ class Make(Case):
                     self.assertEqual(found[at]["active_voxels"], grid["active_voxels"])
                     self.assertEqual(found[at]["source"], f"palpate make {name}")
             self.assertIn(name, run("make", "--help").stdout)
-            self.assertIn(grids[0], run("make", name, out).stdout)  # again, over itself
+            self.assertIn(grids[0], run("make", name, out).stdout)  # again, over the existing file
             os.remove(out)
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
 
@@ -274,12 +274,13 @@ class Shatter(Case):
         self.assertLessEqual(felt["parts"]["near_most"], 30)
         self.assertEqual(felt["parts"]["crowded_ticks"], 0)
         self.assertEqual(felt["parts"]["missing_max"], 0)
-        # What was felt is told by the pieces' modes; what was not is left out.
+        # The report lists modes by piece, and only those that were felt.
         self.assertTrue(felt["felt"])
         for mode in felt["felt"]:
             self.assertIn(mode["mode"], ("fragment-001", "fragment-002", "fragment-003"))
             self.assertGreater(mode["touches"], 0)
-        # Here what its parts bear is all the force, but for what a balance leaves over at an edge.
+        # The parts bear all the force here, except for Newton's step beyond the balance: at most the stiffness times
+        # the tolerance, 500 N/m times 0.01 voxel.
         rows = list(csv.DictReader(io.StringIO(
             run("feel", made["scene"], "--seconds", 5, "--trace", "-").stdout)))
         self.assertEqual([name for name in rows[0] if name.startswith("load_")], ["load_parts"])
@@ -287,8 +288,8 @@ class Shatter(Case):
         apart = [abs(float(row["load_parts"]) - math.hypot(*(float(row[f"force_{a}"]) for a in "xyz")))
                  for row in rows if row["limited"] == "0"]
         self.assertGreater(len(apart), 4900)
-        self.assertLess(max(apart), 1e-3)
-        self.assertGreater(sum(gap < 1e-9 for gap in apart), 4900)
+        self.assertLess(max(apart), 1.5e-2)
+        self.assertGreater(sum(gap < 1e-3 for gap in apart), 4800)
         words = run("feel", made["scene"], "--seconds", 5)
         self.assertIn("of 30 near in the mean", words.stdout)
         self.assertNotIn("nothing was felt", words.stderr)
@@ -336,7 +337,7 @@ class Sample(Case):
                    stdin="x,y,z\n1,2,0.5\n-9,0,0\n")
         rows = list(csv.DictReader(io.StringIO(done.stdout)))
         self.assertEqual(list(rows[0]), ["x", "y", "z", "inside", "value", "gx", "gy", "gz"])
-        # value = x + 2 y - z there
+        # value = x + 2 y - z at these points
         self.assertEqual([float(rows[0][k]) for k in ("value", "gx", "gy", "gz")], [4.5, 1, 2, -1])
         self.assertEqual((rows[0]["inside"], rows[1]["inside"]), ("1", "0"))
 
@@ -386,7 +387,7 @@ class Sample(Case):
                      says="scalar", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "density", "--points", "-", "--interpolation",
                      "quintic", says="quadratic", stdin="x,y,z\n")
-        # At a voxel's centre every order gives the voxel.
+        # At a voxel's centre every interpolation order gives the voxel's value.
         values = [run("sample", file, "--grid", "density", "--points", "-", "--interpolation", order,
                       stdin="x,y,z\n1,2,3\n").stdout.splitlines()[1].split(",")[4]
                   for order in ("trilinear", "nearest", "quadratic", "cubic")]
@@ -421,7 +422,7 @@ class Solve(Case):
         self.assertAlmostEqual(answer["force"][0], -0.5, places=6)
 
     def test_what_fails_to_be_read_is_not_its_end(self):
-        # Nothing is mapped at its beginning.
+        # No memory is mapped at the beginning of this file, so that reading fails.
         failing = "/proc/self/mem"
         for verb, *words in (("solve",), ("sample", self.dir / "ball.vdb", "--points")):
             self.refused(verb, *words, failing, says="reading failed")
@@ -513,7 +514,7 @@ class Check(Case):
             scene.write_text(json.dumps(text))
             return json.loads(run("check", scene, "--json").stdout)["modes"][0]["thickness"]
 
-        # Only the voxel at (4, 4, 0) is above 11.9: eight cells about it.
+        # Only the voxel at (4, 4, 0) is above 11.9: eight cells around it.
         line, = lines()
         self.assertTrue(line.startswith("thickness tip: 8 surface cells; 8 (100 %) thinner than "
                                         "1.5 voxels, 8 of them than 1, most together at (1.04, "),
@@ -526,7 +527,7 @@ class Check(Case):
         self.assertLess(0, found["least"])
         self.assertLessEqual(found["least"], found["tenth"])
         self.assertLess(found["tenth"], 0.2)
-        # The remedy is one: at a lower value less of it is thin.
+        # The suggested remedy works: at a lower value a smaller share is thin.
         mode["value"] = 6
         self.assertLess(thickness()["thin_cells"] / thickness()["surface_cells"], 0.5)
         mode.update(value=-3.9, solid="below")
@@ -537,7 +538,7 @@ class Check(Case):
                 self.assertAlmostEqual(f, at, delta=0.1)
                 self.assertAlmostEqual(w, 0.01 * f + shift, delta=1e-12)
 
-        # Of a thick solid the line says nothing, and the JSON all.
+        # For a thick solid, check prints no thickness line; the JSON has all numbers.
         it["file"], it["grid"] = "ball.vdb", "ball"
         mode.update(value=0, solid="below")
         self.assertEqual(lines(), [])
@@ -550,7 +551,7 @@ class Check(Case):
         self.assertEqual(lines(), ["thickness tip: not looked at: only trilinear volumes in memory are"])
         self.assertIsNone(thickness())
 
-        # What is computed at load is looked at as well; other modes have no thickness.
+        # Fields computed at load are analysed as well; other modes have no thickness.
         text["volumes"]["it"] = {"file": "linear.vdb", "grid": "velocity"}
         text["fields"] = {"speed": {"magnitude": "it"}}
         mode.update(of="speed", value=3, solid="above")
@@ -560,6 +561,33 @@ class Check(Case):
             del mode[key]
         scene.write_text(json.dumps(text))
         self.assertNotIn("thickness", run("check", scene, "--json").stdout)
+
+    def test_says_where_two_solids_leave_a_gap(self):
+        scene = self.dir / "gap.json"
+        ball = {"file": "ball.vdb", "grid": "ball"}
+        core = {"name": "core", "mode": "isosurface", "of": "it", "value": 0, "solid": "below", "strength": 1}
+        shell = {**core, "name": "shell", "of": "around", "solid": "above"}
+        text = {"palpate": 1, "volumes": {"it": ball, "around": ball}, "modes": [core, shell]}
+
+        def gaps(value):
+            shell["value"] = value
+            scene.write_text(json.dumps(text))
+            told = [l for l in run("check", scene).stdout.splitlines() if l.startswith("gap ")]
+            return told, json.loads(run("check", scene, "--json").stdout)
+
+        told, data = gaps(0)
+        self.assertEqual((told, data["gaps"]), ([], []))
+        volume = data["volumes"]["it"]
+        voxel = volume["voxel"] / volume["metres_per_unit"]
+        (line,), data = gaps(0.5 * voxel)
+        self.assertRegex(line, r"^gap       core and shell: \d+ of \d+ surface cells face the other solid across a "
+                               r"gap, median 0\.\d+ voxels, widest 0\.\d+ \(.* mm\) at \(.*\): a hand catches")
+        gap, = data["gaps"]
+        self.assertEqual(gap["facing_cells"], gap["surface_cells"])
+        self.assertAlmostEqual(gap["median"], 0.5, delta=0.05)
+        self.assertAlmostEqual(gap["widest_metres"], 0.5 * volume["voxel"], delta=0.05 * volume["voxel"])
+        self.assertEqual(gap["between"], ["core", "shell"])
+        self.assertEqual(gaps(-2 * voxel)[0], [])  # the volumes overlap
 
     @suite.smoke
     def test_bad_scenes(self):
@@ -589,7 +617,7 @@ class Check(Case):
 
 
 class Room(Case):
-    """What a coupling has room for, and the tank."""
+    """The stability margin of a coupling, and the energy tank."""
     def test_check_and_feel_say_it(self):
         ball = self.dir / "undamped.json"
         ball.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode": '
@@ -619,7 +647,7 @@ class Room(Case):
         os.remove(scene)
 
     def room(self, *words):
-        """Its lines in a report."""
+        """Returns the lines of a report that give the margin."""
         lines = run(*words).stdout.splitlines()
         at, = (i for i, line in enumerate(lines) if line.startswith("room "))
         return [lines[at]] + [line for line in lines[at + 1:at + 2] if line.startswith(" ")]
@@ -652,7 +680,7 @@ class Room(Case):
 
 class Feel(Case):
     HEADER = ("t,probe_x,probe_y,probe_z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,"
-              "error_bound,iterations,substeps,primitives,tick_ns,status,limited")
+              "error_bound,iterations,substeps,primitives,tick_ns,status,limited,waiting")
 
     def path(self, rows):
         file = self.dir / "path.csv"
@@ -661,7 +689,7 @@ class Feel(Case):
 
     @suite.smoke
     def test_a_ball_pressed_by_a_path(self):
-        # A ball of 2 units, scaled so that its band's bounds are 0.1 m.
+        # A ball of 2 units, scaled so that its narrow band's bounds are 0.1 m.
         low, high = json.loads(run("info", self.dir / "ball.vdb", "--json").stdout)["grids"][0][
             "bounds"]
         radius = 0.1 / (high[0] - low[0]) * 2.0
@@ -690,7 +718,7 @@ class Feel(Case):
         os.remove(trace)
 
     def trace(self, scene, device, *words):
-        """Its header and its rows."""
+        """Returns the trace's header and its rows."""
         lines = io.StringIO(run("feel", scene, "--device", device, "--trace", "-", *words).stdout)
         table = csv.DictReader(lines)
         return table.fieldnames, list(table)
@@ -744,15 +772,15 @@ class Feel(Case):
         names = ["a, b", 'a"', "a\n", "drag", "drag", "größe"]
         scene = self.scene_of(drag, *({"name": name, **drag} for name in names))
         header, rows = self.trace(scene, self.path([(0, 0.02, 0.02, 0.02), (0.1, 0.02, 0.02, 0.03)]))
-        self.assertEqual(header[17:], ["load_/modes/0", "load_a_ b", "load_a_", "load_a__2",
+        self.assertEqual(header[18:], ["load_/modes/0", "load_a_ b", "load_a_", "load_a__2",
                                        "load_drag", "load_drag_2", "load_größe"])
-        self.assertEqual(",".join(header[:17]), self.HEADER)
-        for name in header[17:]:
+        self.assertEqual(",".join(header[:18]), self.HEADER)
+        for name in header[18:]:
             self.assertAlmostEqual(float(rows[-1][name]), 0.3, places=6)
 
     @suite.smoke
     def test_the_summary_counts_what_the_trace_shows(self):
-        # A surface and two drags, pressed and slid along: more to balance than a pair.
+        # A surface and two drags, pressed and slid along: a balance of more than two primitives.
         scene = self.dir / "drag.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": ['
                          '{"mode": "isosurface", "of": "a", "value": 0, "solid": "below", '
@@ -861,7 +889,7 @@ class Feel(Case):
         place.mkdir()
         precious = self.dir / "precious"
         precious.write_text("precious")
-        # An attacker can guess the process' number, but not the rest of the name.
+        # An attacker can guess the process identity, but not the rest of the name.
         for pid in range(os.getpid(), os.getpid() + 2000):
             (place / f"t.csv.partial-{pid}").symlink_to(precious)
         run("feel", self.dir / "ball.vdb", "--seconds", 1, "--trace", place / "t.csv")
@@ -890,14 +918,14 @@ class Feel(Case):
         self.assertNotIn("palpate explain", felt)
         self.assertEqual(len(trace.read_text().splitlines()), 1001)
         self.assertIn("4 where nothing was felt", run("feel", "--help").stdout)
-        # Of several hands it is enough that one felt something.
+        # With several hands it is enough if one hand felt something.
         ball = self.dir / "ball.vdb"
         away, near = (self.dir / f"{name}.csv" for name in ("away", "near"))
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.1,0.5,0,0\n")
         near.write_text("t,x,y,z\n0,0.06,0,0\n1,0.04,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=4)
         run("feel", ball, "--device", f"path:{away}", "--device", f"path:{near}")
-        # A fault is told before it.
+        # A fault takes precedence over this status.
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.01,0.5,0,0\n0.02,1e7,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=1)
 
@@ -921,7 +949,7 @@ class Feel(Case):
 
     @suite.smoke
     def test_where_most_was_felt_of_what_moves(self):
-        """Explain begins with the scene: what moved is felt where it stood then."""
+        """Explain begins with the scene: a moving volume is felt where it was at that time."""
         turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                  for t, z in ((0, 0), (10, 0.02))]
         scene = self.dir / "moving.json"
@@ -957,7 +985,7 @@ class Feel(Case):
         self.assertGreater(min(hand["force_max"] for hand in both["hands"]), 1.0)
 
         def felt(text):
-            """All but how long a tick took."""
+            """Returns the trace without the tick times."""
             return [row.split(",")[:14] + row.split(",")[15:] for row in text.splitlines()]
         for place, text in zip(("both.csv", "both.2.csv"), alone):
             self.assertEqual(felt((self.dir / place).read_text()), felt(text))
@@ -982,11 +1010,11 @@ class Feel(Case):
 
 
 class OnTime(Case):
-    """With a clock, or stopped by one: nothing here is judged by how fast the machine is."""
+    """Runs with a clock, or stopped by one. These tests do not measure how fast the machine is."""
     HOST = True
 
     def until_it_ticks(self, trace):
-        """Its trace has rows."""
+        """Waits until the trace has rows."""
         end = time.time() + 120
         while time.time() < end:
             if any(f.stat().st_size > 4096 for f in self.dir.glob(trace + ".partial-*")):
@@ -995,7 +1023,7 @@ class OnTime(Case):
         self.fail("it never ticked")
 
     def on_time(self, *words):
-        """A run with the clock. A machine may be late enough for a fault, and miss ticks."""
+        """Runs with the clock. The machine may be late enough for a fault, and miss ticks."""
         done = process.run([PALPATE, "feel", *map(str, words), "--realtime", "--json",
                             "--reengage", "0"],
                               capture_output=True, text=True, timeout=120)
@@ -1024,14 +1052,15 @@ class OnTime(Case):
                '"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
 
     def watched(self, scene, text):
-        """It feels a scene of that text, with --watch; and what waits until it says some words."""
+        """Feels a scene with this text and --watch. Returns the process, and a function that waits for words in its
+        output."""
         scene.write_text(text)
         child = subprocess.Popen([PALPATE, "feel", str(scene), "--realtime", "--watch", "--seconds",
                                   "100000", "--json", "--trace", f"{scene}.csv"],
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
         def until(words):
-            """What a system refuses, and faults on a loaded machine, are told as well."""
+            """Skips other lines: settings that the system refuses, and faults on a loaded machine."""
             for line in child.stderr:
                 if words in line:
                     return
@@ -1041,7 +1070,7 @@ class OnTime(Case):
         return child, until
 
     def felt(self, child):
-        """Ends it; the first mode of each scene that it felt."""
+        """Ends the run. Returns the first mode of each scene that was felt."""
         child.send_signal(signal.SIGINT)
         out, _ = child.communicate(timeout=60)
         self.assertEqual(child.returncode, 130)
@@ -1062,7 +1091,7 @@ class OnTime(Case):
         until("not valid JSON")
         change(text % "after")
         until("it is felt now")
-        # Written while the one before may still be being made.
+        # Written while the previous scene may still be building.
         change(text % "last")
         until("it is felt now")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
@@ -1074,7 +1103,7 @@ class OnTime(Case):
         scene = self.dir / "over_cut.json"
         text = self.WATCHED.replace("FILE", "cut.vdb")
         child, until = self.watched(scene, text % "before")
-        # In its place, as who writes it anew does, not beside it and then put there.
+        # Written in place, as some programs do, instead of written beside and renamed.
         os.truncate(volume, len(whole) // 2)
         scene.write_text(text % "cut")
         until("cut.vdb: it is truncated")
@@ -1112,7 +1141,7 @@ class OnTime(Case):
 
         until("Esc: force off")
         for _ in range(2):
-            os.write(main, b"\r\x1b")   # a machine may be late before
+            os.write(main, b"\r\x1b")   # the machine may have been late before
             until("switched off")
             self.assertFalse(termios.tcgetattr(main)[3] & termios.ICANON)
             os.write(main, b"\r")
@@ -1126,7 +1155,7 @@ class OnTime(Case):
 
     def test_interrupted_it_keeps_what_was_felt(self):
         summary = self.dir / "interrupted.json"
-        # A terminal and a launcher may both ask at once.
+        # A terminal and a launcher may both send signals.
         for signals, words in (((signal.SIGINT,), []),
                                ((signal.SIGTERM, signal.SIGINT, signal.SIGTERM), ["--realtime"])):
             child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
@@ -1146,9 +1175,9 @@ class OnTime(Case):
 
 
 class Interrupted(Case):
-    """Whoever presses Ctrl-C has the prompt back at once, and no file of an odd name."""
+    """After Ctrl-C the prompt returns at once, and no temporary file is left."""
     HOST = True
-    SOON = 10.0  # [s], on a loaded machine: it takes some 0.05
+    SOON = 10.0  # [s], on a loaded machine; usually some 0.05
 
     def setUp(self):
         self.place = Path(tempfile.mkdtemp(dir=self.dir))
@@ -1186,7 +1215,7 @@ class Interrupted(Case):
         os.remove(self.dir / "bodies.vdb")
 
     def test_what_was_ignored_stays_so(self):
-        """As nohup has it."""
+        """A run under nohup ignores SIGHUP."""
         child = subprocess.Popen(["nohup", PALPATE, "make", "wind-tunnel", "a.vdb", "--voxel", "0.003"],
                                  cwd=self.place, stdout=subprocess.DEVNULL,
                                  stderr=subprocess.DEVNULL)
@@ -1196,7 +1225,7 @@ class Interrupted(Case):
         os.remove(self.place / "a.vdb")
 
     def test_a_picture_that_is_drawn(self):
-        """What was felt is there; matplotlib is ended too."""
+        """The trace is written; matplotlib is ended too."""
         trace = self.place / "t.csv"
         said = self.end(signal.SIGINT, "feel", self.dir / "ball.vdb", "--seconds", 1, "--trace",
                         "t.csv", "--picture", "p.png", there=trace.exists)
@@ -1212,16 +1241,16 @@ class Interrupted(Case):
         status, took = terminal.ended()
         self.assertEqual(status, 130)
         self.assertLess(took, self.SOON)
-        # Its line is gone.
+        # The progress line is erased.
         self.assertIn("\x1b[K" + "palpate: interrupted", terminal.drawn)
 
     def test_scripts_say_where_they_are_and_end_at_once(self):
-        """What demo.sh, test.sh and .ci/install run their long commands by."""
+        """The function with which demo.sh, test.sh and .ci/install run long commands."""
         watched = Path(__file__).resolve().parents[2] / ".ci" / "watched"
         terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
                              "'trap \"exit 3\" INT; echo [3/9]; while :; do sleep 0.1; done' || exit 1; "
                              "touch on"], self.place)
-        # Whatever second it is drawn at: a machine that stood still misses one.
+        # At any second: a machine that stalls misses one.
         self.assertTrue(terminal.until(r"building 0:0[1-9] \[3/9\]"), terminal.drawn)
         terminal.press(b"\x03")
         status, took = terminal.ended()
@@ -1237,7 +1266,7 @@ class Interrupted(Case):
 
 class Stability(Case):
     def test_maps_of_planes_and_of_a_scene(self):
-        # 250 ticks a second: four times sooner done.
+        # 250 ticks a second: four times faster to compute.
         planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
                                 "--json").stdout)
         names = [method["name"] for method in planes["methods"]]
@@ -1267,7 +1296,7 @@ class Stability(Case):
         os.remove(again)
 
     def test_what_pushes_needs_a_refill(self):
-        """A ball that comes and goes does work on the hand: held back, but for what is let in."""
+        """A ball that moves to and fro does work on the hand: the tank limits the force, except for the refill."""
         scene = self.dir / "beating.json"
         place = {"keyframes": [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                                for t, z in ((0, 0), (0.1, 0.03), (0.2, 0))],
@@ -1289,7 +1318,7 @@ class Stability(Case):
 
     @suite.smoke
     def test_the_map_of_an_arm(self):
-        """What its self-test has measured, where the user says nothing else."""
+        """Uses the measurements of the arm's self-test where the user gives no value."""
         self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
         self.refused("stability", "--device", "simulated", says="names no profile")
         self.refused("stability", "--device", "hid:spacemouse", "--mass", 1, "--viscous", 1,
@@ -1301,7 +1330,7 @@ class Stability(Case):
         self.assertEqual(map_of["rate"], 250)
 
     def test_the_map_of_an_arm_that_has_passed(self):
-        profile = Path(__file__).resolve().parents[2] / "devices/profiles/polhem.json"
+        profile = Path(__file__).resolve().parents[2] / "devices/hid/profiles/polhem.json"
         text = json.dumps(json.loads(profile.read_text()), sort_keys=True, separators=(",", ":"))
         print_of = 14695981039346656037  # FNV-1a
         for byte in text.encode():
@@ -1320,7 +1349,7 @@ class Stability(Case):
                                       capture_output=True, text=True, env=env, timeout=300)
             drawn = json.loads(map_of("--device", "hid:polhem", "--rate", "250").stdout)
             self.assertEqual(drawn["device"], "hid:polhem")
-            # The latest that it may be: three standard errors and half a millisecond.
+            # The largest delay within three standard errors and half a millisecond.
             self.assertAlmostEqual(drawn["arm"].pop("delay"), 0.0028, 9)
             self.assertEqual({k: v for k, v in drawn["arm"].items() if k != "encoder"},
                              {"mass": 0.15, "viscous": 0.8, "coulomb": 0.04})
@@ -1346,7 +1375,7 @@ class Stability(Case):
 
 
 class Devices(Case):
-    """Where no arm is plugged in; tests/devices/vm has one."""
+    """Without an arm; tests/devices/vm has one."""
     @suite.smoke
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
@@ -1355,8 +1384,8 @@ class Devices(Case):
         listed = json.loads(run("devices", "--json").stdout)
         for profile in listed["profiles"]:
             self.assertTrue(profile["sources"]["/limits"])
-            # What the program cannot do when it is gone, the firmware has to.
-            if profile["name"] != "spacemouse":  # which pushes nobody
+            # The firmware must take the force off if the program ends.
+            if profile["name"] != "spacemouse":  # which has no motors
                 told = json.loads(run("devices", profile["name"], "--json").stdout)["firmware"]
                 self.assertRegex(told, "takes? the force off")
                 self.assertIn(f"firmware: {told}\n", run("devices", profile["name"]).stdout)
@@ -1389,7 +1418,7 @@ class Devices(Case):
         self.assertIn("current_b, which gives at most 3", words)
         facts = json.loads(run("devices", "polhem", "--json").stdout)["facts"]
         self.assertEqual(len(facts["motors"]), 3)
-        profiles = Path(__file__).resolve().parents[2] / "devices/profiles"
+        profiles = Path(__file__).resolve().parents[2] / "devices/hid/profiles"
         mine = json.loads((profiles / "teensy-arm.json").read_text())
         for joint in mine["kinematics"]["joints"]:
             joint["torque_constant"] /= 1000
@@ -1403,7 +1432,7 @@ class Devices(Case):
         self.refused("devices", "polhem", "--test", "hid", says="--test names its own arm")
 
     def test_the_documented_figures_are_the_program_s(self):
-        """docs/devices.md: blocks of what it prints, and its table of the shipped profiles."""
+        """docs/devices.md: blocks of the program's output, and its table of the shipped profiles."""
         text = (Path(__file__).resolve().parents[2] / "docs/devices.md").read_text(encoding="utf-8")
         blocks = re.findall(r"^    \$ palpate (.*)\n((?:    .*\n)+)", text, flags=re.M)
         self.assertTrue(blocks)
@@ -1445,7 +1474,7 @@ class Devices(Case):
 
 
 class Examples(Case):
-    """Those whose volumes palpate makes; the others need data from outside."""
+    """Examples with volumes that palpate makes; the others need external data."""
     SCENES = Path(__file__).resolve().parents[2] / "scenes" / "examples"
     MADE = {"wind_tunnel": ("wind-tunnel", "wind.vdb"), "fibres": ("fibres", "fibres.vdb"),
             "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb"),
@@ -1460,13 +1489,13 @@ class Examples(Case):
                 felt = json.loads(run("feel", place, "--seconds", 25, "--json").stdout)
                 for mode in felt["felt"]:
                     self.assertGreater(mode["seconds"], 0.05, mode)
-                # A tick in which nothing fits together (an edge of the data, of the wing) may wait.
-                self.assertGreaterEqual(felt["status"]["converged"], felt["ticks"] - 5)
-                self.assertLess(felt["error_bound_max"], 1e-4)
+                # A tick may wait if its primitives contradict each other (at an edge of the data or of the wing).
+                self.assertGreaterEqual(felt["status"]["converged"], felt["ticks"] - 10)
+                self.assertLess(felt["error_bound_max"], 1e-3)
                 self.assertEqual(felt["limited"], 0)
                 self.assertLess(felt["force_max"], 6.0)
                 self.assertGreater(felt["felt_share"], 0.3)
-                # A wind pushes and a guide draws in: docs/examples.md says how much.
+                # A wind pushes and a guide pulls: docs/examples.md states the energy.
                 self.assertLess(felt["injected_energy"], 0.3)
                 os.remove(place)
 
@@ -1477,7 +1506,7 @@ class Examples(Case):
 
 
 class Hostile(Case):
-    """Names that would write on the terminal as they please."""
+    """Names with terminal control sequences."""
     NAMES = {
         "bytes": b"\xff\xfe\xc3(\xed\xa0\x80\xc0\xaf\xf4\x90\x80\x80",
         "controls": b"\x1b[2J\x1b]0;x\x07\x7f\npalpate: all is well\r\tb",
@@ -1487,10 +1516,10 @@ class Hostile(Case):
     if cases(len(NAMES), "hostile names") < len(NAMES):
         NAMES = {"all": b"".join(NAMES.values())}
     WORDS = "Stra\u00dfe \u4e2d\u6587 \U0001f9b4"
-    LONGEST = 3000  # characters of a line: a sentence or two, and a name or two
+    LONGEST = 3000  # characters of a line: one or two sentences, and one or two names
 
     def legible(self, *words, stdin=b"", env=None):
-        """What a command says, once it is known to be fit for a terminal."""
+        """Returns the output of a command after checking that it is safe for a terminal."""
         done = process.run([PALPATE, *(w if isinstance(w, bytes) else str(w).encode()
                                           for w in words)],
                               input=stdin, capture_output=True, timeout=300, env=env)
@@ -1610,7 +1639,7 @@ class Hostile(Case):
              "modes": [{"mode": "surface", "of": "NAME", "strength": 1}]},
             "NAME")] + [b"NAME"]
         for what, name in self.NAMES.items():
-            # As JSON may hold it, and as it is.
+            # Encoded as in JSON, and as raw bytes.
             for text in (json.dumps(name.decode("utf-8", "replace"))[1:-1].encode(), name):
                 with self.subTest(what):
                     at = scene(text, good)
@@ -1626,7 +1655,7 @@ class Hostile(Case):
 
     @suite.smoke
     def test_of_an_arm(self):
-        profiles = Path(__file__).resolve().parents[2] / "devices/profiles"
+        profiles = Path(__file__).resolve().parents[2] / "devices/hid/profiles"
         mine = json.loads((profiles / "teensy-arm.json").read_text())
         for what, name in self.NAMES.items():
             with self.subTest(what), tempfile.TemporaryDirectory() as folder:
@@ -1675,7 +1704,7 @@ class Import(Case):
             self.skipTest("built without VTK")
 
     def nifti(self, name, size=(6, 5, 4), cut=None):
-        """A NIfTI-1 file of floats: value = i + 10 j + 100 k, voxels of 2 mm, at (-1, -2, -3)."""
+        """Writes a NIfTI-1 file of floats: value = i + 10 j + 100 k, voxels of 2 mm, at (-1, -2, -3)."""
         import struct
         header = bytearray(352)
         struct.pack_into("<i", header, 0, 348)

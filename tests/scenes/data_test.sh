@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Every verb on every real .vdb of PALPATE_DATA: data_test.sh PALPATE
+# Runs every verb on every real .vdb of PALPATE_DATA: data_test.sh PALPATE
 set -euo pipefail
 count=0
 for file in "$PALPATE_DATA"/vdb/*.vdb; do
@@ -8,7 +8,7 @@ for file in "$PALPATE_DATA"/vdb/*.vdb; do
     "$1" feel "$file" --seconds 5 --json |
         python3 -c 'import json, sys
 s = json.load(sys.stdin)
-# The hand goes to where most is: in rugged fog a tick in a hundred has no more sub-steps.
+# The simulated hand goes to the strongest places: in rugged fog one tick in a hundred uses up its sub-steps.
 assert s["ticks"] == 5000 and s["status"]["converged"] >= 4900, s
 assert s["force_max"] > 0.05 and any(f["touches"] for f in s["felt"]), s'
     for grid in $("$1" info "$file" --json |

@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
-# The .debs that cpack makes: what each holds and asks for. deb_test.sh BUILD
+# The .debs that cpack makes: their contents and dependencies. deb_test.sh BUILD
 set -euo pipefail
 command -v dpkg-shlibdeps >/dev/null || { echo "debs: needs dpkg-dev"; exit 77; }
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 cd "$1"
-# Not compressed: that would take most of the time.
+# Not compressed: compression would take most of the time.
 cpack -G DEB -B "$place" -D CPACK_DEBIAN_COMPRESSION_TYPE=none >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }
 cd "$place"
 wants() { dpkg-deb -f "$1"_*.deb Depends; }
-# Not grep -q, here and below: it ends early, and under pipefail who still writes to it has failed.
+# Not grep -q, here and below: it exits early, and then the program that still writes to it fails under pipefail.
 holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -x "$2" >/dev/null || { echo "$1 lacks $2"; exit 1; }; }
 fail() { echo "debs: $*"; exit 1; }
 
@@ -24,7 +24,7 @@ holds palpate ./usr/share/palpate/trace_picture.py
 holds palpate ./usr/share/palpate/picture_style.py
 ! dpkg-deb -c palpate_*.deb | grep "usr/bin/.*py$" || fail "scripts in the user's PATH"
 holds libpalpate-dev ./usr/include/palpate/scenes/palpate.h
-holds libpalpate-dev ./usr/include/palpate/scenes/c_api.h
+holds libpalpate-dev ./usr/include/palpate/scenes/bindings/c/c_api.h
 holds palpate "./usr/lib/.*libpalpate_c.so.0"
 holds libpalpate-dev "./usr/lib/.*libpalpate_c.so"
 for each in palpate*.deb python3*.deb; do
@@ -40,7 +40,7 @@ if ls palpate-view_*.deb >/dev/null 2>&1; then
     holds palpate-view ./usr/bin/palpate-view
     wants palpate-view | grep -i vtk >/dev/null || fail "palpate-view asks for no VTK"
 fi
-# A member of the group gets what the loop asks for, and an administrator's own file stays.
+# A member of the group gets the limits that the loop requests, and an administrator's own file is kept.
 dpkg-deb -e palpate_*.deb control
 [ "$(cat control/triggers)" = "activate-noawait ldconfig" ] || fail "no ldconfig"
 sh -n control/postinst && sh -n control/postrm

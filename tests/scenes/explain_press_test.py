@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""`palpate explain` and `palpate press` against numbers by hand:
+"""Compares `palpate explain` and `palpate press` with numbers computed by hand:
 explain_press_test.py BIN_DIR VOLUMES_PROGRAM.
 
-The density of linear.vdb is x + 2 y - z, so its isosurfaces are planes; a centimetre a unit.
+The density of linear.vdb is x + 2 y - z, so its isosurfaces are planes; a unit is a centimetre.
 """
 import csv
 import io
@@ -69,7 +69,7 @@ class Touch(Case):
         words_ = ("press", scene, "--at", words(at), "--along", words(way), *options)
         summary = json.loads(run(*words_, "--json").stdout, parse_constant=self.fail)
         rows = list(csv.DictReader(io.StringIO(run(*words_, "--csv", "-").stdout)))
-        # A passive engine gives no more than this, whatever the scene.
+        # A passive engine gives no more energy than this in any scene.
         self.assertLessEqual(summary["net_energy"], summary["net_energy_bound"] + 1e-12)
         self.assertEqual(summary["ticks"], len(rows))
         self.assertEqual(sum(summary["status"].values()), len(rows))
@@ -110,7 +110,7 @@ class Explain(Touch):
         self.assertEqual((wall["state"], wall["contact"]), ("yields", "yielded"))
         self.assertAlmostEqual(size(wall["load"]), 3)
         self.near(out["balance"]["proxy"], along(INTO, 0.002, start=MIDDLE))
-        # The limiter lets the force grow by 2 N in a tick.
+        # The limiter lets the force grow by 2 N in each tick.
         limiter = out["force"]["limiter"]
         self.assertEqual((limiter["slewed"], limiter["peaked"]), (True, False))
         self.assertAlmostEqual(size(out["force"]["wanted"]), 3)
@@ -196,7 +196,7 @@ class Explain(Touch):
         self.assertAlmostEqual(values["d"], 4)
         self.near(values["v"], [-2, 2, 6])
         self.near(values["gradient of d"], [1, 2, -1])
-        # Only one mode acts, as strong as its factors say: 1 at 4, and sqrt(44) - 6 of the speed.
+        # Only one mode acts; its factors give its strength: 1 at 4, and sqrt(44) - 6 of the speed.
         product = self.mode(out, "product")
         self.assertEqual([m["name"] for m in out["modes"] if m["active"]], ["product"])
         first, second = product["strength"]["factors"]
@@ -208,7 +208,7 @@ class Explain(Touch):
         self.assertIn("no mode reads it", text)
 
     def test_no_data_within_the_bounds(self):
-        # The middle of the ball is beyond its narrow band.
+        # The centre of the ball is outside of its narrow band.
         ball = {"b": {"file": "ball.vdb", "place": PLACE}}
         scene = self.scene({"name": "fog", "mode": "viscosity", "of": "b", "strength": 1},
                            volumes=ball)
@@ -240,7 +240,7 @@ class Explain(Touch):
     def test_a_stiffness_that_varies_is_settled_first(self):
         scene = self.scene(WALL, coupling={"stiffness": {"piecewise": [[0, 300], [8, 500]],
                                                          "by": "d"}})
-        # Out of sight of the wall, which is two voxels.
+        # The hand starts outside the wall's reach of two voxels.
         out, _ = self.explain(scene, along(INTO, -0.012, start=MIDDLE), along(INTO, 0.013))
         k = 400 - 25 * 1.2 * math.sqrt(6)
         self.assertAlmostEqual(out["balance"]["stiffness"], k, 4)
@@ -248,13 +248,13 @@ class Explain(Touch):
         self.assertAlmostEqual(size(self.mode(out, "wall")["load"]), 0.001 * k, 6)
 
     def test_a_long_push_takes_sub_steps(self):
-        # A voxel, 5 mm, at a time.
+        # One voxel, 5 mm, at a time.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
         out, text = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
         self.assertEqual(out["balance"]["substeps"], 3)
         self.near([p[1] for p in out["read_at"]], [0.025, 0.03, 0.032 - 0.2 / K])
         self.assertAlmostEqual(out["balance"]["proxy"][1], 0.032 - 0.2 / K)
-        # The tick's own: what was remembered first, then a balance of each reading.
+        # The tick's own steps: first the remembered planes, then a balance of each reading.
         steps = out["steps"]
         self.assertEqual([step["foreseen"] for step in steps], [True, False, False, False])
         self.assertEqual([step["at"] for step in steps[1:]], out["read_at"])
@@ -301,7 +301,7 @@ class Press(Touch):
         return next(m for m in summary["modes"] if m["mode"] == name)
 
     def test_a_wall_rises_with_k_and_yields_at_its_strength(self):
-        # 4 mm before the wall, 12 mm deep: it holds up to 6 mm behind.
+        # From 4 mm before the wall, 12 mm deep: the wall holds up to 6 mm behind its surface.
         summary, rows = self.press(self.scene(WALL), along(INTO, -0.004, start=MIDDLE),
                                    along(INTO, 0.012))
         self.assertEqual(list(rows[0]), self.COLUMNS)
@@ -322,7 +322,7 @@ class Press(Touch):
         self.assertAlmostEqual(wall["yield"]["depth"], 0.010, delta=0.0001)
         self.assertAlmostEqual(wall["yield"]["force"], 3)
         self.assertIsNone(wall["let_go_at"])
-        # A spring and a constant force, there and back: nothing is lost.
+        # A spring and a constant force, there and back: no energy is lost.
         work = 0.5 * K * 0.006 ** 2 + 3 * 0.002
         self.assertAlmostEqual(summary["work_in"], work, 6)
         self.assertAlmostEqual(summary["work_out"], work, 6)
@@ -331,7 +331,7 @@ class Press(Touch):
         self.assertEqual(list(dict.fromkeys(contacts)), ["", "wall=holds", "wall=yields"])
 
     def test_a_wall_that_lets_go_keeps_the_work(self):
-        # Past 1 mm it fades over a voxel, 5 mm.
+        # The force fades over one voxel, 5 mm, from a depth of 1 mm on.
         summary, rows = self.press(self.scene({**WALL, "depth": 0.2}), MIDDLE,
                                    along(INTO, 0.014))
         wall = self.mode(summary, "wall")
@@ -343,7 +343,7 @@ class Press(Touch):
         self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
 
     def test_a_wall_that_a_tick_comes_through_has_yielded(self):
-        # 14 mm in one tick: where that ends the wall has no strength any more.
+        # 14 mm in one tick: at its end the wall has no strength any more.
         soft = {"name": "wall", "mode": "surface", "of": "d",
                 "strength": {"piecewise": [[6, 1], [6.5, 0]]}}
         summary, rows = self.press(self.scene(soft), MIDDLE, along(INTO, 0.014), "--speed", 14)
@@ -371,7 +371,8 @@ class Press(Touch):
         self.assertAlmostEqual(float(rows[-1]["force_along"]), -0.5)
 
     def test_friction_is_felt_across(self):
-        # 45 degrees into the wall: along and across are k/2 each of what sticks.
+        # 45 degrees into the wall. A sticking hand feels k times the path's length along the path; without friction
+        # half of it along the path and half of it across.
         way = along(INTO, 0.002 / math.sqrt(2), ASIDE, 0.002 / math.sqrt(2))
         summary, rows = self.press(self.scene({**WALL, "friction": 5}), MIDDLE, way)
         last = rows[len(rows) // 2]
@@ -387,7 +388,7 @@ class Press(Touch):
     def test_a_ball(self):
         [low, high] = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["bounds"]
-        # Its mode is an isosurface of 3 N; 2 units of the file are its radius.
+        # The scene guess gives an isosurface of 3 N; its radius is 2 units of the file.
         scale = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["metres_per_unit"]
         summary, _ = self.press(self.dir / "ball.vdb", [0, 0, high[2]], [0, 0, -0.016])
@@ -451,7 +452,7 @@ class Press(Touch):
 
 
 class NearParts(Touch):
-    """Scenes of parts are told as one graph of what the hand comes near."""
+    """Scenes of parts are reported as one graph of the parts near the hand."""
     MODES = (
         ("d", "v", {**WALL, "friction": 0.3, "viscosity": 0.1, "by": "d"}),
         ("d", "v", {"mode": "isosurface", "of": "speed", "value": 6.7, "strength": 2}),
@@ -463,13 +464,13 @@ class NearParts(Touch):
                    "along": [0, 0, 1], "strength": 1, "in": "ball"}))
     FIELDS = {"speed": ("magnitude", "v"), "slope": ("gradient", "d"),
               "steep": ("magnitude", "slope")}
-    STEP = [0.01, 0, 0]  # so the first places overlap
+    STEP = [0.01, 0, 0]  # so that the first places overlap
 
     def place(self, i):
         return {"scale": 0.01, "translate": along(self.STEP, i if i < 3 else 30 * i)}
 
     def many(self, count):
-        """What stands in many places."""
+        """Makes a scene with volumes in many places."""
         volumes = {"d": {"file": "linear.vdb", "grid": "density",
                          "instances": [self.place(i) for i in range(count)]},
                    "v": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "d"}},
@@ -478,7 +479,7 @@ class NearParts(Touch):
                           fields={name: {kind: of} for name, (kind, of) in self.FIELDS.items()})
 
     def few(self, near):
-        """The same with those places only, each written out."""
+        """Makes the same scene with these places only, each written out."""
         volumes = {"ball": {"file": "ball.vdb", "place": PLACE}}
         fields = {}
         for i in near:
@@ -528,7 +529,7 @@ class NearParts(Touch):
             b, _ = self.told("press", few, *words_, *how)
             self.assertEqual(a, b)
             self.assertIn("the hand comes near 3 of its 1000 parts", said)
-        # Somewhere else it is another one.
+        # At another place another part is near.
         out, _ = self.explain(many, along(self.STEP, 30 * 7, start=MIDDLE), along(INTO, 0.002))
         self.assertEqual([mode["name"] for mode in out["modes"]],
                          ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])
@@ -546,7 +547,7 @@ class NearParts(Touch):
         self.assertEqual(a, b)
         self.assertIn("near 2 of its 12 parts", said)
         self.assertAlmostEqual(json.loads(a)["modes"][0]["touched_at"], 0.005, delta=0.0002)
-        # Of the fifth only what it is placed like is loaded with it: that nothing reads.
+        # The fifth ball is placed like the sixth, which no mode reads. The sixth is loaded only for its placement.
         del balls["b5"]
         balls["b5"] = {"file": "ball.vdb", "place": {"like": "b6"}}
         skins[6]["strength"] = 0
@@ -577,23 +578,23 @@ class NearParts(Touch):
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
                 "strength": 3}
         way = ("--at", "0,0,0.0205", "--push", "0,0,-0.002", "--json")
-        # A name of the scene's own that an instance would have.
+        # The scene has a volume with the name that an instance would get.
         volumes = {"b": {**ball, "instances": [self.place(i) for i in range(5)]},
                    "b[0]": {**ball, "place": {"scale": 0.01, "translate": [0, 0, 0.001]}}}
         own = {**skin, "name": "own", "of": "b[0]"}
         self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
                      says='/volumes/b/instances/0: it is told of as "b[0]"')
-        # What nothing reads, though it stands in many places and others are told.
+        # A volume in many places that no mode reads, beside parts that are reported.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
         volumes["b"]["smooth"] = 1
         done = run("explain", self.scene(skin, volumes=volumes), *way)
         self.assertEqual([m["name"] for m in json.loads(done.stdout)["modes"]],
                          ["skin[0]", "skin[1]", "skin[2]"])
-        # Notes are the scene's own, once.
+        # Notes use the scene's own names, once.
         self.assertEqual(done.stderr.count("/volumes/b: smoothed"), 1)
         self.assertNotIn("b[0]: smoothed", done.stderr)
-        # More than there is room for, all alike: 64 of 100.
+        # More parts than the limit, all equal: 64 of 100.
         drag = {"mode": "viscosity", "of": "b", "strength": 0.02}
         del volumes["b"]["smooth"]
         volumes["b"]["instances"] = [self.place(0)] * 100
@@ -640,12 +641,12 @@ class NearParts(Touch):
         self.assertIn("of its 8 parts", done.stderr)
         tick = json.loads(done.stdout)["methods"][0]
         self.assertEqual(tick["name"], "whole tick")
-        # As the same balls, written out: few enough to be one graph.
+        # The same balls, written out: few enough for one graph.
         balls = {f"b{i}": {"file": "ball.vdb", "place": place}
                  for i, place in enumerate(balls["b"]["instances"])}
         out = self.scene(*({**skin, "of": name} for name in balls), volumes=balls)
         told = json.loads(run("stability", out, "--size", 9, "--rate", 250, "--json").stdout)
-        # Where it is unstable the last digits decide what a swing comes to.
+        # In unstable cells, rounding errors determine the class of the oscillation.
         cells = zip("".join(told["methods"][0]["rows"]), "".join(tick["rows"]))
         self.assertLessEqual(sum(a != b for a, b in cells), 1)
 

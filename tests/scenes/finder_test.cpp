@@ -1,18 +1,18 @@
-/// A simulated hand that finds what there is to feel: in scenes whose places are known.
-#include "palpate/scenes/cli/finder.h"
+/// Tests the exploration path of a simulated hand, in scenes whose places are known.
+#include "palpate/scenes/apps/common/finder.h"
 
 #include <cmath>
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 
 namespace palpate::finder_test {
 
 namespace {
 
-constexpr double kHalf = 0.05;   // [m]: of the box that there is
+constexpr double kHalf = 0.05;   // [m]: half the edge of the scene's box
 constexpr double kRadius = 0.1;  // [m]: of the workspace
 constexpr double kSeconds = 10.0;
 const Box kBox{Vec3::Constant(-kHalf), Vec3::Constant(kHalf)};
@@ -42,13 +42,13 @@ ModeSpec mode(ModeKind kind, const std::string& of, const TransferSpec& strength
   return mode;
 }
 
-/// What a run felt.
+/// Forces and places of a run.
 struct Run {
-  double share = 0.0;        ///< Of ticks with more than 0.2 N.
-  double most = 0.0;         ///< [N]
-  double farthest = 0.0;     ///< Of the arm, from the origin [m].
-  std::vector<double> held;  ///< By mode [N].
-  std::vector<Vec3> came;    ///< By mode, from where it was felt first in each second [unit].
+  double share = 0.0;        ///< Share of ticks with more than 0.2 N.
+  double most = 0.0;         ///< Largest force [N].
+  double farthest = 0.0;     ///< Largest distance of the arm from the origin [m].
+  std::vector<double> held;  ///< Largest force by mode [N].
+  std::vector<Vec3> came;    ///< Directions from which it was felt, each far from the last [unit].
 };
 
 Run feel(const Scene& scene, const Vec3& about = Vec3::Zero()) {
@@ -171,7 +171,7 @@ TEST_CASE("the hand's path is the same every time, slow, and within the workspac
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});
-  // Also where there is more than the arm reaches.
+  // Also if the scene is larger than the arm's reach.
   const double radius = GENERATE(0.1, 0.04);
   HandTarget a = cli::findingHand(*scene, kBox, radius, 5.0);
   HandTarget b = cli::findingHand(*scene, kBox, radius, 200.0);

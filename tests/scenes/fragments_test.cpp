@@ -1,6 +1,6 @@
-/// The fragments of palpate shatter are the solid that they were broken from, closed, and strewn as
-/// ordered.
-#include "palpate/scenes/fragments.h"
+/// Tests that the fragments of palpate shatter are the solid that they were broken from, closed,
+/// and strewn as ordered.
+#include "palpate/scenes/library/fragments.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,10 +13,10 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/volume_grid.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/volume_grid.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
 namespace palpate::fragments_test {
@@ -31,7 +31,7 @@ namespace {
 constexpr double kValue = 100.0;
 constexpr int kSide = 48;
 
-/// A ball of bone in softer matter, voxels of 2, 2 and 3 mm.
+/// Makes a ball of bone in softer matter, with voxels of 2, 2 and 3 mm.
 openvdb::FloatGrid::Ptr makeBone(const std::string& name = "bone") {
   const auto transform = Transform::createLinearTransform();
   transform->preScale(Vec3d(2.0, 2.0, 3.0));
@@ -92,13 +92,14 @@ TEST_CASE("fragments are the solid, each voxel in one of them, and closed", "[sc
   std::map<Coord, int> times;
   std::uint64_t active = 0;
   std::uint64_t as_they_were = 0;
-  // The skin falls by 10 a unit of length; faces do, too: no step beyond what a voxel's edge makes.
+  // Values fall by 10 per unit of length at the skin and at the faces of fragments. No step is
+  // larger than that of a voxel's edge.
   double steepest = 0.0;
   for (const auto& piece : pieces) {
     active += piece->activeVoxelCount();
     const auto accessor = piece->getConstAccessor();
     const auto source = broken.bone->getConstAccessor();
-    // About its own middle.
+    // The piece is centred about its own middle.
     const auto box = piece->evalActiveVoxelBoundingBox();
     const Vec3d middle = piece->indexToWorld((box.min().asVec3d() + box.max().asVec3d()) * 0.5);
     CHECK(middle.length() < 1e-6);
@@ -130,7 +131,8 @@ TEST_CASE("fragments are the solid, each voxel in one of them, and closed", "[sc
   CHECK(std::all_of(times.begin(), times.end(), [](const auto& t) { return t.second == 1; }));
   CHECK(times.size() <= solid);
   CHECK(times.size() > solid - solid / 100);
-  // Far from faces the values are the volume's; at the ball's middle, 400 above, none is so far.
+  // Far from faces the values are the volume's. The ball's middle is 400 above kValue, and no voxel
+  // is so far from a face.
   CHECK(as_they_were > solid / 4);
   CHECK(as_they_were < solid);
   CHECK(steepest < 20.0);
@@ -149,7 +151,7 @@ TEST_CASE("strewn fragments lie in their room and are felt where they lie", "[sc
   for (const Part& part : built.scene->parts) middles.extend(part.bounds.centre());
   CHECK(middles.size().maxCoeff() < 0.5);
   CHECK(middles.size().minCoeff() > 0.3);
-  // From outside to the middle of some: they hold.
+  // From outside to the middle of some fragments: they hold.
   int held = 0;
   for (std::size_t i = 0; i < 10; ++i) {
     Reader reader;

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""The simulated hand finds something in every volume of PALPATE_DATA: hand_data_test.py BIN_DIR
+"""The simulated hand touches something in every volume of PALPATE_DATA: hand_data_test.py BIN_DIR
 
-Bare .vdb as they are, all else as `palpate import` guesses it. Prints the table."""
+Bare .vdb files are felt as they are, all others as `palpate import` guesses their scene. Prints the table."""
 import json
 import os
 import subprocess

@@ -1,12 +1,13 @@
-/// The demo's scene: one whole tick on a real head, counted. Run by head.sh, which imports it.
+/// Tests the demo's scene on a real head, tick by tick, with counts of allocations, locks and
+/// exceptions. head.sh imports the head and runs this test.
 #include <cstdio>
 #include <cstdlib>
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/simulated_device.h"
-#include "palpate/engine/step.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/devices/simulated/simulated_device.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/counters.h"
 
 using namespace palpate;
@@ -41,6 +42,6 @@ TEST_CASE("a tick on the head scene allocates, locks and throws nothing, and is 
   CHECK(within);
   CHECK(ticks - converged < ticks / 200);  // in sulci the sub-steps may not suffice
   CHECK(two > 1000);                       // skin or brain, and tissue
-  CHECK(most > 2.0);  // the brain was pressed, after the skin gave way at 1.5 N
+  CHECK(most > 2.0);                       // the brain was pressed, after the skin yielded at 1.5 N
   CHECK(sideOf(state.memory(0)) == Side::kOutside);
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Volumes in bricks from a web server, as users meet them: http_test.py BIN_DIR RELAY CLASS...
+"""Tests volumes in bricks from a web server, through the command line: http_test.py BIN_DIR RELAY CLASS...
 
-Apache serves what is right; a server of Python's, what is not. All on this machine's loopback, or in
+Apache serves correct answers; a Python server serves wrong ones. All programs run on this machine's loopback, or in
 networks of their own with a relay between them.
 """
 import functools
@@ -32,7 +32,7 @@ os.environ["no_proxy"] = "127.0.0.1"
 
 
 class Bad(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder, but for what `wrong` says of a path: a function of this handler."""
+    """Serves a folder. `wrong` returns another answer for a path: a function of this handler."""
 
     def __init__(self, *args, wrong, **more):
         self.wrong = wrong
@@ -58,13 +58,13 @@ class Bad(http.server.SimpleHTTPRequestHandler):
 
 
 class Kept(Bad):
-    """With connections that stand: each begins by reading all whom the machine trusts."""
+    """Keeps connections open. Each new connection first reads the machine's list of trusted certificates."""
 
     protocol_version = "HTTP/1.1"
 
 
 def apache(home, folder, address):
-    """What serves a folder, in the foreground."""
+    """Returns the command that serves a folder, in the foreground."""
     home.mkdir()
     user = "User www-data\nGroup www-data" if os.getuid() == 0 else ""
     (home / "conf").write_text(f"""
@@ -116,7 +116,7 @@ class Server(Case):
             pass
 
     def felt(self):
-        # It asks each second whether the volume is there, from when its window is.
+        # The client asks every second whether the volume exists, from the start of its window.
         end = time.monotonic() + PATIENCE
         while self.log.read_text().count("palpate.bricks") < 4 and time.monotonic() < end:
             time.sleep(0.05)
@@ -150,11 +150,11 @@ class Killed(Ended, Server):
 
 
 class Far(Case):
-    """Server and hand in networks of their own, and between them a way of 5 ms that loses one packet in a hundred."""
+    """Server and hand in networks of their own, with a link of 5 ms that loses one packet in a hundred."""
     HOST = True
 
     def felt(self, seed, *relay, delay=5, during=None):
-        """The summary of a hand that goes round in the bowl, on time; its recording is far.rec."""
+        """Returns the summary of a hand that circles in the bowl, on time; its recording is far.rec."""
         home = self.dir / f"far{seed}"
         rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
         for i in range(1, 60):
@@ -191,7 +191,7 @@ class Far(Case):
         here = self.dir / "here.rec"
         (self.dir / "far.scene").write_text(self.scene(str(self.dir / "bowl")).read_text())
         run("feel", self.dir / "far.scene", "--device", f"replay:{self.dir / 'far.rec'}", "--record", here)
-        # 1: they differ, in what was walked of levels that had not come.
+        # Status 1: they differ, in steps through levels that had not arrived.
         said = run("compare", self.dir / "far.rec", here, status=None).stdout
         self.assertIn("force     by 0 N at most, proxy by 0 mm", said)
 
@@ -207,7 +207,7 @@ class Far(Case):
 
 
 class Wrong(Case):
-    """What comes over a wire may be anything."""
+    """Data from a network can be anything."""
 
     @suite.smoke
     def test_what_is_no_volume_is_refused_in_a_line(self):
@@ -230,7 +230,7 @@ class Wrong(Case):
         context.load_cert_chain(own, key)
         address = self.served_badly(lambda path: None, context)
         self.refused(address, "certificate")
-        # A machine that trusts it: one whose list is another, for one program.
+        # A machine that trusts the certificate: one program gets another list.
         trusting = ["unshare", "--mount", "--map-root-user", "sh", "-c",
                     f'mount --bind "$0" {TRUSTED} && exec "$@"', own]
         if not Path(TRUSTED).exists() or subprocess.run([*trusting, "true"], check=False).returncode:
@@ -245,14 +245,14 @@ class Wrong(Case):
         self.assertGreater(told["force_max"], 1)
 
     def served_badly(self, wrong, secret=None):
-        """An address at which each path is answered as `wrong(path)` says; None: as it should be."""
+        """Returns an address at which `wrong(path)` gives the answer for each path; None: the correct answer."""
         serves = Bad if secret is None else Kept
         server = http.server.ThreadingHTTPServer(
             ("127.0.0.1", 0), functools.partial(serves, directory=str(self.dir), wrong=wrong))
         if secret is not None:
             server.socket = secret.wrap_socket(server.socket, server_side=True)
         server.daemon_threads = True
-        server.handle_error = lambda request, address: None  # a client that hangs up
+        server.handle_error = lambda request, address: None  # a client closes its connection
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         self.addCleanup(thread.join)
@@ -262,7 +262,8 @@ class Wrong(Case):
         return f"{scheme}://127.0.0.1:{server.server_address[1]}/bowl"
 
     def of_brick(self, answer, says):
-        """Each of the finest level's bricks is answered so: felt coarsely, and told."""
+        """All requests for the finest level's bricks get this answer: the volume is felt coarsely, and a message
+        reports it."""
         address = self.served_badly(lambda path: answer if path.startswith("/bowl/0/") else None)
         rows, told, said = self.feel(address)
         self.assertGreater(told["coarse_share"], 0.1)
@@ -276,7 +277,7 @@ class Wrong(Case):
 
         def hangs_up(of):
             of.send_response(200)
-            of.send_header("Content-Length", "100000")
+            of.send_header("Content-Length", str((self.dir / of.path[1:]).stat().st_size))
             of.end_headers()
             of.wfile.write(b"z" * 10)
         self.of_brick(hangs_up, "does not come")

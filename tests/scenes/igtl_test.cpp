@@ -1,5 +1,4 @@
-/// Messages of OpenIGTLink, against the protocol's own library: what it packs is read, and what is
-/// packed it reads.
+/// Tests OpenIGTLink messages against the protocol's own library, in both directions.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -12,7 +11,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/scenes/cli/igtl_message.h"
+#include "palpate/scenes/network/slicer/igtl_message.h"
 
 using namespace palpate;
 using namespace palpate::cli;
@@ -25,7 +24,7 @@ ByteView bytesOf(igtl::MessageBase& message) {
           static_cast<std::size_t>(message.GetPackSize())};
 }
 
-/// Of a message that is whole.
+/// Returns the head of a whole message, and checks it.
 IgtlHead headOf(ByteView bytes) {
   const IgtlHead head = readIgtlHead(bytes.first<kIgtlHead>());
   CHECK(head.size == bytes.size() - kIgtlHead);
@@ -33,7 +32,7 @@ IgtlHead headOf(ByteView bytes) {
   return head;
 }
 
-/// The library's, out of a message of ours.
+/// Unpacks palpate's message with the library.
 template <class Message>
 typename Message::Pointer unpacked(const Bytes& bytes) {
   const auto header = igtl::MessageHeader::New();
@@ -109,7 +108,7 @@ TEST_CASE("an image of OpenIGTLink's library stands where it says", "[igtl]") {
   int whole[3]{4, 3, 2};  // NOLINT: the library's
   int nowhere[3]{};       // NOLINT
   image->SetSubVolume(whole, nowhere);
-  // i goes along y, j against x: RAS, or LPS.
+  // i goes along y, j against x: in RAS, or in LPS.
   float along_i[3]{0, 1, 0};   // NOLINT
   float along_j[3]{-1, 0, 0};  // NOLINT
   float along_k[3]{0, 0, 1};   // NOLINT
@@ -132,7 +131,7 @@ TEST_CASE("an image of OpenIGTLink's library stands where it says", "[igtl]") {
   CHECK(read.axes.col(0).isApprox(Vec3(0, sign * 2, 0)));
   CHECK(read.axes.col(1).isApprox(Vec3(-sign * 3, 0, 0)));
   CHECK(read.axes.col(2).isApprox(Vec3(0, 0, 5)));
-  // Its middle is between voxels 1 and 2 of i, at 1 of j, between 0 and 1 of k.
+  // The image's middle is between voxels 1 and 2 of i, at 1 of j, between 0 and 1 of k.
   const Vec3 middle = read.origin + read.axes * Vec3(1.5, 1.0, 0.5);
   CHECK(middle.isApprox(Vec3(sign * 10, sign * 20, 30)));
   const auto volume = volumeOf(read);

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What cmake --install puts in place works there, verb by verb: install_test.sh BUILD [PYTHON]
+# The installed files work, verb by verb: install_test.sh BUILD [PYTHON]
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 place=$(mktemp -d)
@@ -10,7 +10,7 @@ palpate=$place/usr/bin/palpate
 echo '{"stiffness":500,"probe":[0,0,-0.001],"primitives":[]}' >balance.jsonl
 printf 'x,y,z\n0,0,0\n' >points.csv
 "$palpate" make two-bodies bodies.vdb >/dev/null
-# A verb each, and what only it says. Those that none is here for are found out below.
+# The verbs, each with text that only its output contains. The loop below reports verbs that are missing here.
 declare -A says=(
     [info]=voxels [brick]=stored [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
@@ -26,7 +26,7 @@ run() {
         explain) "$palpate" explain bodies.vdb --at 0,0,0.02 --push 0,0,-0.001 ;;
         press) "$palpate" press bodies.vdb --at 0,0,0.06 --along 0,0,-0.02 ;;
         feel) "$palpate" feel bodies.vdb --seconds 1 ;;
-        # Where no window is installed, it says what to install.
+        # If the window is not installed, the verb prints which package to install.
         view) if [ -x usr/bin/palpate-view ]; then
                 "$palpate" view bodies.vdb --seconds 1 --picture view.png && test -s view.png
             else
@@ -64,7 +64,7 @@ done
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
-# What draws is no command of its own.
+# The scripts that draw are not in the user's PATH.
 for script in feel stability trace; do test -x usr/share/palpate/${script}_picture.py; done
 ! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
 if [ -d usr/share/man/man1 ]; then
@@ -78,14 +78,14 @@ if [ -d usr/share/man/man1 ]; then
         [ ! -s pages ] || { echo "install: of the manual:"; cat pages; exit 1; }
     fi
 fi
-# Completion knows the verbs, and a verb's options.
+# Completion knows the verbs and their options.
 PATH=$place/usr/bin:$PATH bash -ec '
     . usr/share/bash-completion/completions/palpate
     COMP_WORDS=(palpate fe) COMP_CWORD=1; _palpate; [ "${COMPREPLY[*]}" = feel ]
     COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]
     COMP_WORDS=(palpate import --smo) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --smooth ]'
 grep -q "^#compdef palpate$" usr/share/zsh/vendor-completions/_palpate
-# A host in C finds the header and the library. With sanitizers it would have to be made with them.
+# A host in C finds the header and the library. With sanitizers the host would need them too.
 shared=$(dirname "$(find "$place/usr" -name libpalpate_c.so)")
 if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then
     "${CC:-cc}" -std=c99 -Wall -Wextra -Wpedantic -Werror -Iusr/include "$here/embed/host.c" -o host \

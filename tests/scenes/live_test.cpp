@@ -1,5 +1,5 @@
-/// What a window reads of a loop, by the loop's own numbers.
-#include "palpate/scenes/live.h"
+/// Tests what a window reads from a loop against the loop's own numbers.
+#include "palpate/scenes/library/live.h"
 
 #include <array>
 #include <atomic>
@@ -11,10 +11,10 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
-#include "palpate/scenes/build_scene.h"
-#include "palpate/scenes/cli/touch.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
+#include "palpate/scenes/apps/common/touch.h"
+#include "palpate/scenes/library/build_scene.h"
 #include "tests/support/counters.h"
 
 namespace palpate::live_test {
@@ -128,7 +128,7 @@ TEST_CASE("a window is told of the modes' primitives what explain tells", "[live
   CHECK(row.force == Approx(tick.report.force.norm()));
   CHECK(row.apart == Approx((tick.probe - tick.report.proxy).norm()));
 
-  // Another process's view of it, by its descriptor.
+  // The view of another process, by the descriptor.
   const LiveShare other(dup(share.descriptor()));
   LiveTick same;
   REQUIRE(other.block().tick.read(same));

@@ -1,5 +1,5 @@
-/// The volumes of palpate make are what they say they are.
-#include "palpate/scenes/made.h"
+/// Tests that the procedural volumes of palpate make have their stated properties.
+#include "palpate/scenes/library/made.h"
 
 #include <cmath>
 #include <filesystem>
@@ -9,8 +9,8 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/vdb_files.h"
 
 namespace palpate::made_test {
@@ -18,7 +18,7 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-/// J_ab = d v_a / d x_b of the wind's formula, by differences over a step.
+/// Returns J_ab = d v_a / d x_b of the wind's formula, by differences over a step.
 Mat3 jacobian(const made::Wind& wind, const Vec3& p, double step) {
   Mat3 J;
   for (int b = 0; b < 3; ++b) {
@@ -28,7 +28,7 @@ Mat3 jacobian(const made::Wind& wind, const Vec3& p, double step) {
   return J;
 }
 
-/// Along a circle in the plane x = const about (y, z): the sum of v dl.
+/// Returns the sum of v dl along a circle about (y, z) in the plane x = const.
 template <class Velocity>
 double circulation(const Velocity& velocity, const Vec3& centre, double radius) {
   constexpr int kSteps = 720;
@@ -42,7 +42,7 @@ double circulation(const Velocity& velocity, const Vec3& centre, double radius) 
   return sum;
 }
 
-/// A grid of a file, read as a scene reads it, one metre a unit of the file.
+/// Reads a grid of a file as a scene does, with one metre per unit of the file.
 std::shared_ptr<const VectorField> vectorOf(const std::filesystem::path& file,
                                             const std::string& grid, bool axial) {
   Sampling sampling;
@@ -107,7 +107,7 @@ TEST_CASE("the wind's grid is its formula at the voxels, and nearly as free of s
     divergence2 += J.trace() * J.trace();
     jacobian2 += J.squaredNorm();
   }
-  CHECK(worst < 1e-5);  // [m/s], of floats
+  CHECK(worst < 1e-5);  // [m/s], rounding of floats
   CHECK(std::sqrt(divergence2 / jacobian2) < 0.02);
   const auto velocity = [&](const Vec3& p) { return field->sample(p, cache).value; };
   for (const double sign : {1.0, -1.0}) {
@@ -135,7 +135,7 @@ TEST_CASE("made level sets are distances", "[made]") {
     const Vec3 at_bowl = 40.0 * p;
     const Vec3 at_wing = p.cwiseProduct(Vec3(0.06, 0.17, 0.03));
     CAPTURE(p.transpose());
-    // Where a distance has its ridges the differences see two sides.
+    // At the ridges of a distance, the differences see two sides.
     if (made::bowl(at_bowl) > 0.0 && at_bowl.norm() > 1.0) {
       CHECK(slope(made::bowl, at_bowl, 1e-4) == Approx(1.0).epsilon(1e-3));
     }
@@ -158,7 +158,7 @@ TEST_CASE("made fibres are axial: signs at random, lines whole, and unsure where
   CHECK(std::abs(made::fibre({20, 0, 0}).direction.x()) == Approx(1.0));
   CHECK(made::fibre({0, 0, 0}).anisotropy == Approx(0.484).margin(0.001));
   CHECK(made::fibre({0, 20, 12}).anisotropy == 0.0);
-  // On the bend the direction is across the radius about (-24, 0).
+  // On the bend, the direction is perpendicular to the radius about (-24, 0).
   const Vec3 on_bend(-24 + 24 * std::cos(1.0), 24 * std::sin(1.0), 0.0);
   CHECK(std::abs(made::fibre(on_bend).direction.dot(Vec3(-std::sin(1.0), std::cos(1.0), 0))) ==
         Approx(1.0));
@@ -210,7 +210,7 @@ TEST_CASE("a made volume is the same every time, and at other voxels the same pl
       CHECK(a[i].mean == b[i].mean);
       CHECK(a[i].lowest == b[i].lowest);
       CHECK(a[i].highest == b[i].highest);
-      if (first[i].frames > 1) continue;  // of displacements the voxels are what they are
+      if (first[i].frames > 1) continue;  // displacement grids keep their voxels
       CHECK(coarse[i].voxel == Approx(2.0 * first[i].voxel));
       CHECK((c[i].bounds.size() - a[i].bounds.size()).cwiseAbs().maxCoeff() <
             4.0 * coarse[i].voxel);

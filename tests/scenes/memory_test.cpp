@@ -1,4 +1,4 @@
-/// A scene is loaded where there is no memory for it.
+/// Tests how a scene loads without enough memory.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -11,10 +11,10 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_loop.h"
-#include "palpate/scenes/build_scene.h"
-#include "palpate/scenes/scene_cache.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/scenes/library/build_scene.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -35,7 +35,7 @@ TEST_CASE("memory that is not there while a scene is loaded leaves the one that 
   std::ofstream(file)
       << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.1}}},
     "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 2, "solid": "below"}]})";
-  // As a file that is watched: what is kept of the scene before is shared.
+  // With a cache, as for a watched file: parts of the previous scene are shared.
   SceneCache cache;
   const auto load = [&](SceneCache* kept) {
     return buildScene(openScene(file), nullptr, kept).scene;
@@ -58,22 +58,22 @@ TEST_CASE("memory that is not there while a scene is loaded leaves the one that 
   REQUIRE(before.norm() > 0.9);
 
   long all = 0;
-  for (int i = 0; i < 2; ++i) {  // the first one makes what all share
+  for (int i = 0; i < 2; ++i) {  // the first pass makes the data that all share
     const FailScope none(-1);
     REQUIRE(load(nullptr) != nullptr);
     all = FailScope::seen();
   }
-  // Each of the first, then one of so many.
+  // Fails each of the first 200 allocations, then every `step`-th.
   long refused = 0;
   long told = 0;
   long loaded = 0;
   const long step = std::max(1L, all / test::cases(300));
   for (long n = 1; n <= all; n += n < 200 ? 1 : step) {
     CAPTURE(n, all);
-    std::shared_ptr<const Scene> scene;  // outlives the scope: OpenVDB's trees take memory to go
+    std::shared_ptr<const Scene> scene;  // outlives the scope: freeing OpenVDB's trees allocates
     try {
       const FailScope fails(n);
-      // Every other one shares its volume with what is felt.
+      // Every other load shares its volume with the felt scene.
       scene = load(n % 2 == 0 ? &cache : nullptr);
       tick(z);
       ++loaded;
@@ -90,11 +90,11 @@ TEST_CASE("memory that is not there while a scene is loaded leaves the one that 
       "of %ld allocations: %ld loads without one were refused, %ld told by an error, %ld did "
       "without\n",
       all, refused, told, loaded);
-  // Of those that were tried.
+  // Relative to the loads that were tried.
   CHECK(refused > (refused + told + loaded) / 4);
-  // What a stream does without memory is told as a file that cannot be read.
+  // A stream without memory reports a file that cannot be read.
   CHECK(told <= 2);
-  // And once there is, it is loaded.
+  // With enough memory, the scene loads.
   CHECK(load(&cache) != nullptr);
   fs::remove_all(folder);
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""`mpirun palpate-import --bricks`, as users meet it: mpi_import_test.py PROGRAM.
+"""Tests `mpirun palpate-import --bricks` through its command line: mpi_import_test.py PROGRAM.
 
-All ranks on this machine, through its memory and loopback.
+All ranks run on this machine and use its memory and loopback.
 """
 import array
 import fcntl
@@ -34,7 +34,7 @@ os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1"
 
 
 def command(ranks, *words):
-    """Of one process without mpirun for 0 ranks."""
+    """Returns the command. With 0 ranks, it starts one process without mpirun."""
     begin = [MPIRUN, *HERE, "-n", str(ranks)] if ranks else []
     return [*begin, IMPORT, *map(str, words)]
 
@@ -47,7 +47,7 @@ def run(ranks, *words, status=0):
 
 
 def lines_of(done):
-    """Ours: mpirun says more of a rank that has failed."""
+    """Returns palpate's lines: mpirun prints more about a failed rank."""
     return [line for line in done.stderr.splitlines() if line.startswith("palpate: ")]
 
 
@@ -60,7 +60,7 @@ SIZE = (30, 26, 250)  # 4 slabs of bricks, of which the last is not full
 
 
 def blob(scale=1.0):
-    """A wavy rod in nothing, along k; it is nowhere the same, and ends before the last slab."""
+    """Returns a wavy rod along k in an empty image. Its values vary everywhere, and it ends before the last slab."""
     values = array.array("f")
     for k in range(SIZE[2]):
         x0, y0 = 14 + 6 * math.sin(k / 17), 12 + 5 * math.cos(k / 23)
@@ -98,7 +98,7 @@ class Case(unittest.TestCase):
         self.assertEqual([name for name in alone if alone[name] != other[name]], [])
 
     def check(self, ranks, file, *words):
-        """The same bytes and the same report, but for memory, however many there are."""
+        """All numbers of ranks give the same bytes and the same report, except for memory."""
         name = f"{file.name}{len(list(self.dir.iterdir()))}"
         alone = self.dir / f"{name}_alone"
         report = json.loads(run(0, file, alone, "--bricks", "--json", *words).stdout)
@@ -125,7 +125,7 @@ class Bytes(Case):
         self.check([2], self.raw, *self.layout, "--tolerance", "3")
 
     def test_everything_in_one_slab(self):
-        # Nothing active but in the third one, whose rank has no neighbours with any.
+        # Only the third slab is active, so that its rank has no active neighbours.
         values = array.array("f", self.values)
         slab = SIZE[0] * SIZE[1] * 64
         for n in list(range(2 * slab)) + list(range(3 * slab, len(values))):
@@ -137,7 +137,7 @@ class Bytes(Case):
     def test_holes_far_away(self):
         values = array.array("f", self.values)
         values[len(values) * 3 // 4] = math.nan
-        values[len(values) // 2] = 1e39  # none of a float
+        values[len(values) // 2] = 1e39  # too large for a float
         file = self.dir / "holes.raw"
         file.write_bytes(values.tobytes())
         self.check([2], file, *self.layout)
@@ -233,7 +233,7 @@ class Trouble(Case):
             done = subprocess.run([IMPORT, str(self.raw), str(self.dir / f"{name}.vdb"), *map(str, self.layout)],
                                   env={**os.environ, name: "0"}, capture_output=True, text=True, timeout=PATIENCE)
             self.assertEqual(done.returncode, 0, done.stderr)
-        # Of an MPI that is not this one there are many first ranks.
+        # Under another MPI, every process takes itself for the first rank.
         done = subprocess.run([IMPORT, str(self.raw), str(self.dir / "many"), "--bricks", *map(str, self.layout)],
                               env={**os.environ, "PMI_RANK": "1", "PMI_SIZE": "2"}, capture_output=True, text=True,
                               timeout=PATIENCE)
@@ -258,7 +258,7 @@ class Trouble(Case):
         fcntl.flock(held, fcntl.LOCK_EX)
         self.refused(run(3, self.raw, out, "--bricks", *self.layout, status=2), "held")
         os.close(held)
-        # The last rank alone cannot put a brick in its place.
+        # Only the last rank cannot write a brick to its place.
         words = [self.raw, out, "--bricks", *self.layout]
         run(2, *words)
         (out / "palpate.bricks").unlink()
@@ -274,7 +274,7 @@ class Trouble(Case):
         self.assert_same(files_in(alone), files_in(out))
 
     def processes(self, out, rank):
-        """Of that rank: the one that mpirun has started, and its child, which works."""
+        """Returns the processes of a rank: the one that mpirun has started, and its child, which does the work."""
         found = {}
         for one in Path("/proc").iterdir():
             try:
@@ -290,7 +290,7 @@ class Trouble(Case):
         return [pid for pid in found if pid not in workers], workers
 
     def test_killed_and_gone_on_with(self):
-        # Noise, which takes its time.
+        # Noise takes long to compress.
         size = (250, 250, 320)
         file = self.dir / "noise.raw"
         file.write_bytes(random.Random(3).randbytes(size[0] * size[1] * size[2]))

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The .debs on an empty Debian of the same release, by debootstrap: packages_test.sh BUILD
-# Installs them with apt, imports and feels a head, steps it from Python; says the minutes and the
-# megabytes. Needs root, debootstrap and the network: skipped (77) without. For ./test.sh --long.
+# Installs the .debs on an empty Debian of the same release, made by debootstrap: packages_test.sh BUILD
+# Installs them with apt, imports and feels a head, steps it from Python; prints the minutes and the megabytes.
+# Needs root, debootstrap and the network; otherwise skipped (77). For ./test.sh --long.
 set -euo pipefail
 [ "$(id -u)" -eq 0 ] && command -v debootstrap >/dev/null || { echo "packages: needs root and debootstrap"; exit 77; }
 image=/usr/share/mricron/templates/ch2.nii.gz
@@ -9,7 +9,7 @@ image=/usr/share/mricron/templates/ch2.nii.gz
 place=$(mktemp -d)
 root=$place/root
 debs=$place/debs
-# Nothing is mounted below it that could be lost.
+# No file system that could lose data is mounted below the folder.
 cleanup() {
     umount "$root/proc" 2>/dev/null || true
     rm -rf --one-file-system "$place"
@@ -20,7 +20,7 @@ quietly() { "$@" >>"$place/log" 2>&1 || { tail -40 "$place/log"; exit 1; }; }
 
 (cd "$1" && quietly cpack -G DEB -B "$debs")
 . /etc/os-release
-# Whence this machine gets its packages.
+# The mirror from which this machine gets its packages.
 from=$(apt-get indextargets --format '$(SITE) $(RELEASE)' 'Created-By: Packages' |
     awk -v r="$VERSION_CODENAME" '$2 == r { print $1; exit }')
 since=$SECONDS

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The picture of a run: picture_test.py BIN_DIR VOLUMES_PROGRAM. What the program hands to the one
-that draws is taken on its way; what is drawn is read out of an SVG, and out of the figure."""
+"""Tests the picture of a run: picture_test.py BIN_DIR VOLUMES_PROGRAM. The tests intercept the program's input for
+the drawing script, and read the drawn content from an SVG and from the figure."""
 import json
 import math
 import os
@@ -18,10 +18,10 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 import suite  # noqa: E402
 from cli_test import BIN, Case, run  # noqa: E402
 
-SCENES = Path(__file__).resolve().parents[2] / "scenes"
+SCENES = Path(__file__).resolve().parents[2] / "scenes" / "apps" / "cli"
 SVG = "{http://www.w3.org/2000/svg}"
 PLANES = [[0, 1], [0, 2], [1, 2]]
-# Of the figure that feel_picture.py draws: greys, alphas of the path, where axes and legend are.
+# Properties of feel_picture.py's figure: greys, alphas of the path, positions of axes and legend.
 LOOK = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
@@ -42,7 +42,7 @@ json.dump({
 
 
 def nrrd(file, size, values, *head, kind="float"):
-    """Values by (i, j, k), i fastest, with these lines in the header."""
+    """Writes values by (i, j, k), i fastest, with these lines in the header."""
     lines = ["NRRD0004", f"type: {kind}", "endian: little", "encoding: raw", *head]
     numbers = [values(i, j, k) for k in range(size[2]) for j in range(size[1])
                for i in range(size[0])]
@@ -51,7 +51,7 @@ def nrrd(file, size, values, *head, kind="float"):
 
 
 def ball(i, j, k):
-    """1000 in a ball, -1000 about it; a bright spot to +i of its middle."""
+    """1000 in a ball, -1000 around it; a bright spot in direction +i from its centre."""
     if math.dist((i, j, k), (24, 15, 15)) < 3:
         return 2000.0
     return 1000.0 if math.dist((i, j, k), (15, 15, 15)) < 12 else -1000.0
@@ -65,7 +65,7 @@ class Pictures(Case):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        # The program beside a drawer that keeps what it is given.
+        # The program with a drawing script that keeps its input.
         cls.tee = cls.dir / "tee"
         cls.tee.mkdir()
         shutil.copy2(BIN / "palpate", cls.tee)
@@ -92,7 +92,7 @@ class Pictures(Case):
                 raise AssertionError(done.stderr)
 
     def path(self, *rows):
-        """A hand that goes from place to place, a second each."""
+        """Makes a hand that goes from place to place, one second each."""
         file = self.dir / "path.csv"
         file.write_text("t,x,y,z\n" + "".join(f"{t},{x},{y},{z}\n"
                                               for t, (x, y, z) in enumerate(rows)))
@@ -105,7 +105,7 @@ class Pictures(Case):
         return file
 
     def given(self, *words):
-        """What is handed to the one that draws."""
+        """Returns the input of the drawing script."""
         kept = self.dir / "kept.json"
         place = self.dir / "kept.svg"
         subprocess.run([str(self.tee / "palpate"), *map(str, words), "--picture", place],
@@ -127,7 +127,7 @@ class Pictures(Case):
         return json.loads(done.stdout)
 
     def head(self, name, **place):
-        """A scene of an imported ball, and a hand that goes into it from the patient's front."""
+        """Returns a scene of an imported ball, and a hand that enters it from the patient's front."""
         place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06], **place}
         volume = {"file": f"{name}.vdb", "place": place}
         scene = self.scene(f"{name}-scene", {"body": volume},
@@ -157,8 +157,8 @@ class Pictures(Case):
             self.assertGreater(seen[high][1], 0.9)
 
     def test_places_are_the_patients(self):
-        # LPS to RAS: the middle, 15 voxels of 2 mm from (10, 20, 30), is at (-40, -50, 60); the
-        # bright spot, at more i, is to the patient's left.
+        # LPS to RAS: the centre, 15 voxels of 2 mm from (10, 20, 30), is at (-40, -50, 60). The bright spot, at larger
+        # i, is to the patient's left.
         half = math.sqrt(0.5)
         for turned in (False, True):
             words = self.head("lps")
@@ -191,7 +191,7 @@ class Pictures(Case):
         self.assertIn("axes: the hand's space, z up", words)
         self.assertIn("body [HU]", words)
         words = texts(self.svg("feel", self.dir / "ball.vdb", "--seconds", 1))
-        self.assertIn("ball", words)  # no unit: the field's name
+        self.assertIn("ball", words)  # without a unit, the field's name
 
     def test_no_folder_is_named(self):
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
@@ -204,7 +204,7 @@ class Pictures(Case):
         data = self.given("feel", *self.head("lps"))
         slices = data["fields"][0]["slices"]
         slices[0]["values"] = [[v / 2 for v in line] for line in slices[0]["values"]]
-        slices[2]["values"][0][0] = 1e9  # one value without sense
+        slices[2]["values"][0][0] = 1e9  # one outlier
         greys = self.look(data)["greys"]
         self.assertEqual(greys, [greys[0]] * 3)
         self.assertLess(greys[0][0], -900)
@@ -230,7 +230,8 @@ class Pictures(Case):
             self.assertNotIn(f'id="{there}"', self.svg(*words))
             field = self.given(*words)["fields"][0]
             self.assertEqual(field["kind"], "axial" if axial else "vector")
-            # The flow is to the right and grows with y; across x there is what it has along y.
+            # The flow points to the right and grows with y. In the slice across x the vectors show the flow's y
+            # component.
             for x, y in (v for line in field["slices"][0]["vectors"] for v in line if v):
                 self.assertGreater(abs(x), 0.9)
                 self.assertAlmostEqual(abs(y), 0.5, delta=1e-6)
@@ -248,7 +249,7 @@ class Pictures(Case):
         drag = {"name": "drag", "mode": "viscosity", "of": "a", "strength": 0.05}
         wall = {"name": "wall", "mode": "isosurface", "of": "b", "value": 0, "solid": "above",
                 "strength": 5}
-        # Drags all the time; meets the wall for a second.
+        # The drag acts all the time; the hand meets the wall for a second.
         device = self.path((0, 0.029, 0), (0.005, 0.029, 0), (-0.005, 0.029, 0), (0, 0.029, 0),
                            (0, 0.018, 0), (0, 0.029, 0))
         data = self.given("feel", self.scene("two", volumes, drag, wall), "--device", device)
@@ -265,7 +266,7 @@ class Pictures(Case):
                          for i in range(200)]
         for colours in self.look(data)["alphas"][0]:  # the slice across z: rim and line
             self.assertGreater(max(colours), 3 * min(colours))
-            self.assertEqual(colours, sorted(colours))  # what is near is on top
+            self.assertEqual(colours, sorted(colours))  # near stretches are on top
 
     @suite.smoke
     def test_what_moves_is_where_it_was_felt_most(self):
@@ -276,8 +277,8 @@ class Pictures(Case):
                 "strength": 5}
         scene = self.scene("moves", {"body": {"file": "lps.vdb", "place": place}}, wall)
         data = self.given("feel", scene, "--device", self.path(*[(0, 0.035, 0)] * 3))
-        self.assertFalse(data["space"]["patient"])  # which does not move
-        # It comes to the hand, whose strongest moment is the end; its front is at 0.024 + 0.02.
+        self.assertFalse(data["space"]["patient"])  # the patient's space does not move
+        # The volume moves to the hand. The force is largest at the end, when the front is at 0.024 + 0.02.
         self.assertAlmostEqual(data["stands_at"], 2.0, delta=0.1)
         column = [line[len(line) // 2] for line in data["fields"][0]["slices"][0]["values"]]
         low, high = data["extent"][0][1], data["extent"][1][1]

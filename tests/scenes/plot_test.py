@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Traces side by side: plot_test.py BIN_DIR VOLUMES_PROGRAM. What a picture says it shows (--json) is
-beside the trace's own numbers, computed here without what draws it."""
+"""Tests plots of traces: plot_test.py BIN_DIR VOLUMES_PROGRAM. Compares the numbers that a picture reports (--json)
+with the trace's own numbers, computed here without the drawing script."""
 import csv
 import json
 import math
@@ -35,7 +35,7 @@ def run(*words, status=0, stdin=""):
 
 
 class Numbers:
-    """What a trace says, by the book."""
+    """The numbers of a trace, computed from their definitions."""
 
     def __init__(self, text):
         rows = list(csv.DictReader(text.splitlines()))
@@ -47,7 +47,7 @@ class Numbers:
         self.force = [math.hypot(*f) for f in forces]
         self.gap = [1e3 * math.dist(*pair) for pair in zip(self.probe, self.proxy)]
         self.bound = [float(row["error_bound"]) for row in rows]
-        self.energy = [0.0]  # [mJ]: a tick's force works until the next one
+        self.energy = [0.0]  # [mJ]: a tick's force works until the next tick
         for f, a, b in zip(forces, self.probe, self.probe[1:]):
             self.energy.append(self.energy[-1] + 1e3 * sum(n * (y - x) for n, x, y in zip(f, a, b)))
         self.ticks = sorted(int(row["tick_ns"]) for row in rows)
@@ -55,7 +55,7 @@ class Numbers:
         self.limited = sum(row["limited"] == "1" for row in rows)
 
     def percentile(self, share):
-        """The smallest that so many ticks do not exceed [us]."""
+        """Returns the smallest time that this share of ticks does not exceed [us]."""
         return 1e-3 * self.ticks[math.ceil(share * len(self.ticks)) - 1]
 
 
@@ -83,7 +83,7 @@ class Plot(unittest.TestCase):
         cls.holder.cleanup()
 
     def drawn(self, *traces, out="runs.png", stdin=""):
-        """What is drawn, and the picture, which is taken away."""
+        """Returns the reported content and the picture. Removes its file."""
         place = self.dir / out
         done = run("plot", *traces, "--out", place, "--json", stdin=stdin)
         self.assertEqual(done.stderr, "")
@@ -120,7 +120,7 @@ class Plot(unittest.TestCase):
             self.near(shown["energy_mJ"], 1e3 * felt["net_energy"])
             for word, share in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)):
                 self.near(shown["tick_us"][word], own.percentile(share))
-                if 1e3 * shown["tick_us"][word] < 65000:  # coarser beyond, in the summary
+                if 1e3 * shown["tick_us"][word] < 65000:  # above, the summary is coarser
                     self.near(shown["tick_us"][word], 1e-3 * felt["tick_ns"][word])
             self.assertEqual(shown["status"], {w: own.words.count(w) for w in set(own.words)})
             self.assertEqual(shown["limited"], own.limited)
@@ -139,7 +139,7 @@ class Plot(unittest.TestCase):
                 self.assertEqual(shown["y"]["scale"], "log" if panel == "bound" else "linear")
                 self.assertLessEqual(shown["x"]["limits"][0], own.t[0])
                 self.assertGreaterEqual(shown["x"]["limits"][1], own.t[-1])
-                # Fewer points than ticks, yet with the least and the most; no error is at the bottom.
+                # Fewer points than ticks, including the least and the largest; an error of zero is drawn at the bottom.
                 least, most, count = shown["line"]
                 self.assertLessEqual(count, 2002)
                 self.near(most, max(lines[panel]))
@@ -167,7 +167,7 @@ class Plot(unittest.TestCase):
             self.assertEqual(panels[name, "status"]["texts"], [str(c) for c in counts])
             self.assertEqual(panels[name, "force"]["legend"][0], "sent")
             self.assertIn(f"limited ({own.limited} tick", panels[name, "force"]["legend"][1])
-        # Runs can be compared: a panel has one range for all.
+        # Runs can be compared: a panel has one range for all runs.
         for panel in (*PLANES, *OVER_TIME, "status", "times"):
             ranges = {json.dumps(panels[name, panel]["y"]["limits"]) for name in STRENGTHS}
             self.assertEqual(len(ranges), 1, panel)
@@ -176,7 +176,7 @@ class Plot(unittest.TestCase):
         for kind in ("png", "pdf", "svg"):
             told, picture = self.drawn(*self.traces, out=f"runs.{kind}")
             self.assertEqual((told["format"], told["dpi"]), (kind, 300))
-            self.assertEqual(self.drawn(*self.traces, out=f"runs.{kind}")[1], picture)  # no dates
+            self.assertEqual(self.drawn(*self.traces, out=f"runs.{kind}")[1], picture)  # without dates
             self.assertNotIn(str(self.dir).encode(), picture)
             self.assertLess(len(picture), 3e6)
             if kind == "png":
@@ -189,7 +189,7 @@ class Plot(unittest.TestCase):
                     self.assertAlmostEqual(pixels, 300 * inches, delta=1)
             elif kind == "pdf":
                 self.assertEqual(picture[:5], b"%PDF-")
-                self.assertIn(b"/FontFile2", picture)  # letters as journals want them
+                self.assertIn(b"/FontFile2", picture)  # fonts as journals require them
                 self.assertNotIn(b"/Type3", picture)
             else:
                 words = " ".join(" ".join(text.itertext()) for text in ET.fromstring(picture).iter(
@@ -220,7 +220,7 @@ class Plot(unittest.TestCase):
                          {"converged": "150000", "hairpin": "149999", "substep-limit": "0", "fault": "1",
                           "limited": "1"})
         self.assertEqual(panels["force"]["legend"], ["sent", "limited (1 tick)"])
-        # All that is marked is seen: every stretch of the two, one of fault, one of limited.
+        # All marks are drawn: the intervals of the two statuses, one of fault, one of limited.
         self.assertEqual(panels["status"]["marks"], 4)
 
     def test_a_trace_may_be_written_otherwise(self):
@@ -322,7 +322,7 @@ class Plot(unittest.TestCase):
         bad("\n".join([head, first.replace("converged", "fine")]), says='"fine" is no status')
         bad("\n".join([head, second, first]), says="bad.csv line 3: its time is before")
         bad(head + "\n" + "1," * 40000, says="bad.csv line 2: it is longer than")
-        # What is there stays: an input, and the picture before.
+        # Existing files are kept: an input, and the previous picture.
         trace = self.written("trace.png", text)
         refused(trace, "--out", trace, says="it is an input of this run")
         link = self.dir / "link.svg"

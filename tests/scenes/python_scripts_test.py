@@ -1,4 +1,5 @@
-"""Scripts that use the Python module, by pytest, with PYTHONPATH on the module: they run, and say what is so."""
+"""Tests scripts that use the Python module, with pytest and PYTHONPATH on the module: they run and print correct
+results."""
 
 import importlib.util
 import os
@@ -13,7 +14,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 
 def script(path, folder, *words):
-    """What it prints; without a display, so that nothing waits for a window."""
+    """Returns the script's output. Runs it without a display, so that it waits for no window."""
     env = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
     done = subprocess.run([sys.executable, str(ROOT / path), *map(str, words)], cwd=folder, text=True,
                           env={**env, "MPLBACKEND": "Agg"}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -22,7 +23,7 @@ def script(path, folder, *words):
 
 
 def test_the_session_of_the_page(tmp_path):
-    said = script("scenes/python/session.py", tmp_path)
+    said = script("scenes/bindings/python/session.py", tmp_path)
     shown = re.findall(r"^```text\n(.*?)^```$", (ROOT / "docs/notebook.md").read_text(), flags=re.S | re.M)
     assert len(shown) == 3
     for block in shown:
@@ -33,7 +34,7 @@ def test_the_session_of_the_page(tmp_path):
 
 
 def test_speed_and_accuracy_from_python(tmp_path):
-    """Errors are tested, times are not."""
+    """Tests errors, not times."""
     said = script("bench/speed_accuracy_from_python.py", tmp_path, "--ticks", 300, "--rounds", 1, "--out",
                   tmp_path / "chart.png")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in said.splitlines() if line[:1] == "|"]
@@ -41,12 +42,12 @@ def test_speed_and_accuracy_from_python(tmp_path):
     assert len(of) == 27
     assert all(ns > 0 for ns, _, _ in of.values())
     off = [of[how, 1e-4, 64][1] for how in ("trilinear", "quadratic", "cubic")]
-    # An interpolant's own error is (k1 + k2) / 8 at most: of a ball of 8 voxels, 1 / 32.
+    # The interpolant's own error is at most (k1 + k2) / 8: for a ball of 8 voxels 1 / 32.
     assert off[0] == pytest.approx(1 / 32, rel=0.1)
     assert off[1] < off[0] / 4 and off[2] < off[1] / 10
     for how in ("trilinear", "quadratic", "cubic"):
         loose, tight, single, finest = (of[how, *setting][2] for setting in
                                         ((1, 64), (1e-4, 64), (1e-4, 1), (1e-8, 64)))
-        assert finest == 0 and tight < 1e-4 < loose < single < 0.1
+        assert finest == 0 and tight < 1e-4 and tight <= loose < single < 0.1
     for name in ("chart.png", "chart.svg"):
         assert (tmp_path / name).stat().st_size > 10_000

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Volumes in bricks from Ceph, as users meet them: rados_test.py BIN_DIR CLASS...
+"""Tests volumes in bricks from Ceph, through the command line: rados_test.py BIN_DIR CLASS...
 
-A cluster of one monitor and one store in memory, on this machine's loopback, with keys as a real one has.
+A cluster of one monitor and one store in memory, on this machine's loopback, with keys as in a real cluster.
 """
 import json
 import os
@@ -106,7 +106,7 @@ class Cluster:
         return json.loads(out) if out else None
 
     def copy(self, folder):
-        """As docs/cluster.md says: the manifest last."""
+        """Copies a folder as docs/cluster.md describes: the manifest last."""
         files = [file for file in folder.rglob("*") if file.is_file()]
         for file in sorted(files, key=lambda file: file.name == "palpate.bricks"):
             self.pool.write_full(str(file.relative_to(folder.parent)), file.read_bytes())
@@ -115,7 +115,7 @@ class Cluster:
         for program in self.programs:
             program.kill()
             program.wait()
-        # Only now: it would wait for what stands still.
+        # Not earlier: shutdown waits for stopped processes.
         if self.as_admin is not None:
             self.as_admin.shutdown()
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Recordings as users meet them: record_test.py BIN_DIR VOLUMES_PROGRAM [--host] [--without-hdf5].
-With --host the tests that depend on how the machine schedules, without it all others; with
---without-hdf5 of a program that was built so."""
+"""Tests recordings through the command line: record_test.py BIN_DIR VOLUMES_PROGRAM [--host] [--without-hdf5]. With
+--host runs the tests that depend on how the machine schedules, without it all others. With --without-hdf5 tests a
+program that was built without HDF5."""
 import csv
 import json
 import os
@@ -44,7 +44,7 @@ def run(*words, status=0):
 
 
 def rows_of(file):
-    """As docs/recording.md reads them."""
+    """Reads a recording with the code of docs/recording.md."""
     text = (ROOT / "docs/recording.md").read_text(encoding="utf-8")
     lines = re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1)
     names = {}
@@ -83,7 +83,7 @@ class Recorded(Case):
             self.assertTrue(told["identical"])
             self.assertEqual(told["ticks"], [4000, 4000])
         self.assertIn("the same to the last bit, 4000 ticks", run("compare", a, a).stdout)
-        # Traces and summaries of it are those of the run, but for times.
+        # Traces and summaries of the replay equal those of the run, except for times.
         told = [json.loads(run("feel", self.scene, "--json", *words).stdout)
                 for words in (("--seconds", 4), ("--device", f"replay:{a}"))]
         for key in ("force_max", "samples", "status", "net_energy"):
@@ -95,14 +95,14 @@ class Recorded(Case):
         wind.write_text(run("scene", self.dir / "wind.vdb").stdout, encoding="utf-8")
         for scene in (self.scene, wind):
             a = self.record("a.rec", scene, "--seconds", 3)
-            # One core loads and derives what two did; the C library's variants without FMA.
+            # One core loads and derives instead of two; the C library uses its variants without FMA.
             for words, more in ((["taskset", "-c", "0"], {}),
                                 ([], {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2"})):
                 subprocess.run([*words, PALPATE, "feel", scene, "--device", f"replay:{a}",
                                 "--record", self.dir / "b.rec"], env={**os.environ, **more},
                                capture_output=True, check=True)
                 self.assertTrue(self.compare("a.rec", "b.rec")["identical"], (scene, words))
-        # Turns of what moves are the C library's sines: far within what a tick certifies.
+        # Rotations of moving volumes use the C library's sines: they differ far less than a tick certifies.
         moving = json.loads(json.dumps(SCENE))
         moving["volumes"]["ball"]["place"] = {
             "fit": 0.1, "repeat": True, "keyframes": [
@@ -129,7 +129,7 @@ class Recorded(Case):
         words = run("compare", a, self.dir / "b.rec", status=1).stdout
         self.assertIn(f"first in tick {told['first']['tick']} ", words)
         self.assertIn("most      in tick", words)
-        # Where that is, as a line to be pasted: it has A's force.
+        # The output has a command that explains this tick: it gives the force of A.
         line = re.search(r"why +palpate (explain .*)", words).group(1)
         self.assertEqual("palpate " + line, told["explain"])
         explained = json.loads(run(*line.split(), "--json").stdout)
@@ -138,7 +138,7 @@ class Recorded(Case):
         spring = row["stiffness"] * np.linalg.norm(row["proxy"] - row["hand"])
         self.assertAlmostEqual(np.linalg.norm(explained["force"]["spring"]), spring,
                                delta=0.1 * spring)
-        # Another hand is told as such.
+        # A different hand is reported.
         self.record("c.rec", self.scene, "--seconds", 4, "--rate", 900)
         told = self.compare("a.rec", "c.rec", status=1)
         self.assertEqual(told["given_otherwise"]["tick"], 1)
@@ -151,7 +151,7 @@ class Recorded(Case):
         self.record("b.rec", self.scene, "--device", f"replay:{a}@0.25")
         _, rows = rows_of(self.dir / "b.rec")
         self.assertEqual(list(rows["tick"]), list(range(251, 2001)))
-        # By their numbers, ticks are compared with those that they are again.
+        # Ticks are compared by their numbers, with the ticks that they repeat.
         told = self.compare("a.rec", "b.rec", status=1)
         self.assertEqual(told["alone"], [250, 0])
         self.assertEqual(told["lost"], [0, 0])
@@ -203,7 +203,7 @@ class Recorded(Case):
 
     @suite.smoke
     def test_h5py_reads_it(self):
-        # More than two blocks, and not a whole number of them.
+        # More than two blocks, and not an integer number of blocks.
         a = self.record("a.rec", self.scene, "--seconds", 2.5)
         out = self.dir / "a.h5"
         if WITHOUT_HDF5:
@@ -236,11 +236,11 @@ class Recorded(Case):
             self.assertEqual(list(scenes["id"]), sorted(set(rows["scene"]) - {0}))
             told = json.loads(scenes["text"][0])
             self.assertEqual(json.loads(told["text"]), SCENE)
-        # The same again, bit by bit; by its other name; in the place of what stood there.
+        # Again, with equal bytes: with the other file extension, over an existing file.
         (self.dir / "b.hdf5").write_bytes(b"another")
         run("convert", a, self.dir / "b.hdf5")
         self.assertEqual((self.dir / "b.hdf5").read_bytes(), out.read_bytes())
-        # Of a recording without a tick nothing but what it says of itself.
+        # A recording without ticks gives only its description.
         none = self.dir / "none.rec"
         none.write_bytes(a.read_bytes()[:head["offset"]])
         run("convert", none, out)
@@ -263,7 +263,7 @@ class Recorded(Case):
             self.assertIn(says, line)
             self.assertEqual(out.read_bytes(), b"what stood there")
 
-        # Nothing at all, some of it, and not its end.
+        # The disk has room for no data, a part, or all except the end.
         size = self.dir / "whole.h5"
         run("convert", a, size)
         for blocks in (0, 4, size.stat().st_size // 2048, size.stat().st_size // 1024 - 1):
@@ -317,7 +317,7 @@ class Recorded(Case):
         refused("feel", self.scene, "--speed", 1, says="only a recorded hand")
         refused("feel", self.scene, "--device", replay, "--speed", 0, says="0 is not 0.001 to 1000")
         refused("feel", self.scene, "--device", replay, "--rate", 500, says="recorded at 1000 Hz")
-        # What stands there before stays where a run is refused.
+        # If a run is refused, existing files are kept.
         (self.dir / "b.2.rec").mkdir()
         (self.dir / "b.rec").write_bytes(a.read_bytes())
         refused("feel", self.scene, "--device", "simulated", "--device", "simulated", "--record",
@@ -343,7 +343,7 @@ class Recorded(Case):
             first = rows["tick"][rows["fault"] != 0][0]
             self.assertEqual(first, 1551 if word == "late" else 1501, word)
             self.assertTrue((rows["force"][rows["fault"] != 0] == 0).all())
-            # The trouble is in what the tick was given: it comes again.
+            # The fault is in the tick's input, so that the replay repeats it.
             run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",
                 self.dir / "b.rec", status=1)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
@@ -366,7 +366,7 @@ class Recorded(Case):
 
 
 class OnTime(Case):
-    """With a clock."""
+    """Tests with a clock."""
     HOST = True
 
     def test_what_only_a_clock_shows(self):
@@ -382,7 +382,7 @@ class OnTime(Case):
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def test_an_edited_scene_is_edited_again(self):
-        # A hand that slides to and fro on the ball, whichever scene it is in.
+        # A hand that slides to and fro on the ball, in all scenes.
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n" + "".join(
             f"{0.5 * i},{0.01 * (i % 2)},0,0.045\n" for i in range(1, 9)), encoding="utf-8")
@@ -398,7 +398,7 @@ class OnTime(Case):
         run("feel", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}", "--record",
             self.dir / "b.rec", "--trace", self.dir / "b.csv")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
-        # A mode bears its load for as long as its name is there.
+        # The trace has a mode's load as long as its name exists.
         with open(self.dir / "b.csv", encoding="utf-8") as file:
             trace = list(csv.DictReader(file))
         self.assertEqual([name for name in trace[0] if name.startswith("load_")], ["load_skin"])
@@ -407,7 +407,7 @@ class OnTime(Case):
             of_scene = [row for row, number in zip(trace, rows["scene"]) if number == scene]
             self.assertTrue(any(float(row["force_z"]) != 0 for row in of_scene))
             self.assertEqual(any(float(row["load_skin"]) > 0.1 for row in of_scene), bears)
-        # And again: its scenes are in that recording as well.
+        # A replay of the replay: that recording has the scenes as well.
         run("feel", self.dir / "b.rec", "--device", f"replay:{self.dir / 'b.rec'}", "--record",
             self.dir / "c.rec")
         self.assertTrue(self.compare("a.rec", "c.rec")["identical"])
@@ -425,12 +425,12 @@ class OnTime(Case):
                 self.assertIsNone(feeling.poll())
                 time.sleep(0.01)
             time.sleep(chance.uniform(0.0, 1.0))
-            # What the loop had taken by then: the file as it grows, and the clock.
+            # How far the loop had come: from the growing file and the clock.
             begun = time.monotonic() - len(rows_of(file)[1]) / 1000.0
             feeling.send_signal(signal.SIGKILL)
             killed = time.monotonic() - begun
             feeling.communicate()
-            # A kill in the middle of a write tears a chunk: what is whole before it counts.
+            # A kill in the middle of a write tears a chunk; the whole chunks before it count.
             told = self.compare("a.rec", "a.rec")
             torn += told["torn"][0] > 0
             worst = max(worst, killed - told["ticks"][0] / 1000.0)

@@ -9,10 +9,10 @@
 #include <nlohmann/json.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
-#include "palpate/scenes/scene_cache.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/random.h"
 #include "tests/support/source_dir.h"
@@ -25,12 +25,12 @@ using Json = nlohmann::json;
 
 namespace {
 
-/// A scene with all that this version has, over linear.vdb.
+/// A scene with all features of this version, over linear.vdb.
 Json fullScene() {
   return Json::parse(R"({
     "$schema": "scene.schema.json", "description": "all of it", "palpate": 1,
     "coupling": {"stiffness": 400, "damping": 0.5},
-    "accuracy": {"max_substeps": 16, "max_iterations": 90},
+    "accuracy": {"max_substeps": 16, "max_iterations": 90, "slope_reach": 1},
     "volumes": {
       "head": {"file": "linear.vdb", "grid": "density", "place": {"fit": 0.1}, "interpolation": "trilinear"},
       "flow": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "head"}},
@@ -60,7 +60,7 @@ Json fullScene() {
     ]})");
 }
 
-/// A vortex about z, speed r exp(-r^2 / 2), 41^3 voxels of 0.1 about the origin, in flow.vdb.
+/// Writes flow.vdb: a vortex about z, speed r exp(-r^2 / 2), 41^3 voxels of 0.1 about the origin.
 void writeVortex(const std::filesystem::path& folder) {
   const auto transform = openvdb::math::Transform::createLinearTransform(0.1);
   transform->postTranslate(openvdb::Vec3d(-2.0));
@@ -74,7 +74,7 @@ void writeVortex(const std::filesystem::path& folder) {
   writeVdb(folder / "flow.vdb", {flow});
 }
 
-/// A scene of one isosurface in the vortex; 10 mm to the unit.
+/// A scene of one isosurface in the vortex; 10 mm per unit.
 Json vortexScene(const char* of, double value, const char* solid) {
   Json scene = Json::parse(R"({
     "palpate": 1, "coupling": {"stiffness": 500},
@@ -119,6 +119,7 @@ TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
   const SceneSpec spec = parseScene(fullScene().dump(), "s.json", folder.path());
   CHECK(spec.coupling.stiffness == 400);
   CHECK(spec.step.max_substeps == 16);
+  CHECK(spec.slope_reach == 1.0);
   CHECK(spec.step.max_iterations == 90);
   CHECK(spec.graph.modes[0].depth_voxels == 2);
   CHECK(spec.graph.modes[4].sense == Sense::kRepel);
@@ -201,6 +202,8 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/coupling/stiffness", nullptr, "null is neither a number nor an object"},
       {"/coupling/stiffness", {{"window", 1}}, "/coupling/stiffness/window: it is not an object"},
       {"/coupling/damping", -0.1, "/coupling/damping: -0.1 is negative"},
+      {"/accuracy/slope_reach", 0, "0 is not > 0"},
+      {"/accuracy/slope_reach", 1.5, "more than a voxel"},
       {"/accuracy/max_substeps", 2.5, "not a whole number"},
       {"/accuracy/max_substeps", 0, "not a whole number"},
       {"/accuracy/max_iterations", 0, "not a whole number"},
@@ -239,7 +242,7 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
   openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.1);
   ball->setName("ball");
   writeVdb(folder.path() / "ball.vdb", {ball});
-  // Balls of 2 cm, 10 cm apart, and one with drag inside that only some of them would need.
+  // Balls of 2 cm, 10 cm apart, with a drag inside, and one ball alone.
   Json scene = Json::parse(R"({"palpate": 1, "volumes": {
       "ball": {"file": "ball.vdb", "instances": []},
       "again": {"file": "ball.vdb", "place": {"like": "ball"}},
@@ -299,7 +302,7 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
   Json bad = scene;
   bad["modes"][0]["by"] = "alone";
   CHECK_THAT(error(bad), Contains("s.json: /modes/0") && Contains("which has instances"));
-  // The mode that joins them, not the first of them.
+  // The error names the mode that joins the volumes, not the first mode.
   bad["modes"][0].erase("by");
   bad["modes"].push_back({{"mode", "viscosity"}, {"of", "alone"}, {"by", "ball"}, {"strength", 1}});
   CHECK_THAT(error(bad), Contains("s.json: /modes/" + std::to_string(bad["modes"].size() - 1)) &&
@@ -319,7 +322,7 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
   bad = scene;
   bad["modes"][0]["of"] = "bal";
   CHECK_THAT(error(bad), Contains("/modes/0/of") && Contains("did you mean \"ball\"?"));
-  // As only C++ can say it.
+  // Only C++ can specify "like" and instances together.
   SceneSpec both = parseScene(scene.dump(), "s.json", folder.path());
   for (auto& [name, volume] : both.volumes) {
     if (!volume.instances.empty()) continue;
@@ -329,7 +332,7 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
     break;
   }
   CHECK_THROWS_WITH(buildScene(both), Contains("/instances: it is placed like another volume"));
-  // Whoever cancels is heard while parts are built, too.
+  // The caller can cancel while parts are built, too.
   int calls = 0;
   CHECK_THROWS_AS(buildScene(parseScene(scene.dump(), "s.json", folder.path()),
                              [&](double) {
@@ -351,7 +354,7 @@ TEST_CASE("a folder of many volumes is a scene of as many parts", "[scene][scale
   const BuiltScene built = buildScene(sceneFromVdb(folder.path()));
   CHECK(built.scene->parts.size() == kFiles);
   CHECK(built.scene->graph.modes.empty());
-  // The first fits into 0.1 m, the others stand as their files say.
+  // The first grid fits into 0.1 m. The others stand as their files say.
   const double unit = built.placements.at("1000.ball").scale;
   CHECK(built.bounds.size().x() == Approx(unit * 5.0 * (kFiles - 1) + 0.1).epsilon(0.1));
   Reader reader;
@@ -381,7 +384,7 @@ TEST_CASE("isosurfaces of what is derived are felt where the flow has them", "[s
       {"vortex", 0.5, "below", [](double r) { return (1.0 - r * r) * std::exp(-r * r); }}};
   for (const Wall& wall : walls) {
     CAPTURE(wall.of);
-    // All of them are monotonic as far as r = 1.
+    // All the fields are monotonic up to r = 1.
     double low = 0.0;
     double high = 1.0;
     while (high - low > 1e-9) {
@@ -436,7 +439,7 @@ TEST_CASE("fields are computed at load only where a derivative of them is needed
   CHECK(build(scene).computed.empty());
   scene["modes"].push_back({{"mode", "surface"}, {"of", "speed"}, {"strength", 1}});
   CHECK(build(scene).computed.at("speed").why == "mode /modes/2 needs its gradient");
-  // What a field needs the derivatives of, and what no volume can give.
+  // A field is computed at load if another field needs its derivatives. No volume can give them.
   scene = vortexScene("speed", 0.4, "above");
   scene["fields"]["slope"] = {{"gradient", "swirl"}};
   scene["modes"] = Json::parse(R"([{"mode": "force", "of": "slope", "strength": 1}])");
@@ -444,7 +447,7 @@ TEST_CASE("fields are computed at load only where a derivative of them is needed
   CHECK(built.computed.at("swirl").why == "field \"slope\" needs its derivatives");
   CHECK(built.scene->graph.vector_properties == std::vector<std::string>{"gradient of swirl"});
 
-  // As many as a message of another site's may name.
+  // The limit is the number that a message from another site may name.
   scene = vortexScene("f63", 0.4, "above");
   for (int i = 0; i < 65; ++i) {
     const std::string of = i == 0 ? "flow" : "f" + std::to_string(i - 1);
@@ -468,7 +471,7 @@ TEST_CASE("fields are computed at load only where a derivative of them is needed
   scene["modes"][0]["of"] = "speed";
   CHECK(error(scene) == "no error");
 
-  // A field of the user's own has no voxels to compute it at.
+  // A user-defined field has no voxels at which to compute it.
   SceneSpec spec;
   spec.volumes["flow"].field = makeVortex(Vec3::Zero(), {0, 0, 2}, 0.1, 0.1);
   spec.graph.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
@@ -557,7 +560,7 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
     return buildScene(parseScene(json.dump(), "s.json", folder.path()), nullptr, &cache);
   };
   const BuiltScene first = build();
-  // Numbers only: an edit, volumes and computed fields are the same ones.
+  // Only numbers change: an edit. Volumes and computed fields are the same ones.
   json["modes"][0]["strength"] = 2;
   json["coupling"]["stiffness"] = 300;
   const BuiltScene edited = build();
@@ -566,12 +569,12 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
   CHECK(edited.volumes == first.volumes);
   CHECK(edited.fields == first.fields);
   CHECK(edited.computed.size() == first.computed.size());
-  // Another place: the volume is not loaded again, but the hand is elsewhere in it.
+  // At another place, the volume is not loaded again, but the hand is elsewhere in it.
   json["volumes"]["flow"]["place"]["scale"] = 0.02;
   const BuiltScene moved = build();
   CHECK(moved.volumes == first.volumes);
   CHECK(moved.scene->shape != first.scene->shape);
-  // What was broken in between costs nothing, and nothing of it is kept.
+  // A broken scene in between has no cost, and leaves no entry in the cache.
   const std::size_t kept = cache.size();
   json["fields"]["more"] = {{"gradient", "swirl"}};
   json["fields"]["most"] = {{"magnitude", "more"}};
@@ -585,7 +588,7 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
   json["modes"].erase(1);
   CHECK(build().volumes == moved.volumes);
   CHECK(cache.size() == kept);
-  // The file is written anew.
+  // The file is written again.
   const auto file = folder / "flow.vdb";
   const auto time = std::filesystem::last_write_time(file);
   writeVortex(folder.path());
@@ -593,7 +596,7 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
   BuiltScene renewed = build();
   CHECK(renewed.volumes.at("flow") != first.volumes.at("flow"));
   CHECK(renewed.scene->shape != moved.scene->shape);
-  // What no scene uses any more is freed.
+  // Volumes that no scene uses any more are freed.
   const std::weak_ptr<const Volume> gone = renewed.volumes.at("flow");
   renewed = {};
   SceneCache::Building(cache).done();
@@ -632,7 +635,7 @@ TEST_CASE("a volume of keyframes moves, and with it what is placed like it or ma
   CHECK(graph.mode_motions == std::vector<int>{0, 0, 0});
   CHECK(built.bounds.size().x() == Approx(built.bounds.size().y() + 0.3));
 
-  // A field of the user's own moves as well; what nobody moves stands still.
+  // A user-defined field moves as well. A volume without keyframes stands still.
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
   spec.volumes["ball"].place.keyframes = {{0.0, {1, 0, 0, 0}, Vec3::Zero()},
@@ -659,7 +662,7 @@ TEST_CASE("a volume of keyframes moves, and with it what is placed like it or ma
   CHECK_THROWS_WITH(buildScene(spec), Contains("/volumes/rock/place/repeat"));
 }
 
-/// A scene in order whose numbers may be of any size.
+/// A valid scene whose numbers may be of any size.
 Json extremeScene(Random& random) {
   const auto number = [&](double usual) {
     if (random.integer(4) != 0) return usual;
@@ -801,7 +804,7 @@ TEST_CASE("what is valid is felt without a fault, whatever its numbers", "[scene
     Reader reader;
     ProxyState state;
     const Box& box = built.bounds;
-    // From outside, across the middle, in its places of data and at rest.
+    // Two ticks at the middle of the bounds, then two at the origin of the head's data.
     const Vec3 from = built.placements.at("head").translate;
     const Vec3 step = 1e-4 * (box.centre() - from).stableNormalized();
     for (int tick = 0; tick < 4; ++tick) {
@@ -839,10 +842,10 @@ TEST_CASE("a coupling that nobody asked for is what the device renders", "[scene
              Contains("100 N/m, not the usual 500") && Contains("\"arm\"") && Contains("untested"));
   CHECK(spec.coupling.stiffness == 100);
   CHECK_NOTHROW(checkDevice(spec, weak));
-  // A stronger one does not raise it again.
+  // A stronger device does not raise the stiffness again.
   CHECK(fitCoupling(spec, arm(1000)).empty());
   CHECK(spec.coupling.stiffness == 100);
-  // What somebody asked for is left, to be refused; so is what varies.
+  // A requested stiffness is left as it is, and refused; so is one that varies.
   Json scene = vortexScene("speed", 0.5, "above");
   scene.erase("coupling");
   CHECK(parseScene(scene.dump(), "s.json", ".").any_stiffness);
@@ -865,7 +868,8 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   REQUIRE(spec.notes.size() == 1);
   CHECK_THAT(spec.notes[0], Contains("grid \"labels\"") && Contains("int32"));
 
-  // A flow, and a ramp from -4 to 12, so short that it may be a blurred step: its middle.
+  // A flow, and a ramp from -4 to 12. The ramp is so short that it may be a blurred step, of which
+  // the middle is felt.
   spec = openScene(folder / "linear.vdb");
   REQUIRE(spec.graph.modes.size() == 3);
   CHECK(spec.graph.modes[0].kind == ModeKind::kFollow);
@@ -974,14 +978,14 @@ TEST_CASE("every mode and material property is read, by the schema as well", "[s
   CHECK(std::get<SurfaceMode>(graph.modes[0]).friction(Properties{}) == 0.4);
   CHECK_FALSE(std::get<FrontShapeMode>(graph.modes[3]).two_sided);
   CHECK(std::get<FrontShapeMode>(graph.modes[3]).snap == Approx(4 * graph.vector_frames[0].voxel));
-  // In the head's units: the middle of the head is the middle of the world, a unit 25 mm.
+  // In the head's units: the middle of the head is the middle of the world, and a unit is 25 mm.
   const auto& point = std::get<GuideMode>(graph.modes[5]);
   CHECK(point.position.norm() < 1e-15);
   CHECK(point.snap == Approx(0.025));
   CHECK(point.metres_per_unit == Approx(0.025));
   CHECK(std::get<GuideMode>(graph.modes[6]).direction == Vec3::UnitZ());
 
-  // With a volume that is turned its guides are, a quarter about z here.
+  // Guides turn with their volume, here by a quarter turn about z.
   Json turned = scene;
   turned["volumes"]["head"]["place"] = {{"scale", 0.025},
                                         {"rotation_wxyz", {std::sqrt(0.5), 0, 0, std::sqrt(0.5)}}};

@@ -1,4 +1,4 @@
-/// Scenes with volumes that are played: "frames" and "play".
+/// Tests scenes with sequences: "frames" and "play".
 #include <cmath>
 #include <filesystem>
 #include <string>
@@ -6,9 +6,9 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/engine/step.h"
-#include "palpate/scenes/scene_cache.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/built_scene.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/vdb_grids.h"
@@ -20,7 +20,7 @@ using Json = nlohmann::json;
 
 namespace {
 
-/// Balls of 10 to 15 voxels: files of a frame each, and one of all.
+/// Writes balls of 10 to 15 voxels: one file per frame, and one file of all.
 void writeBalls(const std::filesystem::path& folder) {
   openvdb::GridPtrVec all;
   for (int i = 0; i < 6; ++i) {
@@ -39,7 +39,8 @@ Json ballScene() {
                "strength": 6}]})");
 }
 
-/// Where the proxy of a hand in the middle of the ball's flank comes to rest, by play [mm].
+/// Returns where the proxy comes to rest for a hand in the middle of the ball's flank, by play
+/// [mm].
 double surfaceAt(const BuiltScene& scene, double play) {
   Reader reader;
   ProxyState state({1e3, 1e12});
@@ -69,7 +70,7 @@ TEST_CASE("a volume with frames is felt as its play says", "[scene][sequence]") 
   for (const double play : {0.0, 0.05, 0.23, 0.5}) {
     CHECK(surfaceAt(ball, play) == Approx(10.0 + 10.0 * play).margin(0.02));
   }
-  // Its bounds are those of all frames; the picture is of the first.
+  // The bounds are those of all frames; the picture shows the first.
   CHECK(ball.bounds.upper.x() > 15e-3);
   CHECK(ball.volumes.at("ball")->info().bounds.upper.x() < 14.0);
   CHECK(ball.scene->parts.empty());
@@ -84,7 +85,7 @@ TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]"
   scene["play"] = {{"speed", -2.0}, {"paused", true}, {"from", 2}, {"to", 4}, {"repeat", true}};
   CHECK(built(scene, folder.path()).play == PlayParams{-2.0, true, 2.0, 4.0, true, 4.0});
   CHECK_FALSE(schemaComplaint(scene, sceneSchema()));
-  // Around of itself: without an end.
+  // A sequence that repeats itself has no end.
   scene["play"] = {{"speed", 3}};
   scene["volumes"]["ball"]["frames"] = {{"rate", 10}, {"repeat", true}};
   const PlayParams play = built(scene, folder.path()).play;
@@ -102,10 +103,10 @@ TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]"
   scene["volumes"]["ball"]["frames"] = {{"rate", 10}};
   scene["play"] = {{"from", 3}};
   CHECK_THAT(refusal(scene, folder.path()), Contains("/play/from") && Contains("ended"));
-  // Backwards from the end.
+  // Backwards, play begins at the end.
   scene["play"] = {{"speed", -1}};
   CHECK(built(scene, folder.path()).play.begin == 0.5);
-  // Little memory for a fast play is told.
+  // A note reports too little memory for a fast play.
   scene["play"] = {{"speed", 20}};
   scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000;
   CHECK(built(scene, folder.path()).notes.empty());
@@ -146,12 +147,12 @@ TEST_CASE("what is no sequence is refused by its place in the file", "[scene][se
              Contains("6 frames and 6 times: give 7"));
   CHECK_THAT(with("/volumes/ball/file", "none_%03d.vdb"),
              Contains("/volumes/ball") && Contains("no frame"));
-  // A name of many, and nothing that plays them.
+  // A name of many files, without "frames" to play them.
   Json scene = ballScene();
   scene["volumes"]["ball"].erase("frames");
   CHECK_THAT(refusal(scene, folder.path()),
              Contains("/volumes/ball/file") && Contains("\"frames\""));
-  // A gap.
+  // A missing frame.
   std::filesystem::remove(folder / "ball_003.vdb");
   CHECK_THAT(refusal(ballScene(), folder.path()), Contains("ball_003.vdb"));
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Volumes that are played, as users meet them: sequence_test.py BIN_DIR VOLUMES_PROGRAM."""
+"""Tests volumes that are played, through the command line: sequence_test.py BIN_DIR VOLUMES_PROGRAM."""
 import json
 import os
 import sys
@@ -20,7 +20,7 @@ FRAMES = 8
 
 
 def write_nrrd(file, values):
-    """A scalar volume of voxels of 1 mm about the middle."""
+    """Writes a scalar volume with voxels of 1 mm, centred."""
     size = values.shape
     head = ("NRRD0004\ntype: float\ndimension: 3\nsizes: {} {} {}\nencoding: raw\nendian: little\n"
             "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
@@ -57,7 +57,7 @@ class Case(unittest.TestCase):
             "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 400,
                        "solid": "above", "strength": 6}]}
         cls.write("scene.json", cls.scene)
-        # Still on the flank, 1 mm in at the first frame.
+        # At rest on the flank, 1 mm deep in the first frame.
         (cls.dir / "hand.csv").write_text("t,x,y,z\n0,0.02,0,0\n0.2,0.009,0,0\n2,0.009,0,0\n")
 
     @classmethod
@@ -100,9 +100,9 @@ class Play(Case):
         rows, _, _ = self.felt(self.write("back.json", scene))
         settled = rows[rows["t"] > 0.4]
         self.assertLess(1e3 * settled["proxy_x"].min(), 10.7)
-        # While it fades in from 10.5 it goes on, from 12.5 back.
+        # The radius is 10.5 while the force fades in; playing continues, and runs back from 12.5.
         self.assertGreater(1e3 * settled["proxy_x"].max(), 12.2)
-        # From the end to the begin within 50 ms, not at once.
+        # From the end to the beginning within 50 ms, not at once.
         self.assertLess(np.abs(np.diff(settled["force_x"])).max(), 0.1)
 
     def test_little_memory_feels_the_same(self):
@@ -157,7 +157,7 @@ class Play(Case):
         terminal.child.wait()
         rows = rows_of(record)
         play, rate = rows["play"], rows["play_rate"]
-        # Paused at 0, a step, two; on, twice as fast; to the end; to the begin, and on.
+        # Paused at 0; one step, two; play, at double speed; to the end; to the beginning, and play.
         steps = play[np.flatnonzero(np.diff(play)) + 1]
         self.assertEqual(play[0], 0)
         np.testing.assert_allclose(steps[:2], [0.1, 0.2])

@@ -1,5 +1,5 @@
 /// A scene that several sites edit.
-#include "palpate/scenes/site/shared_scene.h"
+#include "palpate/scenes/network/sites/shared_scene.h"
 
 #include <algorithm>
 #include <chrono>
@@ -14,10 +14,10 @@
 #include <catch2/catch.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/scenes/cli/common.h"
-#include "palpate/scenes/cli/watcher.h"
-#include "palpate/scenes/scene_file.h"
-#include "palpate/scenes/site/site.h"
+#include "palpate/scenes/apps/cli/watcher.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/scene_file.h"
+#include "palpate/scenes/network/sites/site.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_files.h"
@@ -28,7 +28,7 @@ using test::Random;
 
 namespace {
 
-/// Of a mode "wall", a number more in it for each edit.
+/// Returns an edit of the strength of mode `name`, stamped with `count` and `site`.
 SharedEdits edit(const std::string& name, const Json& value, std::uint64_t count,
                  const std::string& site) {
   return {{{"modes", name, "0"}, {{{"name", name}, {"strength", value}}, {count, site}}}};
@@ -40,7 +40,7 @@ std::uint64_t largest(const SharedEdits& edits) {
   return count;
 }
 
-/// A scene with a wall and a nameless follower, whose places on a disk nobody is to know.
+/// A scene with a wall and nameless followers. Its paths on the disk must stay secret.
 Json scene() {
   return parseJson(R"({
     "$schema": "/home/secret/schema.json", "palpate": 1, "description": "/home/secret/notes",
@@ -64,7 +64,7 @@ std::string withStrength(Json of, double strength) {
   return of.dump();
 }
 
-/// What another site says, with one edit of the wall that is `is`.
+/// Returns a message of another site with one edit of the wall, whose value is `is`.
 std::string saying(const std::string& is, const std::string& of = R"(["modes", "wall", "0"])",
                    const std::string& at = R"([1, "boston"])") {
   return R"({"palpate_edits": 1, "rest": [], "edits": [{"of": )" + of + R"(, "at": )" + at +
@@ -80,7 +80,7 @@ TEST_CASE("sites end with the same edits, whatever the network does", "[site]") 
     CAPTURE(seed);
     const auto count = static_cast<std::size_t>(2 + random.integer(4));
     std::vector<SharedEdits> sites(count);
-    SharedEdits ever;  // of each part the largest that was ever made, found apart from merge()
+    SharedEdits ever;  // of each part the largest edit that was ever made, found without merge()
     std::vector<std::pair<std::size_t, SharedEdits>> flying;
     const auto parted = static_cast<std::size_t>(random.integer(static_cast<int>(count) + 1));
     const bool forgets = random.integer(4) == 0;
@@ -89,13 +89,13 @@ TEST_CASE("sites end with the same edits, whatever the network does", "[site]") 
       const auto at = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
       const int what = random.integer(4);
       if (what == 0) {
-        // Now and then a site has forgotten all it knew, and makes a stamp for the second time.
+        // Now and then a site forgets all edits, and makes a stamp for the second time.
         if (forgets && random.integer(20) == 0) {
           sites[at].clear();
           forgot = true;
         }
         const std::string name(1, static_cast<char>('a' + random.integer(3)));
-        // Numbers that are equal and written differently, too.
+        // Also numbers that are equal and written differently.
         const int whole = random.integer(3);
         const Json value = random.integer(2) == 0 ? Json(whole) : Json(0.5 * whole);
         SharedEdits made = edit(name, value, largest(sites[at]) + 1, "site" + std::to_string(at));
@@ -109,7 +109,7 @@ TEST_CASE("sites end with the same edits, whatever the network does", "[site]") 
         merge(sites[at], made);
       } else if (what == 1) {
         const auto to = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
-        // In the middle of it all some hear nothing of the others.
+        // In the middle of the history, two groups of sites do not hear each other.
         const bool apart = step > 10 && step < 30 && (at < parted) != (to < parted);
         if (!apart) flying.emplace_back(to, sites[at]);
       } else if (!flying.empty()) {
@@ -118,12 +118,12 @@ TEST_CASE("sites end with the same edits, whatever the network does", "[site]") 
         if (what == 2) flying.erase(flying.begin() + static_cast<std::ptrdiff_t>(n));
       }
     }
-    // What was late, and then each hears each.
+    // Late messages arrive, and then each site hears all others.
     for (const auto& [to, edits] : flying) merge(sites[to], edits);
     for (const SharedEdits& one : sites) merge(sites[0], one);
     for (SharedEdits& one : sites) merge(one, sites[0]);
     for (const SharedEdits& one : sites) REQUIRE(textOf({one, {}}) == textOf({sites[0], {}}));
-    // What a site forgot before anybody heard of it nobody has.
+    // If a site forgets an edit before another site hears of it, the edit is lost.
     if (!forgot) REQUIRE(sites[0] == ever);
     const SharedEdits before = sites[0];
     CHECK_FALSE(merge(sites[0], before));
@@ -137,7 +137,7 @@ TEST_CASE("the largest edit of each part that was heard counts", "[site]") {
   CHECK(edits == edit("wall", 1, 5, "boston"));
   CHECK_FALSE(merge(edits, edit("wall", 2, 5, "atlanta")));
   CHECK(merge(edits, edit("wall", 2, 5, "uppsala")));
-  // Of one stamp, by a site that was started anew.
+  // A restarted site makes another edit with the same stamp.
   CHECK(merge(edits, edit("wall", 3, 5, "uppsala")));
   CHECK_FALSE(merge(edits, edit("wall", 2, 5, "uppsala")));
   CHECK(merge(edits, edit("floor", 1, 1, "boston")));
@@ -181,7 +181,7 @@ TEST_CASE("what is of the machine is never told", "[site]") {
                                           "follow of \"slope\" removed", "mode \"wall\"", "play",
                                           "volume \"ball\"", "volume \"new\""});
 
-  // Who takes it keeps his own.
+  // The receiving site keeps its own files and settings.
   SharedScene other("uppsala", scene().dump());
   CHECK(other.hear("boston", *told).empty());
   SharedEdits all = other.edits();
@@ -252,13 +252,13 @@ TEST_CASE("what a stranger says of a scene is refused unless it is good", "[site
   for (std::size_t i = 0; i < bad.size(); ++i) {
     CAPTURE(i, bad[i].substr(0, 200));
     CHECK_THROWS_AS(sharedTextFrom(bad[i]), Error);
-    // One line a site, and nothing is taken.
+    // Prints one line a site, and ignores the edits.
     const auto lines = site.hear("boston", bad[i]);
     CHECK(lines.size() == (i == 0 ? 1U : 0U));
     CHECK(site.edits().empty());
   }
 
-  // Of anything else comes an error, or what can be told again.
+  // Any other text gives an error, or edits that can be sent again.
   const std::string good = saying(wall);
   Random random(7);
   long taken = 0;
@@ -288,7 +288,8 @@ TEST_CASE("an edit at home is what is new in the file", "[site]") {
   SharedScene boston("boston", scene().dump());
   SharedScene uppsala("uppsala", scene().dump());
   (void)boston.takeTold();
-  // A curve of its own, there; here the strength of the nameless one, and then the wall's as well.
+  // Uppsala edits the wall's strength. Boston edits a nameless mode's strength, and then the wall's
+  // as well.
   uppsala.edit(withStrength(scene(), 7));
   CHECK(boston.hear("uppsala", *uppsala.takeTold()).empty());
   CHECK(boston.takeNews());
@@ -309,19 +310,19 @@ TEST_CASE("an edit at home is what is new in the file", "[site]") {
   CHECK(strengths(boston) == std::vector<double>{4, 9, 2});
   CHECK(uppsala.hear("boston", *boston.takeTold()).empty());
   CHECK(strengths(uppsala) == std::vector<double>{4, 9, 2});
-  // Heard again: nothing new, so nothing is told for ever.
+  // A repeated message has no news, so sites do not send for ever.
   CHECK(uppsala.takeNews());
   const std::string echo = *uppsala.takeTold();
   CHECK(boston.hear("uppsala", echo).empty());
   CHECK_FALSE(boston.takeNews());
   CHECK_FALSE(boston.takeTold());
 
-  // Who comes late hears of all from who has adopted it.
+  // A late joiner hears of all edits from a site that has adopted them.
   SharedScene late("late", scene().dump());
   CHECK(late.hear("uppsala", echo).empty());
   CHECK(strengths(late) == std::vector<double>{4, 9, 2});
 
-  // What nobody takes is not felt at home either.
+  // An edit that is too long to send is not felt at home either.
   Json large = mine;
   large["modes"][0]["strength"] = {{"piecewise", Json::array()}};
   for (int i = 0; i < 10000; ++i) {
@@ -376,7 +377,7 @@ TEST_CASE("what is heard while an edit is built stays within what can be told", 
 }
 
 TEST_CASE("of another scene one line tells what differs", "[site]") {
-  // Of a name that nobody would take nothing is told; all else is.
+  // A part whose name no site would accept is not sent; all others are.
   Json odd = scene();
   odd["fields"][std::string(300, 'x')] = {{"curl", "ball"}};
   SharedScene boston("boston", withStrength(odd, 5));
@@ -388,7 +389,7 @@ TEST_CASE("of another scene one line tells what differs", "[site]") {
         "site boston: it feels another scene: not the same here: mode \"wall\": copy one's "
         "file to the other, or edit it once more");
   CHECK(uppsala.hear("boston", told).empty());
-  // What was edited is the same from then on.
+  // From then on the edited part is the same.
   SharedScene late("late", scene().dump());
   boston.edit(withStrength(odd, 6));
   CHECK(late.hear("boston", *boston.takeTold()).empty());
@@ -437,15 +438,15 @@ TEST_CASE("a site feels edits that its scene can have, each whole", "[site]") {
   auto built = look();
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}});
-  // For a hand it is an edit, as the user's own is: it comes in 50 ms.
+  // For a hand it is an edit, like the user's own: it comes in 50 ms.
   const std::uint64_t shape = built->scene->shape;
   CHECK(shape == buildScene(openScene(file), {}, &cache).scene->shape);
-  // What is recorded is what was felt, and what is told is all that is known.
+  // The recording has the scene that was felt. The message has all known edits.
   CHECK(Json::parse(watcher.text())["modes"][0]["strength"] == 2);
   CHECK(watcher.takeTold());
 
-  // Of a volume that is not here, and of a kind that no schema has: those before and after are
-  // felt.
+  // One edit has a volume that is not here, and one has a kind that no schema has. The edits before
+  // and after them are felt.
   merge(all, one(skin("bone", "skull", 1), 2));
   merge(all, one({{"name", "odd"}, {"mode", "odd"}}, 3));
   merge(all, one(skin("rind", "ball", 1), 4));
@@ -454,12 +455,12 @@ TEST_CASE("a site feels edits that its scene can have, each whole", "[site]") {
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}, {"rind", 1}});
 
-  // Nothing of it can be felt: nothing changes.
+  // No part of this edit can be felt: the scene stays as it is.
   merge(all, one(skin("bone", "skull", 2), 5));
   watcher.hear("boston", textOf({all, {}}));
   CHECK_FALSE(look());
 
-  // The file is the user's; what he writes goes over what was edited.
+  // The user's file is not changed. An edit of the file replaces a received edit.
   std::ifstream in(file);
   CHECK(std::string(std::istreambuf_iterator<char>(in), {}) == text);
   std::string edited = text;

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Hands of several sites in one scene, as users meet them: sites_test.py BIN_DIR RELAY [--runs N].
+"""Tests hands of several sites in one scene, through the command line: sites_test.py BIN_DIR RELAY [--runs N].
 
-Programs of their own, by real DDS on this machine's loopback, or in networks of their own with a
-relay between them. With --runs N: N networks instead of the few that are tried each time.
+Separate programs use real DDS on this machine's loopback, or in networks of their own with a relay between them. With
+--runs N: N networks instead of the few of a usual run.
 """
 import json
 import math
@@ -31,7 +31,7 @@ PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
 RELAY = str(Path(sys.argv[2]).resolve())
 STRANGER = Path(RELAY).with_name("palpate_stranger")
 COMERS = Path(RELAY).with_name("palpate_comers")
-KEYS = str(Path(__file__).resolve().parents[2] / "scenes/site/site_keys.sh")
+KEYS = str(Path(__file__).resolve().parents[2] / "scenes/network/sites/site_keys.sh")
 RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else min(3, cases(3, "networks"))
 START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
@@ -39,30 +39,30 @@ SILENCE, RAMP, RISE = 0.2, 0.5, 0.1  # kLinkSilence, kLinkRamp, kLinkRise [s]
 
 
 def domain():
-    """One that other tests on this machine hardly have."""
+    """Returns a DDS domain that other tests on this machine are unlikely to use."""
     return 1 + os.getpid() % 200
 
 
 def pulled(rows):
-    """Of hands elsewhere, what has left [N]."""
+    """Returns the sent force of hands at other sites [N]."""
     return rows["left"][:, None] * rows["pull"]
 
 
 def own(rows):
-    """Of the scene alone, what has left [N]."""
+    """Returns the sent force of the scene alone [N]."""
     return rows["force"] - pulled(rows)
 
 
 def came_within(rows):
-    """How long their force took from its first to its largest [s]."""
+    """Returns how long the other hands' force took from its first to its largest value [s]."""
     size = np.linalg.norm(pulled(rows), axis=1)
     first, largest = np.flatnonzero(size)[0], np.flatnonzero(size > 0.99 * size.max())[0]
     return rows["time"][largest] - rows["time"][first]
 
 
 def leaps(rows):
-    """The ticks whose force grew or fell faster than that of a link. After a late tick a link may drop its force at
-    once, and regains it within RISE."""
+    """Returns the ticks at which the force grew or fell faster than a link's. After a late tick a link may drop its
+    force at once, and regains it within RISE."""
     size, dt = np.linalg.norm(pulled(rows), axis=1), rows["dt"]
     grew = np.diff(size) / dt[1:]
     late = np.where(dt > 1.5e-3, rows["time"], -1.0)
@@ -73,12 +73,12 @@ def leaps(rows):
 
 
 def work(rows):
-    """What hands elsewhere have done on this one, up to each tick [J]."""
+    """Returns the work of hands at other sites on this hand, up to each tick [J]."""
     return np.cumsum(np.sum(pulled(rows)[:-1] * np.diff(rows["hand"], axis=0), axis=1))
 
 
 class Wire:
-    """What goes over this machine's loopback by UDP, to ports of DDS's domain."""
+    """Captures UDP packets on this machine's loopback to the ports of DDS's domain."""
 
     def __enter__(self):
         try:
@@ -96,7 +96,7 @@ class Wire:
             self.all.close()
 
     def heard(self):
-        """Since the last time."""
+        """Returns the packets since the last call."""
         found, first = [], 7400 + 250 * domain()
         while self.works:
             try:
@@ -123,7 +123,7 @@ class Case(unittest.TestCase):
                        "solid": "below"}]}))
 
     def path(self, name, place, seconds=20.0):
-        """A hand's: place(t) [m]; none: it stands 20 cm from the scene."""
+        """Writes a hand's path: place(t) [m]; without place, the hand rests 20 cm from the scene."""
         count = 2 if place is None else int(seconds * 200)
         rows = []
         for n in range(count + 1):
@@ -140,7 +140,7 @@ class Case(unittest.TestCase):
                 "--seconds", seconds, "--summary", self.dir / f"{name}.json", *more]
 
     def start(self, name, hand, seconds, *more, **which):
-        # To files: nobody reads meanwhile.
+        # To files, because no thread reads a pipe.
         said = open(self.dir / f"{name}.err", "a", encoding="utf-8")  # pylint: disable=R1732
         self.addCleanup(said.close)
         one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more, **which))),
@@ -153,7 +153,7 @@ class Case(unittest.TestCase):
         return (self.dir / f"{name}.err").read_text(encoding="utf-8")
 
     def wait_for(self, name, words, seconds=10.0, times=1):
-        """When such words were said."""
+        """Returns when the words were printed."""
         end = time.monotonic() + seconds
         while self.said(name).count(words) < times:
             if time.monotonic() > end:
@@ -176,7 +176,7 @@ class OneMachine(Case):
         for name, other, sign in (("A", "B", 1), ("B", "A", -1)):
             self.assertIn(f"site {other}: its hand is felt", self.said(name))
             rows = rows_of(self.dir / f"{name}.rec")
-            # 200 N/m at 10 mm, which is the most there is; a ramp before.
+            # 200 N/m at 10 mm, which is the largest force; a ramp before.
             force = pulled(rows)[:, 0] * sign
             self.assertAlmostEqual(force.max(), PEAK, delta=1e-4)
             self.assertGreater(came_within(rows), 0.9 * RAMP)
@@ -240,7 +240,7 @@ class OneMachine(Case):
         self.assertTrue((force[let_go:] > 0.9).any(), "it did not come back")
         facts = json.loads((self.dir / "A.json").read_text())["sites"]["B"]
         self.assertEqual(facts["lives"], 2)
-        self.assertIn("site B: it has gone", self.said("A"))  # the second one took leave
+        self.assertIn("site B: it has gone", self.said("A"))  # the second site sent its departure
 
     def test_who_is_in_another_domain_is_not_met(self):
         mine = self.start("A", self.path("A", None), 5)
@@ -274,7 +274,7 @@ class OneMachine(Case):
                 packet = bytearray(chance.randbytes(size))
                 if chance.random() < 0.8:
                     packet[:4] = b"RTPS"
-                # The ports of the first participants of the domain, as DDS counts them.
+                # The ports of the domain's first participants, by DDS's numbering.
                 port = 7400 + 250 * domain() + chance.choice((0, 1, 10, 11, 12, 13))
                 throws.sendto(packet, ("127.0.0.1", port))
                 if _ % 40 == 0:
@@ -300,12 +300,12 @@ class OneMachine(Case):
                 one.wait(timeout=30)
             told = wire.heard()
         said = {name: self.said(name) for name in hands}
-        # However often one is asked.
+        # At most once, even for repeated requests.
         self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
         met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
         self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
         if wire.works:
-            # Certificates can be read, not what is talked of; without keys it can.
+            # Certificates are readable, hand messages are not; without keys hand messages are readable.
             self.assertGreater(len(secret), 10000)
             self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
             self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
@@ -319,7 +319,7 @@ class OneMachine(Case):
         self.wait_for("A", "lines more of sites that come and go")
         alone.send_signal(signal.SIGINT)
         alone.wait(timeout=30)
-        # 21 a second; of the last they are told once their hands are silent.
+        # 21 a second. The departure of the last ones is reported after their hands are silent.
         self.assertLess(self.said("A").count("site Z"), 21 * 5)
 
     def test_there_are_seven_places(self):
@@ -334,10 +334,10 @@ class OneMachine(Case):
         self.wait_for("A", "no other site is heard yet")
         stay(0, 7)
         self.assertNotIn(full, self.said("A"))
-        # Places of those that are silent.
+        # The places of silent sites are used again.
         stay(10, 9)
         self.assertIn(full, self.said("A"))
-        # More names than are kept, twice.
+        # More names than the site keeps, twice.
         for first in (100, 200):
             stay(first, 40)
         alone.send_signal(signal.SIGINT)
@@ -398,7 +398,7 @@ class OneMachine(Case):
 
 
 class Edits(Case):
-    """What one site edits in its scene, with a folder of its own for each."""
+    """Edits of one site's scene; each site has a folder of its own."""
     HOST = True
 
     def setUp(self):
@@ -406,7 +406,7 @@ class Edits(Case):
         self.hand = self.path("hand", None)
 
     def write(self, name, strengths, **more):
-        """A site's scene: planes far away that pull with so many newtons, x, y and z."""
+        """Writes a site's scene: planes far away that pull with these forces in x, y and z [N]."""
         folder = self.dir / f"of-{name}"
         if not folder.exists():
             folder.mkdir()
@@ -425,7 +425,7 @@ class Edits(Case):
         return self.start(name, self.hand, seconds, *more, scene=self.write(name, strengths))
 
     def last(self, name):
-        """What was felt last [N]."""
+        """Returns the last force of the scene [N]."""
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
 
     def test_an_edit_is_felt_by_others_and_by_who_comes_when_its_author_is_gone(self):
@@ -449,7 +449,7 @@ class Edits(Case):
         print(f"an edit was felt elsewhere after {took:.2f} s", flush=True)
         self.assertLess(took, 2.0)
 
-        # The second waits until the force of the first has come.
+        # The second edit waits until the force of the first has been applied.
         rows = rows_of(self.dir / "B.rec")
         times = rows["time"][1:][np.diff(rows["scene"].astype(np.int64)) != 0][-2:]
         self.assertGreater(times[1] - times[0], 1.9)
@@ -469,7 +469,7 @@ class Edits(Case):
         both = [self.site(name, 20, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is felt")
         self.wait_for("B", "site A: its hand is felt")
-        # Each its own, and one together.
+        # Each site edits one mode of its own; both edit one mode.
         self.write("A", (2, 1, 1.5))
         self.write("B", (1, 2, 2.5))
         for name, other in ("AB", "BA"):
@@ -551,11 +551,11 @@ class Edits(Case):
 
 
 class Far(Case):
-    """Over networks that lose, delay, double and reorder."""
+    """Networks that lose, delay, duplicate and reorder packets."""
     HOST = True
 
     def sway(self, seed):
-        """Some hand's way, smooth: slower to turn than kLinkNimble."""
+        """Returns a smooth path of a hand that turns more slowly than kLinkNimble."""
         chance = random.Random(seed)
         swings = [(chance.uniform(0.005, 0.02), chance.uniform(0.3, 3.0), chance.uniform(0, 7))
                   for _ in range(3)]
@@ -564,7 +564,7 @@ class Far(Case):
             for i, (a, f, p) in enumerate(swings))
 
     def through(self, one, other, *network, act=None):
-        """Two commands, a relay between them. What the relay said."""
+        """Runs two commands with a relay between them. Returns the relay's output."""
         relay = subprocess.Popen(
             [RELAY, *map(str, network), "--seconds", "60", "--", *map(str, one), "--",
              *map(str, other)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -586,11 +586,11 @@ class Far(Case):
                        "--loss", (loss := round(chance.choice((0, 0.1, 0.5)) * chance.random(), 3)),
                        "--twice", round(0.5 * chance.random(), 3),
                        "--overtaken", round(0.5 * chance.random(), 3), "--seed", seed]
-            # The first is ended by the relay, when the second has ended.
+            # The relay ends the first command when the second has ended.
             said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
                                 self.words("B", hands[1], 5, "--with", "10.77.0.1"), *network)
             rows = {name: rows_of(self.dir / f"{name}.rec") for name in "AB"}
-            # In the end; either alone may get what the other has put in.
+            # The sum at the end: one hand alone may get energy that the other hand has put in.
             both = sum(work(of)[-1] for of in rows.values())
             worst = max(worst, both)
             self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
@@ -628,13 +628,13 @@ class Far(Case):
             relay.send_signal(signal.SIGUSR1)
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
-        # Edits go to who has keys.
+        # Edits are sent to sites that have keys.
         self.keys("ours", "A", "B")
         keys = [("--site-keys", self.dir / "ours" / name) for name in "AB"]
         said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch", *keys[0]),
                             self.words("B", hands[1], 9, "--with", "10.77.0.1", *keys[1]),
                             "--delay-ms", 5, "--loss", 0.01, act=act)
-        # What was edited meanwhile comes as well.
+        # Edits during the separation arrive as well.
         self.assertIn('site A: its edit of isosurface of "bowl" is felt now', said)
         rows = rows_of(self.dir / "B.rec")
         force = np.linalg.norm(pulled(rows), axis=1)
@@ -642,7 +642,7 @@ class Far(Case):
         self.assertEqual(leaps(rows), [])
         held = np.flatnonzero(force > 0.99)
         let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
-        # From the last message on: silence, then a ramp.
+        # After the last message: silence, then a ramp.
         begins = np.flatnonzero(force[:let_go] > 0.99)[-1]
         self.assertLess(rows["time"][let_go] - rows["time"][begins], RAMP + 0.1)
         self.assertTrue((force[let_go:] > 0.99).any(), "it did not come back")

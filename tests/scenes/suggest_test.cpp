@@ -1,4 +1,4 @@
-#include "palpate/scenes/suggest.h"
+#include "palpate/scenes/guess/suggest.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,8 +15,8 @@
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/scenes/components.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/scenes/guess/components.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
 namespace palpate::suggest_test {
@@ -32,7 +32,7 @@ namespace {
 using Scalar = std::function<float(const Vec3d&)>;
 using Vector = std::function<Vec3f(const Vec3d&)>;
 
-/// Of deviation 1 about 0, the same for the same place: a sum of 12 uniform numbers.
+/// Returns noise of deviation 1 about 0, the same for the same place: a sum of 12 uniform numbers.
 double noise(const Vec3d& p) {
   std::uint64_t x = 0x1234567ULL;
   for (int axis = 0; axis < 3; ++axis) {
@@ -48,7 +48,7 @@ double noise(const Vec3d& p) {
   return sum;
 }
 
-/// A block of n^3 voxels of 1 about the origin.
+/// Returns the transform of a block of n^3 voxels of 1 about the origin.
 openvdb::math::Transform::Ptr centred(int n) {
   auto transform = openvdb::math::Transform::createLinearTransform(1.0);
   transform->postTranslate(Vec3d(-0.5 * (n - 1)));
@@ -57,7 +57,7 @@ openvdb::math::Transform::Ptr centred(int n) {
 SuggestInput scalar(const Scalar& value, int n = 48, const std::string& name = "density") {
   SuggestInput input;
   auto grid = makeGrid<openvdb::FloatGrid>(n, centred(n), value, name);
-  // As the importer has it: the surroundings of an image are its background.
+  // Like the importer's grids: the background is the value of the image's surroundings.
   openvdb::tools::changeBackground(grid->tree(), value(grid->indexToWorld(Vec3d(0.0))));
   input.grid = grid;
   input.extent.reset({0, 0, 0}, {n - 1, n - 1, n - 1});
@@ -69,7 +69,7 @@ SuggestInput vector(const Vector& value, const std::string& name = "velocity", i
   input.extent.reset({0, 0, 0}, {n - 1, n - 1, n - 1});
   return input;
 }
-/// A mesh's: there is nothing beyond its voxels.
+/// Returns an input as from a mesh: no data beyond its voxels.
 SuggestInput ofMesh(SuggestInput input) {
   input.inactive_is_data = false;
   return input;
@@ -82,7 +82,7 @@ std::vector<double> outputsOf(const Json& strength) {
   return outputs;
 }
 
-/// The scene, after what holds for all of them.
+/// Returns the suggested scene, after the checks that hold for all scenes.
 Json suggested(const std::vector<SuggestInput>& grids) {
   const std::string text = suggestScene("data.vdb", grids);
   CAPTURE(text);
@@ -131,7 +131,7 @@ Scalar ball(double radius, double inside, double outside, double deviation) {
   };
 }
 
-/// Air, fat and muscle, bone, brain; smoothed over two voxels.
+/// Head of air, fat and muscle, bone and brain; smoothed over two voxels.
 float headInHounsfield(const Vec3d& p) {
   const double r = p.length();
   const auto step = [r](double radius) { return 1.0 / (1.0 + std::exp((r - radius) / 0.5)); };
@@ -169,7 +169,7 @@ TEST_CASE("a blurred ball has the same surface", "[guess]") {
 }
 
 TEST_CASE("the surface is found where the surroundings were left out", "[guess]") {
-  // As the importer leaves them: inactive, their value the background.
+  // As the importer leaves the surroundings: inactive, and with their value as the background.
   const double deviation = GENERATE(0.0, 20.0);
   auto grid = openvdb::FloatGrid::create(0.0F);
   grid->setName("density");
@@ -187,7 +187,7 @@ TEST_CASE("the surface is found where the surroundings were left out", "[guess]"
   CHECK(only(suggested({input}), "isosurface")["value"].get<double>() ==
         Approx(500.0).margin(60.0));
 
-  // Of a mesh the same voxels have no boundary: there are no data beyond.
+  // In a mesh the same voxels have no boundary, because there are no data beyond them.
   if (deviation == 0.0) {
     CHECK_THROWS_AS(suggestScene("data.vdb", {ofMesh(input)}), VolumeError);
   } else {
@@ -202,7 +202,7 @@ TEST_CASE("where the image cuts an object there is no surface", "[guess]") {
   };
   const Json scene = suggested({scalar(value)});
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(250.0).margin(30.0));
-  // Its edges alone are none.
+  // The image's edges alone are not a surface.
   SuggestInput block = scalar([](const Vec3d& p) { return static_cast<float>(noise(p)); });
   auto grid = openvdb::gridConstPtrCast<openvdb::FloatGrid>(block.grid)->deepCopy();
   openvdb::tools::changeBackground(grid->tree(), -1000.0F);
@@ -222,14 +222,14 @@ TEST_CASE("nested shells have two surfaces, the outer one weaker", "[guess]") {
   CHECK(surfaces[0]["value"].get<double>() == Approx(50.0).margin(15.0));
   CHECK(surfaces[1]["value"].get<double>() == Approx(200.0).margin(30.0));
   CHECK(surfaces[0]["strength"].get<double>() < surfaces[1]["strength"].get<double>());
-  // Between them a drag.
+  // Between the surfaces is a drag.
   const Json knots = only(scene, "viscosity")["strength"]["piecewise"];
   CHECK(knots.front()[0] == surfaces[0]["value"]);
   CHECK(knots.back()[0] == surfaces[1]["value"]);
 }
 
 TEST_CASE("bone without an upper value is found where tissue ends", "[guess]") {
-  // As raw CT: air 0, tissue 1050, and bone of any value to 2500.
+  // Raw CT has air 0, tissue 1050, and bone of any value to 2500.
   const Json scene = suggested({scalar([](const Vec3d& p) {
     const double r = p.length();
     const double bone = 1800.0 + 600.0 * std::sin(0.9 * p.x()) * std::cos(1.1 * p.y() + p.z());
@@ -322,7 +322,7 @@ TEST_CASE("what does not vary is refused, with what there was", "[guess]") {
   const SuggestInput still = vector([](const Vec3d&) { return Vec3f(0.0F, -15.0F, 0.0F); }, "vel");
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
   CHECK_THROWS_WITH(suggestScene("data.vdb", {same}), Contains("same (nearly all values alike)"));
-  // One vector everywhere has a direction: a bare .vdb of it is felt, if there is nothing else.
+  // A constant vector has a direction. It is felt if a bare .vdb has no other grid to feel.
   const Json scene = suggested({same, still});
   CHECK(only(scene, "follow")["of"] == "vel");
   CHECK_THAT(scene["description"].get<std::string>(), Contains("same (nearly all values alike)"));
@@ -339,7 +339,7 @@ TEST_CASE("values that are not finite change nothing", "[guess]") {
     return value(p);
   })});
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(500.0).margin(60.0));
-  // The first voxel of all.
+  // The first of all voxels is not a number.
   const Json flow = suggested({vector([](const Vec3d& p) {
     if (p.x() + p.y() + p.z() < -45.0) return Vec3f(NAN);
     return Vec3f(Vec3d(-p.y(), p.x(), 1.0));
@@ -409,7 +409,7 @@ TEST_CASE("a flow is followed by the percentiles of its speed", "[guess]") {
 }
 
 TEST_CASE("a drag by vorticity is for flows that turn", "[guess]") {
-  // Rankine's: it turns as a solid within, without curl beyond.
+  // Rankine's vortex: it turns as a solid within, without curl beyond.
   const Json turning = suggested({vector([](const Vec3d& p) {
     const double r2 = std::max(36.0, p.x() * p.x() + p.y() * p.y());
     return Vec3f(Vec3d(-p.y(), p.x(), 0.0) * (36.0 / r2));
@@ -518,7 +518,7 @@ TEST_CASE("volumes are named after their grids, each by a name of its own", "[gu
 }
 
 TEST_CASE("the same grids give the same scene, whatever the threads", "[guess]") {
-  // More voxels than are looked at.
+  // More voxels than the analysis looks at.
   const std::vector<SuggestInput> grids{
       scalar(ball(30.0, 1000.0, 0.0, 30.0), 96),
       vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), noise(p))); }, "flow", 96)};
@@ -546,11 +546,11 @@ TEST_CASE("a suggested scene can be felt", "[guess]") {
   CHECK(built.notes.empty());
 }
 
-// What a scientist would write, of grids that say nothing of themselves.
+// Grids as a scientist would write them, without metadata about their content.
 
 TEST_CASE("a bare CT .vdb is felt as skin and bone", "[guess]") {
   const TemporaryFolder folder;
-  // As a script writes it: whole numbers, an air that is stored, a background of 0.
+  // A script's file has whole numbers, stored air, a background of 0.
   auto ct = makeGrid<openvdb::FloatGrid>(
       48, centred(48), [](const Vec3d& p) { return std::round(headInHounsfield(p)); }, "ct");
   openvdb::tools::changeBackground(ct->tree(), 0.0F);
@@ -579,18 +579,18 @@ TEST_CASE("a bare CT .vdb is felt as skin and bone", "[guess]") {
   const Json scene = Json::parse(guess.scene);
   CHECK_THAT(scene["volumes"]["ct"]["description"].get<std::string>(), Contains("Hounsfield"));
 
-  // Otherwise by the user's word: levels of this image, not of that scale.
+  // If the user asks for CFD: levels of this image, not of the Hounsfield scale.
   const Json other = Json::parse(guessVdb(folder / "ct.vdb", GuessFor::kCfd).scene);
   for (const Json& mode : other["modes"]) CHECK(mode["name"] != "bone");
 }
 
 TEST_CASE("Hounsfield's scale is seen by air and tissue, and not elsewhere", "[guess]") {
-  // Air as the background of an image, its voxels left out.
+  // Air is the background of the image, and its voxels are left out.
   const Json head = suggested({scalar(headInHounsfield)});
   CHECK(head["modes"][0]["name"] == "skin");
   CHECK(head["modes"][1]["name"] == "bone");
   CHECK_THAT(head["volumes"]["density"]["description"].get<std::string>(), Contains("Hounsfield"));
-  // Of raw values, of a unit of its own, and of another field about 0.
+  // Raw values, values with another unit, and another field about 0.
   const auto raw = [](const Vec3d& p) { return headInHounsfield(p) + 1024.0F; };
   SuggestInput pascal = scalar(headInHounsfield);
   pascal.value_unit = "Pa";
@@ -617,7 +617,7 @@ TEST_CASE("vectors of length 1 are directions without a sign", "[guess]") {
   const Json cfd =
       Json::parse(suggest({"data.vdb", "", ""}, {vector(direction, "v1")}, GuessFor::kCfd).scene);
   CHECK_FALSE(cfd["volumes"]["v1"].contains("axial"));
-  // And any vectors at the user's word.
+  // If the user asks for fibres, any vectors are axial.
   const auto flow = vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), 3.0)); });
   const Json fibres = Json::parse(suggest({"data.vdb", "", ""}, {flow}, GuessFor::kFibres).scene);
   CHECK(fibres["volumes"]["velocity"]["axial"] == true);
@@ -666,7 +666,7 @@ TEST_CASE("three grids that are a vector are not felt one by one", "[guess]") {
   CHECK_THAT(guess.left[0], Contains("X Velocity, Y Velocity, Z Velocity") &&
                                 Contains("Velocity.x, Velocity.y and Velocity.z"));
 
-  // Under those names they are a vector, which turns.
+  // Under those names the grids are a vector, which turns.
   const TemporaryFolder folder;
   openvdb::GridPtrVec grids;
   for (int axis = 0; axis < 3; ++axis) {
@@ -683,7 +683,7 @@ TEST_CASE("three grids that are a vector are not felt one by one", "[guess]") {
 }
 
 TEST_CASE("fractions of materials are felt at a half, the void is not", "[guess]") {
-  // A ball and a box apart in a void; edges are shared within a voxel or two.
+  // A ball and a box apart in a void; at edges, fractions mix over a voxel or two.
   const auto within = [](double depth) { return std::clamp(0.5 + 0.5 * depth, 0.0, 1.0); };
   const auto steel = [=](const Vec3d& p) {
     return static_cast<float>(within(8.0 - (p - Vec3d(-9.0, 0.0, 0.0)).length()));
@@ -727,8 +727,8 @@ TEST_CASE("gases that are mixed are no materials", "[guess]") {
 }
 
 TEST_CASE("a shock is a surface where it is steepest", "[guess]") {
-  // A bow shock: free stream before it, behind it values that fall and rise as they like; smeared
-  // over some three cells, of two voxels each.
+  // A bow shock: free stream before it, and values that fall and rise behind it. It is smeared over
+  // some three cells, of two voxels each.
   const Scalar bow = [](const Vec3d& p) {
     const double ahead = p.x() + 12.0 - 0.01 * (p.y() * p.y() + p.z() * p.z());
     const double behind =
@@ -748,7 +748,7 @@ TEST_CASE("a shock is a surface where it is steepest", "[guess]") {
 }
 
 TEST_CASE("labels are felt as far as isosurfaces can tell them apart", "[guess]") {
-  // Three bodies in nothing, the third within reach of both.
+  // Three bodies in empty space. The third is within reach of both others.
   const Scalar atlas = [](const Vec3d& p) {
     if ((p - Vec3d(-7.0, 0.0, 0.0)).length() < 7.0) return 1.0F;
     if ((p - Vec3d(7.0, 0.0, 0.0)).length() < 7.0) return 4.0F;
@@ -769,12 +769,12 @@ TEST_CASE("labels are felt as far as isosurfaces can tell them apart", "[guess]"
   CHECK(surfaces[1]["solid"] == "above");
   REQUIRE(guess.left.size() == 1);
   CHECK_THAT(guess.left[0], Contains("labels 1 to 2") && Contains("a grid for each"));
-  // Shells, whose values lie in order, are an image's.
+  // Shells with values in order are treated as an image.
   const Json shells = suggested({scalar([](const Vec3d& p) {
     return static_cast<float>(p.length() < 8.0 ? 3 : (p.length() < 16.0 ? 1 : 0));
   })});
   CHECK(shells["modes"][0]["name"] != "density all labels");
-  // Two values are one body, at the user's word too.
+  // Two values are one body, also if the user asks for labels.
   const auto mask = scalar(ball(12.0, 1.0, 0.0, 0.0), 40, "mask");
   for (const GuessFor what : {GuessFor::kAnything, GuessFor::kLabels}) {
     const Json body = Json::parse(suggest({"data.vdb", "", ""}, {mask}, what).scene);
@@ -784,7 +784,7 @@ TEST_CASE("labels are felt as far as isosurfaces can tell them apart", "[guess]"
 }
 
 TEST_CASE("what is alike in a whole node is looked at too", "[guess]") {
-  // All labels end at nodes of 8 voxels: pruned, a grid of nothing but tiles.
+  // All labels end at nodes of 8 voxels: after pruning, the grid has only tiles.
   SuggestInput input = scalar(
       [](const Vec3d& p) {
         const auto within = [&p](double from, double to) {
@@ -845,7 +845,7 @@ TEST_CASE("a share of a material is that of the whole", "[guess]") {
       {"data.vdb", "", ""},
       {fraction("steel", [&](const Vec3d& p) { return steel(p) - water(p); }),
        fraction("water", water), fraction("air", [&](const Vec3d& p) { return 1.0 - steel(p); })});
-  // 4/3 pi (16^3 - 8^3) of 64^3 are 5.7 %, a little more for the blur.
+  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %, and a little more due to the blur.
   const std::string line = guess.made.at(0);
   const std::size_t at = line.find("It is ");
   REQUIRE(at != std::string::npos);
@@ -885,7 +885,7 @@ TEST_CASE("a distance that its file does not call one is a surface at 0", "[gues
     CHECK(surface["solid"] == "below");
     CHECK(scene["modes"].size() == 1);
   }
-  // A ramp by 1 a unit is none.
+  // A ramp by 1 a unit is not a distance.
   CHECK(modesOf(suggested({scalar([](const Vec3d& p) { return static_cast<float>(p.x()); })}),
                 "isosurface")
             .empty());

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The window and its stills, under Xvfb with a synthetic mouse: what is seen is what the trace says.
-view_test.py BIN_DIR VOLUMES_PROGRAM [CLASS...]. Exit status 77 where Xvfb, xdotool or matplotlib are missing."""
+"""Tests the window and its stills, under Xvfb with a synthetic mouse: the picture agrees with the trace.
+view_test.py BIN_DIR VOLUMES_PROGRAM [CLASS...]. Exit status 77 if Xvfb, xdotool or matplotlib are missing."""
 import csv
 import ctypes
 import json
@@ -24,7 +24,7 @@ import suite  # noqa: E402
 BIN = Path(sys.argv[1]).resolve()
 VOLUMES = str(Path(sys.argv[2]).resolve())
 PALPATE = str(BIN / "palpate")
-PATIENCE = int(os.environ.get("PALPATE_PATIENCE", "240"))  # [s], of a loaded machine
+PATIENCE = int(os.environ.get("PALPATE_PATIENCE", "240"))  # [s], for a loaded machine
 
 if not all(shutil.which(program) for program in ("Xvfb", "xdotool")):
     print("view_test: skipped: needs xvfb and xdotool")
@@ -49,11 +49,11 @@ SCENE = {
 
 
 def near(image, at, colour, reach):
-    """Pixels about a place that are of a colour's hue."""
+    """Counts the pixels around a place that have a colour's hue."""
     height = image.shape[0]
     x, y = round(at[0]), round(height - 1 - at[1])
     part = image[max(0, y - reach):y + reach + 1, max(0, x - reach):x + reach + 1, :3]
-    # The hue by which channels lead; light and shade are left out.
+    # The hue is the difference between channels; brightness is ignored.
     grey = part.mean(axis=2, keepdims=True)
     hue = part - grey
     want = [c - sum(colour) / 3 for c in colour]
@@ -103,7 +103,7 @@ class Still(Case):
         return done
 
     def test_what_is_drawn_is_the_last_tick(self):
-        """Without a display of ours: it starts one."""
+        """Without a display: palpate starts one."""
         env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
         # From the camera's side into the ball, 4 mm deep.
         (self.dir / "path.csv").write_text("t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n",
@@ -118,13 +118,13 @@ class Still(Case):
                 self.assertAlmostEqual(mine, his, places=15)
         force = math.hypot(*told["force"])
         self.assertGreater(force, 0.5)
-        # The proxy is on the ball, and the bar is what the spring pulls with, less its damper.
+        # The proxy is on the ball, and the bar shows the spring's force without its damper.
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         skin, pin = told["bars"]
         self.assertEqual((skin["name"], skin["strength"], skin["state"]), ("skin", 3.0, "holds"))
         self.assertAlmostEqual(skin["load"], 500 * math.dist(told["probe"], told["proxy"]), delta=1e-6)
         self.assertEqual((pin["load"], pin["state"]), (0.0, "idle"))
-        # And it is seen where it is.
+        # The image shows them at these places.
         image = imread(self.dir / "still.png")
         self.assertEqual(image.shape[:2][::-1], tuple(told["size"]))
         pixels = told["pixels"]
@@ -137,7 +137,7 @@ class Still(Case):
         self.assertEqual([p for p in self.dir.iterdir() if "partial" in p.name], [])
 
     def test_an_inner_surface_is_seen_through_the_outer_one(self):
-        """Beside the inner ball the background is seen through the outer one; 300 dpi for print."""
+        """The background is visible through the outer ball beside the inner one; 300 dpi for print."""
         light = []
         for inner in (False, True):
             scene = json.loads(json.dumps(SCENE))
@@ -149,7 +149,7 @@ class Still(Case):
             told = self.told()
             image = imread(self.dir / "still.png")
             x, y = told["pixels"]["centre"][0], told["size"][1] - 1 - told["pixels"]["centre"][1]
-            # From the picture's middle out to the ball's rim.
+            # From the picture's centre to the ball's rim.
             wide = np.abs(image[round(y), :, :3].mean(axis=1) - image[round(y), 20, :3].mean())
             light.append(wide)
         right = next(i for i in range(round(x), round(x) + 600) if light[0][i] < 0.1)
@@ -188,12 +188,12 @@ class Still(Case):
                 told = self.told()
                 self.assertEqual(told["legend"], [modes[0]["name"]])
                 image = imread(self.dir / "still.png")[:, :1300, :3]
-                # Lines of the scale's light end are yellow, which nothing else is.
+                # Only lines at the light end of the scale are yellow.
                 yellow = (image[..., 0] > 0.6) & (image[..., 1] > 0.5) & (image[..., 2] < 0.5)
                 self.assertGreater(int(yellow.sum()), colours)
 
     def beside(self, server):
-        """With another program as Xvfb, and no display."""
+        """Returns an environment with another program as Xvfb, and without a display."""
         place = self.dir / "bin"
         place.mkdir(exist_ok=True)
         (place / "Xvfb").write_text("#!/bin/sh\n" + server, encoding="utf-8")
@@ -202,7 +202,7 @@ class Still(Case):
         return {**env, "PATH": f"{place}:{env['PATH']}"}
 
     def test_an_interruption_ends_what_is_drawn(self):
-        """While its server is waited for, which goes on saying its number for ever."""
+        """While palpate waits for its server, which prints its number without end."""
         env = self.beside(f"touch '{self.dir}/begun'\nwhile printf 1 >&3; do sleep 1; done\n")
         for asked in (signal.SIGINT, signal.SIGTERM):
             with self.subTest(asked=asked.name):
@@ -239,7 +239,7 @@ class Still(Case):
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
     def test_nobody_else_sees_what_is_drawn(self):
-        """Who connects to its server without a cookie is refused, before its number is told."""
+        """A client without the cookie is refused, even before palpate knows the server's number."""
         env = self.beside(f"""
 cd '{self.dir}' && mkfifo number
 {shutil.which("Xvfb")} "$@" 3> number &
@@ -294,7 +294,7 @@ class Window(Case):
         return (self.dir / "log").read_text(encoding="utf-8")
 
     def until(self, what, true):
-        """Waits for what was drawn to be so."""
+        """Waits until the state of the window satisfies a condition."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             told = self.told()
@@ -312,7 +312,7 @@ class Window(Case):
         self.assertIn(words, self.said())
 
     def until_at_rest(self):
-        """Waits until it is told five times without a frame."""
+        """Waits until five states have come without a new frame."""
         end = time.monotonic() + PATIENCE
         frames = -1
         while time.monotonic() < end:
@@ -327,7 +327,7 @@ class Window(Case):
         raise AssertionError(f"it draws on: {self.told()}")
 
     def cover(self):
-        """Another window over everything; what takes it away."""
+        """Covers everything by another window; returns a function that removes it."""
         x11 = ctypes.CDLL("libX11.so.6")
         x11.XOpenDisplay.restype = ctypes.c_void_p
         display = ctypes.c_void_p(x11.XOpenDisplay(self.env["DISPLAY"].encode()))
@@ -339,7 +339,7 @@ class Window(Case):
         return lambda: x11.XCloseDisplay(display)
 
     def until_shown(self, what, true):
-        """Waits for the screen itself."""
+        """Waits for the image on the screen."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             if self.shot_file.exists() and true(imread(self.shot_file)):
@@ -353,12 +353,12 @@ class Window(Case):
         return done.stdout.split()
 
     def close(self, window):
-        """Gone before the key is up, the window makes xdotool complain."""
+        """If the window closes before the key is released, xdotool complains."""
         subprocess.run(["xdotool", "key", "--window", window, "q"], env=self.env, timeout=PATIENCE,
                        stderr=subprocess.DEVNULL, check=False)
 
     def window(self):
-        """Once it draws."""
+        """Returns the window when it draws."""
         self.until("a frame", lambda told: told["frames"] > 0)
         return self.do("search", "--onlyvisible", "--name", "^palpate:")[0]
 
@@ -370,7 +370,7 @@ class Window(Case):
         return feel.wait(timeout=PATIENCE)
 
     def ends_well(self, feel):
-        """Or its loop was late, as on a machine that runs other things, and it says so."""
+        """Ends without a fault, or with a message that the loop was late, as on a busy machine."""
         if self.ended(feel) != 0:
             self.assertEqual(feel.returncode, 1, self.said())
             self.assertIn("the force was cut: the loop was late", self.said())
@@ -387,13 +387,13 @@ class Window(Case):
             self.do("mousemove", "--window", window, round(x + step % 2), round(y))
             before = self.told()["hand"]
             self.do("click", 4)
-            # What it comes to is seen before the next: too deep, the skin gives way.
+            # Waits for the result of each step: if the hand is too deep, the skin yields.
             told = self.until("a step", lambda told, before=before: math.dist(told["hand"], before) > 5e-4)
             told = self.until("a later tick", lambda later, told=told: later["time"] > told["time"] + 0.15)
 
 
 class Drawn(Window):
-    """What is drawn while a hand feels."""
+    """Tests of the picture while a hand feels."""
 
     def test_a_mouse_feels_a_ball_and_keys_do_what_they_say(self):
         feel = self.start("--seconds", "900", "--trace", "t.csv")
@@ -401,12 +401,12 @@ class Drawn(Window):
         self.press(window)
         felt = lambda told: math.hypot(*told["force"]) > 0.2 and told["bars"][0]["state"] == "holds"
         told = self.until("a force", felt)
-        # The proxy stays on the ball whatever the mouse does: that is the resistance that is seen.
+        # The proxy stays on the ball wherever the mouse moves: the picture shows the resistance.
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         self.assertLess(math.hypot(*told["probe"]), math.hypot(*told["proxy"]))
-        # The panel on the screen says so too: a bar of the colour of what holds.
+        # The panel on the screen shows a bar in the colour of the state "holds".
         self.until_shown("a bar", lambda image: near(image, (740, 570), HOLDS, 50) > 40)
-        # Stronger, off and on again: the strength that the loop balances.
+        # Stronger, off and on again: the loop balances this strength.
         self.do("key", "--window", window, "plus")
         self.until("a stronger skin", lambda t: abs(t["bars"][0]["strength"] - 3.75) < 1e-6)
         self.do("key", "--window", window, "o")
@@ -414,7 +414,7 @@ class Drawn(Window):
         self.until_shown("no bar", lambda image: near(image, (740, 570), HOLDS, 50) == 0)
         self.do("key", "--window", window, "o")
         self.until("a skin", lambda t: t["bars"][0]["dial"] == 1.25)
-        # Off, latched, and on again.
+        # The force is off until Enter.
         self.do("key", "--window", window, "Escape")
         off = self.until("the force off", lambda t: t["status"][0].startswith("FORCE OFF"))
         self.assertEqual(off["force"], [0, 0, 0])
@@ -424,6 +424,20 @@ class Drawn(Window):
         self.ends_well(feel)
         words = {row["status"] for row in rows(self.dir / "t.csv")}
         self.assertIn("fault", words)
+
+    def test_a_force_that_was_cut_for_lateness_is_said_to_return(self):
+        feel = self.start("--device", "simulated", "--seconds", "900", "--reengage", "5")
+        self.window()
+        self.until("a tick", lambda told: told["time"] > 1)
+        feel.send_signal(signal.SIGSTOP)
+        time.sleep(0.2)
+        feel.send_signal(signal.SIGCONT)
+        off = self.until("the force off", lambda t: t["status"][0].startswith("FORCE OFF"))
+        self.assertTrue(any("it returns 5 s after the last late tick, at most 3 times a minute" in line
+                            for line in off["status"]), off["status"])
+        self.until("the force on", lambda t: not t["status"][0].startswith("FORCE OFF"))
+        feel.send_signal(signal.SIGINT)
+        feel.wait(PATIENCE)
 
     def test_a_recorded_hand_is_watched_as_it_was(self):
         (self.dir / "path.csv").write_text(
@@ -439,10 +453,10 @@ class Drawn(Window):
         self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
         self.close(self.window())
         self.ends_well(feel)
-        # At half its speed, and no further than it was seen.
+        # At half the speed, and not further than the view has shown.
         felt = float(rows(self.dir / "t.csv")[-1]["t"])
         self.assertLess(felt, 0.5 * (time.monotonic() - begun) + 0.1)
-        # All of it, in a picture, of the recording's own scene.
+        # The whole recording, as a picture, with the recording's own scene.
         self.still = subprocess.run([PALPATE, "view", "a.rec", "--device", "replay:a.rec", "--picture",
                                      "still.png", "--trace", "t.csv"], cwd=self.dir, env=self.env,
                                     capture_output=True, text=True, timeout=PATIENCE, check=False)
@@ -472,7 +486,7 @@ class Drawn(Window):
         self.until("a fine backdrop", lambda told: not told["coarse"])
 
         def grey(image):
-            """Nearly black and nearly white, of no hue, in the picture."""
+            """Nearly black and nearly white pixels, without hue, in the picture."""
             part = image[:, :640, :3]
             plain = part.max(axis=2) - part.min(axis=2) < 0.02
             return int((plain & (part.mean(axis=2) < 0.05)).sum()), int((plain & (part.mean(axis=2) > 0.9)).sum())
@@ -501,7 +515,7 @@ class Drawn(Window):
         told = self.until("the new scene", lambda t: len(t["bars"]) == 3 and "core" in t["legend"])
         self.assertEqual([(bar["name"], bar["dial"]) for bar in told["bars"]],
                          [("core", 1), ("skin", 0), ("pin", 1)])
-        # And on again: it is chosen still, wherever it is now.
+        # On again: the mode is still selected, at its new index.
         self.do("key", "--window", window, "o")
         self.until("a skin", lambda t: t["bars"][1]["dial"] == 1)
         self.close(window)
@@ -513,7 +527,7 @@ class Drawn(Window):
         self.scene.write_text(json.dumps(scene), encoding="utf-8")
         feel = self.start("--seconds", "900")
         window = self.window()
-        # While the loop stands nothing that is asked is felt.
+        # While the loop is stopped, no request is applied.
         feel.send_signal(signal.SIGSTOP)
         self.do("key", "--window", window, "o")
         told = self.until("a wish", lambda t: t["bars"][0]["words"] == "skin: off (not yet)")
@@ -521,7 +535,7 @@ class Drawn(Window):
         feel.send_signal(signal.SIGCONT)
         told = self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
         self.assertEqual(told["bars"][0]["words"], "skin: off")
-        # What is refused is not felt, and not said to be.
+        # A rejected request is not applied, and the panel does not show it.
         self.do("key", "--window", window, "2")
         self.do("key", "--window", window, "plus")
         self.until("a refusal", lambda t: any("cannot be felt" in note for note in t["notes"]))
@@ -578,7 +592,7 @@ class Drawn(Window):
         self.ends_well(feel)
 
     def test_no_thread_of_a_window_is_on_the_loop_s_core(self):
-        """Nor those of its graphics; where the loop has its priority it stays there."""
+        """Nor are the threads of its graphics; a loop with real-time priority stays on its core."""
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
         cores = os.sched_getaffinity(0)
@@ -611,7 +625,7 @@ class Drawn(Window):
 
 
 class Lost(Window):
-    """Window, display or loop are gone. A test of CTest's own: it waits more than it computes."""
+    """The window, the display or the loop fails. A CTest entry of its own, because it waits more than it computes."""
 
     def test_without_memory_for_a_window_the_loop_goes_on(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
@@ -621,7 +635,7 @@ class Lost(Window):
                          "be felt without\n")
 
     def goes_on(self, feel):
-        """Until it is asked to end."""
+        """The run continues until it is interrupted."""
         self.until_said("view: the window has ended")
         self.assertIsNone(feel.poll())
         feel.send_signal(signal.SIGINT)
@@ -652,7 +666,7 @@ class Lost(Window):
         self.assertIn("palpate: display: it is gone: the window ends\n", self.said())
 
     def test_a_display_that_refuses_is_told_in_a_line(self):
-        """Its window is taken away."""
+        """The test destroys the window."""
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.do("windowclose", self.window())
         self.goes_on(feel)
@@ -662,7 +676,7 @@ class Lost(Window):
         self.assertNotIn("X Error", self.said())
 
     def test_a_mouse_that_comes_to_a_hidden_window_harms_nothing(self):
-        """VTK asks for the focus, which hidden windows are refused."""
+        """VTK requests the focus, which the X server refuses for hidden windows."""
         feel = self.start("--seconds", "900")
         window = self.window()
         child = self.child(feel)
@@ -678,7 +692,7 @@ class Lost(Window):
         self.ends_well(feel)
 
     def told_its_end(self, window, child):
-        """It says that the loop has stopped, draws nothing more, and ends when it is closed."""
+        """The window shows that the loop has stopped, draws no more frames, and ends when it is closed."""
         self.until("the end", lambda told: told["stalled"])
         self.until_at_rest()
         self.assertTrue(Path(f"/proc/{child}").exists())
@@ -707,7 +721,7 @@ class Lost(Window):
         self.assertEqual(self.ended(feel), -signal.SIGKILL, self.said())
         end = time.monotonic() + PATIENCE
         while not self.told() and time.monotonic() < end:
-            time.sleep(0.1)  # until() gives up on a loop that has ended
+            time.sleep(0.1)  # until() fails for a loop that has ended
         self.told_its_end(self.window(), int((self.dir / "child").read_text(encoding="utf-8")))
 
     @staticmethod
@@ -726,7 +740,7 @@ class Lost(Window):
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
 
     def test_a_display_without_opengl_is_told_in_a_line(self):
-        """A picture needs none there: it has a server of its own."""
+        """A picture does not need this display: palpate starts a server of its own."""
         self.serve("-extension", "GLX")
         feel = self.start()
         self.assertEqual(self.ended(feel), 1)

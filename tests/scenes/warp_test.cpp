@@ -1,4 +1,4 @@
-/// Scenes with volumes that deform: "warp", its frames, and what palpate make gives of them.
+/// Tests scenes with volumes that deform: "warp", its frames, and the volumes of palpate make.
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -7,11 +7,11 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/engine/step.h"
-#include "palpate/scenes/frames.h"
-#include "palpate/scenes/made.h"
-#include "palpate/scenes/scene_cache.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/scenes/library/frames.h"
+#include "palpate/scenes/library/made.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
 #include "tests/support/built_scene.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/vdb_grids.h"
@@ -38,7 +38,7 @@ Json heartScene() {
   return scene;
 }
 
-/// Displacements of a file each, dark.vdb of others.
+/// Writes displacements, one file per frame.
 void writeFrames(const std::filesystem::path& folder, const std::string& before, int first,
                  int count) {
   for (int i = 0; i < count; ++i) {
@@ -62,7 +62,7 @@ TEST_CASE("a made heart is felt where its formula has moved it", "[scene][warp]"
   CHECK(heart.fields.count("u") == 0);
   const Placement place = heart.placements.at("heart");
   CHECK(heart.motions.at("heart")->topSpeed({}) > 0.02);
-  // Inwards from the side, and held while it beats twice.
+  // Moves inwards from the side, and stays while the heart beats twice.
   Reader reader;
   ProxyState state({1e3, 1e12});
   double off = 0.0;
@@ -199,7 +199,7 @@ TEST_CASE("displacements of many files carry what is placed like what they defor
     const Vec3 rest = motion.poseAbout(Vec3(0.02, 0.02, 0.03), t).toRest(Vec3(0.02, 0.02, 0.03));
     CHECK(rest.z() - 0.03 == Approx(0.25e-3 * std::min(t, 3.0)).margin(1e-9));
   }
-  // Taken from the scene before, the warp is the same.
+  // With the cache of the previous scene, the warp is the same.
   const BuiltScene again = built(scene, folder.path(), &cache);
   CHECK(again.motions.at("ball")->warp() == motion.warp());
 }

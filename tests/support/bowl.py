@@ -1,4 +1,4 @@
-"""A bowl in bricks and a hand in it, for tests of where bricks come from. The programs' folder is sys.argv[1]."""
+"""A bowl in bricks and a hand in it, for tests of stores of bricks. The programs' folder is sys.argv[1]."""
 import csv
 import json
 import signal
@@ -28,7 +28,7 @@ class Case(unittest.TestCase):
         holder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(holder.cleanup)
         cls.dir = Path(holder.name)
-        cls.dir.chmod(0o755)  # a server that root starts is not root
+        cls.dir.chmod(0o755)  # the server that root starts runs as another user
         run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.25)
         run("brick", cls.dir / "bodies.vdb", cls.dir / "bowl", "--grid", "bowl")
         facts = json.loads((cls.dir / "bowl/.zattrs").read_text())["palpate"]
@@ -48,7 +48,7 @@ class Case(unittest.TestCase):
         return file
 
     def feel(self, place, *words, status=0):
-        """The trace's rows, and the summary."""
+        """Returns the trace's rows, the summary and the messages."""
         trace, summary = self.dir / "t.csv", self.dir / "s.json"
         done = run("feel", self.scene(place), "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
                    "--summary", summary, *words, status=status)
@@ -64,14 +64,14 @@ class Case(unittest.TestCase):
 
 
 class Stored:
-    """What holds of bricks at `address`, whatever store that is."""
+    """Tests of bricks at `address`, for every kind of store."""
 
     def test_what_is_served_is_felt_as_the_folder_is(self):
         here, told, _ = self.feel(str(self.dir / "bowl"))
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
         self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
-        # Several at a time: what is not wanted any more when it comes counts as well.
+        # Several requests run at a time: bricks that are no longer needed when they arrive count as well.
         self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
@@ -94,11 +94,11 @@ class Stored:
 
 
 class Ended:
-    """What becomes of a hand when the store at `address` ends. setUp() makes it answer; kill(signal) is of
-    what does; felt() returns when it has been felt for a while."""
+    """Tests of a hand when the store at `address` ends. setUp() starts the store; kill(signal) signals its process;
+    felt() returns when the volume has been felt for a while."""
 
     def on_time(self, seconds):
-        """A hand that stays in the wall, on time; its summary when it has ended."""
+        """Starts a hand that stays in the wall, on time. Returns the file of its summary."""
         self.said = ""
         self.addCleanup(self.kill, signal.SIGCONT)
         (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0\n1.5,0.01,0.01,-0.024\n"
@@ -115,7 +115,7 @@ class Ended:
         return summary
 
     def ends(self, how, seconds, told_within=None):
-        """Its faults where the server meets with `how` while it is felt."""
+        """Returns the run's faults if `how` is applied to the server while the volume is felt."""
         summary = self.on_time(seconds)
         how()
         begin = time.monotonic()

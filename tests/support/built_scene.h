@@ -1,4 +1,4 @@
-/// Scenes as their files would make them, for the tests of scenes.
+/// Builds scenes for tests as their files would be built.
 #pragma once
 
 #include <filesystem>
@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 
 #include "palpate/engine/error.h"
-#include "palpate/scenes/build_scene.h"
-#include "palpate/scenes/scene_cache.h"
-#include "palpate/scenes/scene_file.h"
+#include "palpate/scenes/library/build_scene.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
 
 namespace palpate::test {
 
@@ -18,7 +18,7 @@ inline BuiltScene built(const nlohmann::json& scene, const std::filesystem::path
   return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
 }
 
-/// Why a scene is not built; "taken": it is.
+/// Returns the reason why a scene is not built; "taken" if it is built.
 inline std::string refusal(const nlohmann::json& scene, const std::filesystem::path& folder) {
   try {
     (void)built(scene, folder);

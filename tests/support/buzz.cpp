@@ -9,7 +9,7 @@
 #include <unsupported/Eigen/FFT>
 #include <utility>
 
-#include "palpate/devices/simulated_device.h"
+#include "palpate/devices/simulated/simulated_device.h"
 #include "tests/support/motion_problems.h"
 
 namespace palpate::bench {
@@ -20,17 +20,17 @@ constexpr double kRate = 1.0 / kMotionTick;  // [Hz]
 constexpr double kStrength = 3.0;            // [N]
 constexpr double kDepth = 2e-3;              // [m]
 constexpr double kDeeper = 1e-3;             // [m], of a hand that yields
-constexpr double kFollows = 5.0;             // [Hz], what a hand can
-constexpr double kSeconds = 5.0;             // a slice
-constexpr int kComing = 300;                 // ticks from outside
-constexpr double kOutside = 4e-3;            // [m]
-constexpr std::size_t kSettled = 500;        // ticks that do not count
+constexpr double kFollows = 5.0;             // [Hz], fastest change that a hand follows
+constexpr double kSeconds = 5.0;             // per slice
+constexpr int kApproach = 300;               // ticks from outside
+constexpr double kOutside = 4e-3;            // [m], start of the approach
+constexpr std::size_t kSettled = 500;        // ticks at the start that do not count
 constexpr double kStep = 25e-6;              // [m], of the encoder
-constexpr double kTurning = 0.08;            // [m]: a radius by which speed becomes angle
+constexpr double kTurning = 0.08;            // [m]: radius that converts speed to angle
 
 using Path = std::vector<Vec3>;
 
-/// Forwards and back, so that nothing lags.
+/// Filters forwards and back, so that the result has no lag.
 void lowPass(std::vector<double>& values) {
   const double share = 1.0 - std::exp(-2.0 * std::numbers::pi * kFollows / kRate);
   const auto pass = [&](auto begin, auto end) {
@@ -65,8 +65,8 @@ Path pathAround(const ScalarField& field, const SkinWay& way, double sign, const
     const double a = angle(i);
     return axis + (radius[i] + out) * Vec3(std::cos(a), std::sin(a), 0.0);
   };
-  for (int i = 0; i < kComing; ++i) {
-    path.push_back(at(0, kOutside - (kOutside + depth) * i / kComing));
+  for (int i = 0; i < kApproach; ++i) {
+    path.push_back(at(0, kOutside - (kOutside + depth) * i / kApproach));
   }
   for (std::size_t i = 0; i < n; ++i) path.push_back(at(i, -depth));
   return path;
@@ -108,7 +108,7 @@ Buzz buzzOf(const std::vector<Vec3>& forces) {
   return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0, kRate)};
 }
 
-/// k times the depth that value and slope at the hand make of it, along the slope.
+/// Returns a force of k times the depth from value and slope at the hand, along the slope.
 Force penalty(const std::shared_ptr<const ScalarField>& field, double level, double sign,
               bool polynomial) {
   constexpr double kDeepest = 6e-3;  // [m]
@@ -125,7 +125,7 @@ Force penalty(const std::shared_ptr<const ScalarField>& field, double level, dou
   };
 }
 
-/// The whole tick.
+/// Runs the whole tick.
 class SteppedEngine {
  public:
   SteppedEngine(const std::shared_ptr<const ScalarField>& field, double level, bool above) {
@@ -137,7 +137,7 @@ class SteppedEngine {
   }
   Vec3 force(const Vec3& probe) {
     const Ticked r = tick_(probe);
-    constexpr double kMuch = 4.0;    // times the hand's way
+    constexpr double kMuch = 4.0;    // times the hand's path
     constexpr double kAtAll = 5e-5;  // [m]
     const double way = (r.proxy - proxy_).norm();
     const bool settled = ticks_++ > kSettled;
@@ -173,7 +173,7 @@ double skinRadius(const ScalarField& field, double level, double sign, const Vec
 }
 
 double powerAbove(const std::vector<Vec3>& forces, double least, double rate) {
-  // Hann windows, half over each other.
+  // Hann windows that overlap by half.
   constexpr std::size_t kWindow = 1024;
   constexpr double kHannPower = 0.375;
   Eigen::FFT<double> fft;

@@ -1,10 +1,10 @@
-"""How many random cases a test runs, as tests/support/random.h has it."""
+"""The number of random cases of a test, as in tests/support/random.h."""
 import os
 
 
 def cases(usual, name):
-    """`usual`; PALPATE_CASES where it is a number, a part of the usual where it is like "10%". In a room (PALPATE_ROOM)
-    that has changed (PALPATE_CHANGED) a percentage is at least 100."""
+    """Returns PALPATE_CASES if it is a number, a part of `usual` if it is like "10%". In a room (PALPATE_ROOM) that
+    has changed (PALPATE_CHANGED) a percentage is at least 100."""
     text = os.environ.get("PALPATE_CASES", "100%")
     run = max(1, int(float(text[:-1]) * usual / 100 if text.endswith("%") else float(text)))
     if text.endswith("%") and os.environ.get("PALPATE_ROOM") in os.environ.get("PALPATE_CHANGED", "").split():

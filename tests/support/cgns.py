@@ -1,4 +1,4 @@
-"""Writes CGNS as it lies in HDF5, by the library that VTK brings."""
+"""Writes CGNS files as HDF5, with the library of VTK."""
 import ctypes
 import struct
 
@@ -6,7 +6,7 @@ IDENTITY = ctypes.c_int64
 
 
 class Writer:
-    """A file of nodes, each a group with a name, a label and data."""
+    """A file of nodes. Each is a group with a name, a label and data."""
 
     def __init__(self, path):
         self.lib = ctypes.CDLL("libhdf5_serial.so.103")
@@ -52,7 +52,7 @@ class Writer:
         self.lib.H5Aclose(at)
 
     def data(self, group, name, kind, size, values):
-        # Fortran's order: the first is the fastest.
+        # Fortran's order: the first index varies fastest.
         space = IDENTITY(self.lib.H5Screate_simple(
             len(size), (ctypes.c_uint64 * len(size))(*reversed(size)), None))
         at = IDENTITY(self.lib.H5Dcreate2(group, name, self.kind(kind), space, IDENTITY(0),
@@ -69,12 +69,12 @@ class Writer:
         return group
 
     def close(self):
-        # With what is still open in it.
+        # Closes all open objects of the library.
         self.lib.H5close()
 
 
 def structured(path, size, place, arrays):
-    """A zone of size points, `place(i, j, k)` each; arrays: {name: value(x, y, z)}."""
+    """Writes a zone of size points at `place(i, j, k)`; arrays: {name: value(x, y, z)}."""
     writer = Writer(path)
     base = writer.node(writer.file, "Base", "CGNSBase_t", "I4", [2], struct.pack("<2i", 3, 3))
     sizes = [*size, *(n - 1 for n in size), 0, 0, 0]

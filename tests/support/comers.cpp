@@ -1,6 +1,7 @@
-/// Sites of this machine, by names alone: palpate_comers DOMAIN SECONDS [FIRST COUNT].
-/// Seven that come and go as fast as they can, or COUNT that stay: ZFIRST, and so on. It says on
-/// stderr where it was kept from its core for so long that they were nearly silent.
+/// Sites of this machine that only publish hands: palpate_comers DOMAIN SECONDS [FIRST COUNT].
+/// Without FIRST and COUNT seven sites come and go as fast as possible; else COUNT sites stay,
+/// named ZFIRST and so on. If the program lost its core for so long that the sites were nearly
+/// silent, it reports that on stderr.
 #include <chrono>
 #include <cstdlib>
 #include <dds/dds.h>

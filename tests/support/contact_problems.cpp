@@ -10,8 +10,8 @@
 
 #include <Eigen/Geometry>
 
-#include "palpate/engine/realtime.h"
-#include "palpate/engine/step.h"
+#include "palpate/engine/loop/realtime.h"
+#include "palpate/engine/tick/step.h"
 #include "tests/support/corner_noise.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
@@ -27,7 +27,7 @@ double ContactResult::offRms() const {
 
 namespace {
 
-/// One surface, one hand.
+/// One hand on one surface.
 class Touch {
  public:
   Touch(const FieldPtr& field, double strength, const ContactRuns& runs, ContactResult& result)
@@ -74,7 +74,7 @@ class Touch {
     }
   }
 
-  /// Holds still for 150 ms.
+  /// Holds the hand still for 150 ms.
   void hold(const Vec3& hand) {
     ++result_.holds;
     bool stands = true;
@@ -85,8 +85,8 @@ class Touch {
     if (stands) ++result_.unfinished;
   }
   [[nodiscard]] const Vec3& proxy() const { return proxy_; }
-  /// How far the proxy is before the true surface, by `free`, or the interpolated one: behind both,
-  /// below zero.
+  /// Returns the proxy's distance before the true surface, from `free`, or before the interpolated
+  /// one. Negative if the proxy is behind both.
   [[nodiscard]] double behind(double free) {
     return free < 0.0 ? std::max(free, probed_.off(proxy_, 0.0)) : free;
   }
@@ -109,7 +109,7 @@ Mat3 anyFrame(Random& random) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, random.direction())).toRotationMatrix();
 }
 
-/// A place on V = 0, found from the free side.
+/// Returns a place on V = 0, found from the free side.
 Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random) {
   for (;;) {
     Vec3 a = middle + random.inCube(reach);
@@ -124,9 +124,9 @@ Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random)
   }
 }
 
-constexpr double kReach = 22.0;  // of a wandering hand
+constexpr double kReach = 22.0;  // [voxels], of a wandering hand
 
-/// `free`: to the true surface.
+/// Runs a wandering hand. `free` returns the distance to the true surface.
 void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& field,
             const Vec3& middle, const ContactRuns& runs, Random& random, ContactResult& result,
             double most = 4.0) {
@@ -167,7 +167,7 @@ void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& fiel
   touch.hold(hand);
 }
 
-constexpr int kRoom = 64;  // voxels along an edge, of a wandering hand's
+constexpr int kRoom = 64;  // voxels along an edge of a wandering hand's volume
 const Vec3 kMiddle = Vec3::Constant(0.5 * (kRoom - 1));
 
 }  // namespace
@@ -271,7 +271,7 @@ ContactResult pressNoise(double grain, const ContactRuns& runs) {
     std::vector<double> corners(kCorners * kCorners * kCorners);
     for (double& corner : corners) corner = 0.3 + random.uniform(-1.0, 1.0);
     const auto value = [&](const Vec3& p) {
-      // Free towards the border of the grid.
+      // The border of the grid is free.
       const double border = (p - middle).cwiseAbs().maxCoeff();
       return grain * betweenCorners(corners, kCorners, p / grain) +
              2.0 * std::max(0.0, border - 18.0);

@@ -11,14 +11,14 @@
 #include "palpate/devices/methods/force_function.h"
 #include "palpate/devices/methods/nelder_mead.h"
 #include "palpate/devices/methods/smallest_residual.h"
-#include "palpate/engine/solver.h"
+#include "palpate/engine/balance/solver.h"
 
 namespace palpate::bench {
 namespace {
 
 using methods::Balance;
 
-/// A power of ten, or a multiple of one.
+/// Returns the text of a power of ten, or of a multiple of one.
 std::string word(double number) {
   const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
   char text[32];
@@ -27,7 +27,7 @@ std::string word(double number) {
   return text;
 }
 
-/// A method without a setting.
+/// Returns a method without a setting.
 Contender makePlain(std::string name,
                     Balance (*method)(const Vec3&, double, std::span<const Primitive>,
                                       const Vec3&) noexcept) {
@@ -37,7 +37,7 @@ Contender makePlain(std::string name,
   return {std::move(name), "", solve};
 }
 
-/// A method with one.
+/// Returns a method with a setting.
 template <class Params>
 Contender makeSet(std::string name, std::string setting,
                   Balance (*method)(const Vec3&, double, std::span<const Primitive>, const Vec3&,
@@ -50,11 +50,11 @@ Contender makeSet(std::string name, std::string setting,
   return {std::move(name), std::move(setting), solve};
 }
 
-/// How the step of our reading of the paper's solver adapts.
+/// How the step adapts in our reading of the paper's solver.
 enum class Pace {
-  kSteady,   ///< As it reaches most of the independent problems (euler_adaptive.h).
-  kHalving,  ///< Half the cost, a few per cent fewer; the paper's 30 to 40 iterations.
-  kSlow,     ///< Shrinks by 3 %: as it reaches most along motions, in a thousand steps and more.
+  kSteady,   ///< Solves the most independent problems (euler_adaptive.h).
+  kHalving,  ///< Half the cost, a few per cent fewer solved; the paper's 30 to 40 iterations.
+  kSlow,     ///< Shrinks by 3 %: solves the most along motions, in a thousand steps or more.
 };
 Contender makePaper(double tolerance, Pace pace) {
   methods::EulerAdaptiveParams params;
@@ -78,7 +78,7 @@ Contender makePaper(double tolerance, Pace pace) {
   return makeSet(kPaper, setting, methods::eulerAdaptive, params);
 }
 
-/// The engine's solver; `warm`: it remembers the last balance.
+/// Returns the engine's solver; `warm`: with memory of the last balance.
 Contender makeOurs(double tolerance, bool warm) {
   SolverParams params;
   params.tolerance = tolerance;

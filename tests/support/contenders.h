@@ -1,4 +1,4 @@
-/// The methods that are compared, each at its settings, behind one signature.
+/// The compared methods, each at its settings, behind one signature.
 #pragma once
 
 #include <functional>
@@ -12,7 +12,7 @@
 
 namespace palpate::bench {
 
-/// A method's answer, and what it claims of it.
+/// A method's answer and the error bound that it claims.
 struct Answer {
   methods::Balance balance;
   double bound = std::numeric_limits<double>::infinity();  ///< Certified error [m].
@@ -20,26 +20,27 @@ struct Answer {
 
 /// A method at one setting.
 struct Contender {
-  std::string method;  ///< As charts name it.
+  std::string method;  ///< Its name in charts.
   std::string
-      setting;  ///< Its tolerance (of the fixed step: the step) as 1e-3; empty: it has none.
-  /// The primitives are the problem's, in memory that was just written, as in a tick.
+      setting;  ///< Its tolerance (for the fixed step: the step) as 1e-3; empty: it has no setting.
+  /// Solves a problem. The primitives are the problem's, in memory that was just written, as in a
+  /// tick.
   std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
   /// Called before a balance that does not follow from the last one.
   std::function<void()> forget = [] {};
 };
 
-/// What charts call the engine's solver, and our reading of the paper's.
+/// Names in charts of the engine's solver and of our reading of the paper's solver.
 inline constexpr const char* kOurs = "palpate";
 inline constexpr const char* kOursWarm = "palpate, warm";
 inline constexpr const char* kPaper = "Euler, adaptive step";
 
-/// All of them. The engine's solver remembers nothing, and, for motions, remembers the last
-/// balance.
+/// Returns all methods. The engine's solver starts without memory. For motions the list also has
+/// the solver that remembers the last balance.
 [[nodiscard]] std::vector<Contender> makeContenders(bool motion);
 
-/// Those of figure 7: of our readings of the paper's solver the one that needs as many iterations
-/// as the paper says, and the engine's as the tick calls it.
+/// Returns the methods of figure 7. Of our readings of the paper's solver the list has the one that
+/// needs as many iterations as the paper says. The engine's solver is called as in the tick.
 [[nodiscard]] std::vector<Contender> makeFigure7Contenders();
 
 }  // namespace palpate::bench

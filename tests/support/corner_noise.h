@@ -1,4 +1,4 @@
-/// Values at the corners of cubes, linear between: what rough volumes are made of.
+/// Values at the corners of cubes, linear between them: the data of rough volumes.
 #pragma once
 
 #include <algorithm>
@@ -9,8 +9,8 @@
 
 namespace palpate::bench {
 
-/// The value at q, in cubes from the first corner, all coordinates >= 0: of side^3 corners, the
-/// last axis fastest. Beyond the last one it is that one's.
+/// Returns the value at q, in cubes from the first corner, all coordinates >= 0. There are side^3
+/// corners, the last axis fastest. Beyond the last corner the value is that of the last corner.
 inline double betweenCorners(const std::vector<double>& corners, std::size_t side, const Vec3& q) {
   const Vec3 low = q.array().floor();
   const double last = static_cast<double>(side) - 1.0;

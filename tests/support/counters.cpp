@@ -17,19 +17,19 @@ namespace {
 
 thread_local bool counting = false;
 thread_local palpate::test::Counts total;
-// Allocations of all threads while some are to fail, and which one is to.
+// Allocations of all threads while a FailScope lives, and the number of the one that fails.
 std::atomic<bool> failing{false};
 std::atomic<long> allocated{0};
 std::atomic<long> fails{0};
 
-/// Counts an allocation; true where it is to fail.
+/// Counts an allocation; returns true if the allocation must fail.
 [[maybe_unused]] bool allocates(std::size_t size) {
   if (counting) ++total.allocations;
   return failing.load(std::memory_order_relaxed) && size >= palpate::test::FailScope::kLarge &&
          ++allocated == fails;
 }
 
-/// The function of that name in the next library.
+/// Returns the function of that name in the next library.
 template <class F>
 F next(const char* name) {
   return reinterpret_cast<F>(dlsym(RTLD_NEXT, name));
@@ -38,7 +38,7 @@ F next(const char* name) {
 }  // namespace
 
 #if PALPATE_SANITIZED
-// A sanitizer owns the allocator; it calls back at every allocation, operator new's included.
+// A sanitizer owns the allocator. It calls back at every allocation, including operator new's.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
                                                                            std::size_t),
                                                          void (*freed)(const volatile void*));

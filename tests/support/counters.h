@@ -1,13 +1,14 @@
-/// Counts what a tick may not do, on this thread: proof by counting, not by reading.
+/// Counts operations that a tick must not do, on this thread. Tests prove their absence by
+/// counting.
 #pragma once
 
 #include <cstddef>
 
 namespace palpate::test {
 
-/// What happened since it was made.
+/// Events since the construction of the scope.
 struct Counts {
-  long allocations = 0;  ///< malloc and its kin, and so operator new.
+  long allocations = 0;  ///< malloc and related functions, and so operator new.
   long locks = 0;        ///< pthread mutexes and read-write locks taken (not under a sanitizer).
   long exceptions = 0;   ///< throw expressions.
 };
@@ -22,9 +23,10 @@ class CountScope {
   [[nodiscard]] static Counts counts();
 };
 
-/// While it lives the n-th allocation of kLarge or more from its beginning, of any thread, fails
-/// once, as where there is no memory: a smaller one is had from what a program has already. One at
-/// a time; not under a sanitizer, which owns the allocator.
+/// While this object lives, the n-th allocation of kLarge bytes or more, counted over all threads
+/// from its construction, fails once, as if memory were exhausted. Smaller allocations succeed: a
+/// program gets them from memory that it already has. One at a time. Does not work under a
+/// sanitizer, which owns the allocator.
 class FailScope {
  public:
   static constexpr std::size_t kLarge = 512;  ///< [bytes]
@@ -32,9 +34,9 @@ class FailScope {
   ~FailScope();
   FailScope(const FailScope&) = delete;
   FailScope& operator=(const FailScope&) = delete;
-  /// False under a sanitizer.
+  /// Returns false under a sanitizer.
   [[nodiscard]] static bool works();
-  /// Such allocations so far.
+  /// Returns the number of allocations of kLarge bytes or more so far.
   [[nodiscard]] static long seen();
 };
 

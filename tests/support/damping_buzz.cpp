@@ -5,7 +5,7 @@
 #include <numbers>
 #include <vector>
 
-#include "palpate/devices/simulated_device.h"
+#include "palpate/devices/simulated/simulated_device.h"
 #include "tests/support/buzz.h"
 
 namespace palpate::bench {
@@ -13,7 +13,7 @@ namespace palpate::bench {
 double buzzOf(const DampedPress& press) {
   constexpr double kSeconds = 4.0;
   constexpr double kHeard = 100.0;  // [Hz]
-  constexpr double kDeep = 6e-3;    // [m] the hand means to be: 4 mm where the wall holds it
+  constexpr double kDeep = 6e-3;    // [m] intended depth of the hand: 4 mm where the wall holds it
   constexpr double kWay = 10e-3 / (2.0 * std::numbers::pi);
   constexpr double kTremor = 1e-4;
   const auto turn = [](double hertz, double t) {

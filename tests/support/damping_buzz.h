@@ -1,8 +1,8 @@
-/// A hand that presses on a wall through a damped coupling and an encoder: what the encoder's steps
-/// become in the force.
+/// Measures how the steps of an encoder appear in the force. The hand presses on a wall through a
+/// damped coupling.
 #pragma once
 
-#include "palpate/engine/coupling.h"
+#include "palpate/engine/balance/coupling.h"
 
 namespace palpate::bench {
 
@@ -13,9 +13,9 @@ struct DampedPress {
   double rate_time = kRateTime;  ///< Of LengthRate [s].
 };
 
-/// Force above 100 Hz, rms [N]: four seconds on a wall of 500 N/m, 4 mm deep, to and fro at 10 mm/s
-/// with a tremor of 0.1 mm at 9 Hz; the arm is SimulatedDevice's without Coulomb's friction, which
-/// would swallow steps, the hand relaxed.
+/// Returns the force above 100 Hz, rms [N]. The hand spends four seconds on a wall of 500 N/m, 4 mm
+/// deep. It moves to and fro at 10 mm/s with a tremor of 0.1 mm at 9 Hz. The arm is
+/// SimulatedDevice's without Coulomb friction, which would hide the steps; the hand is relaxed.
 [[nodiscard]] double buzzOf(const DampedPress& press);
 
 }  // namespace palpate::bench

@@ -1,5 +1,5 @@
-/// A real volume made larger than it is: VTK's head of PALPATE_DATA, between whose voxels lie
-/// others.
+/// A real volume with a finer grid: VTK's head of PALPATE_DATA with interpolated voxels between its
+/// own.
 #pragma once
 
 #include <algorithm>
@@ -14,15 +14,16 @@
 #include <vector>
 
 #include "palpate/engine/types.h"
-#include "palpate/samplers/write_bricks.h"
+#include "palpate/samplers/bricks/write_bricks.h"
 
 namespace palpate::test {
 
-/// CT of a head, 64 x 64 x 93 voxels of 3.2, 3.2 and 1.5 mm; skin lies at 500. Trilinear between.
+/// CT of a head, 64 x 64 x 93 voxels of 3.2, 3.2 and 1.5 mm. The skin is at the value 500.
+/// Trilinear between voxels.
 class FineHead {
  public:
   /// @param data   PALPATE_DATA.
-  /// @param voxel  Of the volume that is made [mm]; 0.3: 209 million of them.
+  /// @param voxel  Edge of a voxel of the resulting volume [mm]; 0.3 gives 209 million voxels.
   FineHead(const std::filesystem::path& data, double voxel) : voxel_(voxel) {
     values_.reserve(static_cast<std::size_t>(kCount[0]) * kCount[1] * kCount[2]);
     for (int k = 0; k < kCount[2]; ++k) {
@@ -37,11 +38,11 @@ class FineHead {
     }
   }
 
-  /// Voxels along an axis.
+  /// Returns the number of voxels along an axis.
   [[nodiscard]] int count(std::size_t a) const {
     return static_cast<int>((kCount[a] - 1) * kSpacing[a] / voxel_) + 1;
   }
-  /// [mm]
+  /// Returns the middle of the volume [mm].
   [[nodiscard]] Vec3 centre() const {
     return 0.5 * Vec3((kCount[0] - 1) * kSpacing[0], (kCount[1] - 1) * kSpacing[1],
                       (kCount[2] - 1) * kSpacing[2]);
@@ -68,13 +69,13 @@ class FineHead {
     const float high = row(0, 1) + t[1] * (row(1, 1) - row(0, 1));
     return low + t[2] * (high - low);
   }
-  /// Where the skin is met first from outside towards the middle, in a direction [mm].
+  /// Returns the distance of the outermost skin from the middle, in a direction [mm].
   [[nodiscard]] double skin(const Vec3& direction) const {
     double r = 120.0;
     while (r > 1.0 && at(centre() + r * direction) < 500.0F) r -= 0.2;
     return r;
   }
-  /// To be written; must not outlive this.
+  /// Returns the input of a brick writer; it must not outlive this object.
   [[nodiscard]] BrickInput input() const {
     BrickInput out;
     out.name = "density";
@@ -99,16 +100,17 @@ class FineHead {
     };
     return out;
   }
-  /// A hand's way about the head, `depth` mm below the skin, by its length [m] from a place above
-  /// the forehead; in W, where the head has its size and its middle is the origin [m].
+  /// Returns a hand's path about the head, `depth` mm below the skin. It has a length [m] and
+  /// begins above the forehead. The positions are in W [m]: the head has its real size and its
+  /// middle is the origin.
   [[nodiscard]] std::vector<Vec3> way(double length, double step, double depth) const {
     std::vector<Vec3> out;
     double angle = 0.0;
     while (static_cast<double>(out.size()) * step < length) {
-      // Up and down while it goes round, and over the same places hardly twice.
+      // The path rises and falls while it circles the head, so it hardly visits a place twice.
       const Vec3 d =
           Vec3(std::cos(angle), std::sin(angle), 0.4 * std::sin(1.7 * angle)).normalized();
-      // As deep as that in the mean of what is beside it: a hand does not follow each fold.
+      // The depth is below the mean of the skin near by: a hand does not follow each fold.
       double r = 0.0;
       for (int n = -4; n <= 4; ++n) {
         const double beside = angle + 0.02 * n;

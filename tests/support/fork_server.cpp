@@ -1,9 +1,9 @@
 /// A library to preload: stops a program at the start of its main(), and forks it for each request.
 ///
-/// A short run spends most of its time on loading and relocating up to 130 libraries. A fork has
-/// them already, and has memory, files and a status of its own. The request brings its arguments,
-/// variables, folder and standard streams (tests/support/process.py). PALPATE_FORK_SERVER holds the
-/// number of the socket.
+/// A short run spends most of its time on loading and relocating up to 130 libraries. A fork
+/// already has these libraries, and has its own memory, files and status. The request brings its
+/// arguments, variables, folder and standard streams (tests/support/process.py).
+/// PALPATE_FORK_SERVER holds the number of the socket.
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -64,10 +64,10 @@ bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
   return true;
 }
 
-/// Ends a forked process after the handlers that its main() has registered. Those of libraries
+/// Ends a forked process after the handlers that its main() has registered. Handlers of libraries
 /// would wait for threads that a fork does not have (log4cplus, of OpenVDB, starts some before
-/// main()). So no fork is searched for leaks. With AddressSanitizer that takes 0.3 s, and it takes
-/// the parent's threads for the fork's.
+/// main()). So no fork is searched for leaks. With AddressSanitizer that search takes 0.3 s, and it
+/// takes the parent's threads for the fork's.
 void endBeforeLibraries(int status, void*) {
   std::cout.flush();
   std::fflush(nullptr);

@@ -1,4 +1,4 @@
-/// Volumes in bricks out of a formula: dense, for what no grid has to be in memory.
+/// Makes dense bricks from a formula, so that no grid has to be in memory.
 #pragma once
 
 #include <algorithm>
@@ -6,11 +6,11 @@
 #include <functional>
 #include <string>
 
-#include "palpate/samplers/write_bricks.h"
+#include "palpate/samplers/bricks/write_bricks.h"
 
 namespace palpate::test {
 
-/// Voxels [0, upper] given by a function of their index, all active, of 1 unit.
+/// Returns voxels [0, upper] given by a function of their index, all active, of 1 unit.
 inline BrickInput formulaBricks(const std::string& name, const VoxelAt& upper,
                                 const std::function<double(const VoxelAt&)>& value) {
   BrickInput out;

@@ -1,16 +1,16 @@
-/// A hand for tests that begin anew many times.
+/// A hand for tests that start from the beginning many times.
 #pragma once
 
-#include "palpate/engine/step.h"
+#include "palpate/engine/tick/step.h"
 
 namespace palpate::test {
 
-/// A reader and a proxy whose memory is taken once. To make both anew takes 7 ms, with
-/// AddressSanitizer 15 ms; restart() takes 0.1 and 2 ms.
+/// Holds a reader and a proxy whose memory is allocated once. Constructing both again takes 7 ms,
+/// with AddressSanitizer 15 ms. restart() takes 0.1 ms, with AddressSanitizer 2 ms.
 class FreshHand {
  public:
   explicit FreshHand(const ForceLimits& limits) : state(limits), made_state_(state) {}
-  /// Makes both as they were at first.
+  /// Resets both to their initial state.
   void restart() {
     reader = made_reader_;
     state = made_state_;

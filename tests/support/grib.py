@@ -1,16 +1,16 @@
-"""Writes GRIB by ecCodes, from its own samples."""
+"""Writes GRIB with ecCodes, from its own samples."""
 import ctypes
 import ctypes.util
 
 
 def library():
-    """None where it is not installed."""
+    """Returns ecCodes, or None if it is not installed."""
     found = ctypes.util.find_library("eccodes")
     return ctypes.CDLL(found) if found else None
 
 
 def write(path, messages):
-    """messages: (sample, {key: number or text}, values, or None for the sample's own)."""
+    """messages: (sample, {key: number or text}, values). Without values (None) the sample's own are written."""
     lib = library()
     lib.codes_grib_handle_new_from_samples.restype = ctypes.c_void_p
     for index, (sample, keys, values) in enumerate(messages):

@@ -1,15 +1,15 @@
-/// A hand that feels a scene, and a way for it.
+/// A hand in a scene, and a path for the hand.
 #pragma once
 
 #include <cmath>
 #include <memory>
 #include <utility>
 
-#include "palpate/engine/step.h"
+#include "palpate/engine/tick/step.h"
 
 namespace palpate::test {
 
-/// With a reader and a proxy of its own, at 1 kHz; nothing limits its force.
+/// Has a reader and a proxy of its own, at 1 kHz, without a limit on its force.
 struct Hand {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -19,7 +19,7 @@ struct Hand {
   StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, 1e-3); }
 };
 
-/// Where it is on a way through a room of the size [m].
+/// Returns the hand's position on a path through a region of the size [m].
 inline Vec3 wander(double time, double size) {
   return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
                      std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));

@@ -1,4 +1,4 @@
-/// What a JSON Schema says of a value, by valijson.
+/// Checks a value against a JSON Schema, by valijson.
 #pragma once
 
 #include <optional>
@@ -8,15 +8,16 @@
 
 namespace palpate {
 
-/// What a schema has against a value.
+/// A schema's reason to reject a value.
 struct SchemaComplaint {
-  std::string path;  ///< Of the part that it does not accept.
+  std::string path;  ///< Of the rejected part.
   std::string what;
 };
 
-/// The schema's first complaint; nothing where it accepts the value. Slow: when files are read.
+/// Returns the schema's first complaint, or std::nullopt if the schema accepts the value. Slow:
+/// call while files are read.
 ///
-/// @param schema  A JSON Schema, as text; throws nlohmann::json::exception where it is no JSON.
+/// @param schema  A JSON Schema, as text; throws nlohmann::json::exception if the text is not JSON.
 [[nodiscard]] std::optional<SchemaComplaint> schemaComplaint(const nlohmann::json& json,
                                                              const std::string& schema);
 

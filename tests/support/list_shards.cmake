@@ -1,7 +1,7 @@
 # Writes CTest's list of the processes of a Catch2 program. One process runs many cases, since a process takes longer to
 # start than most cases take. Each case with [host] has its own process, so that CTest repeats only the one that failed.
 #   cmake -D PROGRAM=... -D OUT=... -D ROOM=... "-D SETS=NAME|SPEC|LABEL,LABEL|host or -|COST;..." -P list_shards.cmake
-# A set that matches no case of the program becomes no test.
+# A set that matches no case of the program gives no test.
 cmake_policy(VERSION 3.22)
 set(script "")
 set(counts "")
@@ -18,7 +18,7 @@ foreach(set IN LISTS SETS)
   if(NOT trouble STREQUAL "")
     message(FATAL_ERROR "${PROGRAM} --list-test-names-only: ${trouble}")
   endif()
-  # A name may hold what CMake takes for a list.
+  # A test name may contain characters that CMake takes for list separators.
   string(REPLACE ";" "\\;" cases "${cases}")
   string(REPLACE "\n" ";" cases "${cases}")
   list(FILTER cases EXCLUDE REGEX "^$")

@@ -19,7 +19,7 @@
 
 namespace {
 
-/// A program on each core that computes and never waits, as long as it lives.
+/// Runs a program on each core that computes and never waits, for the lifetime of this object.
 class BusyNeighbours {
  public:
   BusyNeighbours() {
@@ -54,8 +54,8 @@ class BusyNeighbours {
   std::vector<pid_t> children_;
 };
 
-/// Runs tests that depend on how the machine schedules ([host]) beside busy neighbours, and prints
-/// a line for each test: its result, its seconds, its name. Random tests print how many cases they
+/// Runs tests that depend on how the machine schedules ([host]) beside busy neighbours. Prints a
+/// line for each test: its result, its seconds, its name. Random tests print how many cases they
 /// had.
 struct Surroundings : Catch::TestEventListenerBase {
   using TestEventListenerBase::TestEventListenerBase;

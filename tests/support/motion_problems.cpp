@@ -7,9 +7,9 @@
 
 #include <Eigen/Geometry>
 
-#include "palpate/samplers/openvdb_grids.h"
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/fresh_hand.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/random.h"
@@ -49,7 +49,7 @@ typename GridT::Ptr denseGrid(const Coord& size, const typename GridT::ValueType
   return grid;
 }
 
-/// Two directions across each other, slanted to the grid.
+/// Return two directions across each other, slanted to the grid.
 const Vec3& firstAxis() {
   static const Vec3 u = Vec3(1, 0.37, -0.21).normalized();
   return u;
@@ -59,7 +59,7 @@ const Vec3& secondAxis() {
   return w;
 }
 
-/// A soft step of so many voxels, 1 inside.
+/// Returns a soft step of a width in voxels, 1 inside.
 double ramp(double depth, double width) {
   const double t = std::clamp(depth / width + 0.5, 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
@@ -68,10 +68,10 @@ double ramp(double depth, double width) {
 }  // namespace
 
 FieldPtr scalarGrid(int n, const std::function<double(const Vec3&)>& value,
-                    const std::string& interpolation, bool level_set) {
-  const auto grid =
-      denseGrid<openvdb::FloatGrid>(Coord(n), level_set ? 3.0F : 0.0F,
-                                    [&](const Vec3& p) { return static_cast<float>(value(p)); });
+                    const std::string& interpolation, bool level_set, double spacing) {
+  const auto at = [&](const Vec3& index) { return static_cast<float>(value(spacing * index)); };
+  const auto grid = denseGrid<openvdb::FloatGrid>(Coord(n), level_set ? 3.0F : 0.0F, at);
+  grid->setTransform(openvdb::math::Transform::createLinearTransform(spacing));
   grid->setGridClass(level_set ? openvdb::GRID_LEVEL_SET : openvdb::GRID_FOG_VOLUME);
   return fieldOf<openvdb::FloatGrid>(grid, interpolation);
 }
@@ -156,7 +156,7 @@ SurfaceMotion torusMotion(double major, double minor, double depth) {
   motion.field = scalarGrid(106, motion.distance);
   motion.floor = (1.0 / minor + 1.0 / (major - minor)) / 8.0;
   const double r = minor - depth;
-  // Three times about the tube in a lap.
+  // The hand winds three times about the tube in a lap.
   const double speed = std::hypot(major, 3.0 * r);
   const auto at = [=](double a, double far) {
     const Vec3 ring = std::cos(a) * u + std::sin(a) * w;
@@ -181,7 +181,7 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
     return hollow ? -distance : distance;
   };
   motion.field = scalarGrid(turned ? 66 : 65, motion.distance);
-  // A quarter of the way, in the plane of two axes, then turned by 90 degrees.
+  // A quarter of the path, in the plane of two axes; the others are turned by 90 degrees each.
   std::vector<Vec3> quarter;
   if (hollow) {
     // Along the wall into the edge, and down it into the corner and back.
@@ -223,7 +223,7 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
 
 namespace {
 
-/// One mode on one field, and what a thread keeps of it.
+/// One mode on one field, with a thread's reader and state.
 struct Engine {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -251,7 +251,7 @@ Ticked tickedOf(const StepReport& r) {
           r.status == StepStatus::kHairpin};
 }
 
-/// The hands of a way, made before anything is timed.
+/// Returns the hands of a path. They are computed before any timing.
 std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, long ticks) {
   std::vector<Vec3> hands;
   hands.reserve(static_cast<std::size_t>(ticks));
@@ -261,7 +261,7 @@ std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, 
   return hands;
 }
 
-/// All ticks, and the median time of one [ns], of batches.
+/// Runs all ticks. Returns the median time of one [ns], from batches.
 double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vector<Ticked>& ticked) {
   const std::size_t batch = hands.size() < 640 ? 16 : 64;
   std::vector<double> times;
@@ -275,7 +275,7 @@ double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vecto
                     static_cast<double>(batch));
     begun = std::chrono::steady_clock::now();
   }
-  // A way of a few ticks is one batch.
+  // A path of a few ticks is one batch.
   if (times.empty() && !hands.empty()) {
     const auto now = std::chrono::steady_clock::now();
     times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() /
@@ -314,11 +314,11 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   Probed probed(std::get<0>(motion.field));
   const double pace = voxelsPerTick(speed);
 
-  // Down onto the surface first, slowly.
+  // First, the hand moves slowly down onto the surface.
   constexpr int kDown = 200;
   Vec3 above = motion.outside;
   if (anywhere) {
-    // It holds wherever it is: it begins where the true surface is.
+    // The method holds at any level, so the hand begins at the true surface.
     Vec3 below = motion.hand(0.0);
     for (int i = 0; i < 60; ++i) {
       const Vec3 middle = 0.5 * (above + below);
@@ -333,7 +333,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
 
   MotionResult out;
   const auto ticks = static_cast<long>(laps * motion.lap / pace);
-  // Several laps at each end: a small sphere has few ticks to one.
+  // Both ends have several laps, because a small sphere has few ticks in one.
   const auto lap = static_cast<long>(std::max(1.0, laps / 10.0) * motion.lap / pace);
   struct Mean {
     double sum = 0.0;
@@ -388,7 +388,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
 
 namespace {
 
-/// The exact interpolant of voxels.
+/// Returns the exact interpolant of voxels.
 Vec3 blend(const std::function<Vec3(int, int, int)>& voxel, const Eigen::Vector3i& cell,
            const Vec3& p) {
   Vec3 sum = Vec3::Zero();
@@ -407,7 +407,7 @@ Eigen::Vector3i cellOf(const Vec3& p) {
   return p.array().floor().cast<int>();
 }
 
-/// Eight voxels at a time are asked for again and again.
+/// Caches eight voxels, because the tracer reads the same ones many times.
 class Cell {
  public:
   Cell(const std::function<Vec3(int, int, int)>& voxel, const Eigen::Vector3i& cell) : cell_(cell) {
@@ -470,7 +470,7 @@ Vec3 goOn(const std::function<Vec3(int, int, int)>& voxel, Vec3 p, double way, d
   return p;
 }
 
-/// How far p is from a course, near its point i, which is moved along.
+/// Returns the distance of p from a course near its point i, and moves i along.
 double fromCourse(const Stream& s, const Vec3& p, std::size_t& i) {
   const auto last = static_cast<long>(s.x.size()) - 1;
   auto best = static_cast<long>(i);
@@ -556,12 +556,12 @@ FieldPtr fieldAbout(const Stream& s, const std::string& interpolation) {
 
 namespace {
 
-/// As a grid of floats has it.
+/// Rounds a vector as a grid of floats stores it.
 Vec3 stored(const Vec3& v) {
   return v.cast<float>().cast<double>();
 }
 
-/// Of voxel n in a wave of so many.
+/// Returns the phase of voxel n in a wave of `wavelength` voxels.
 double phase(int n, int wavelength) {
   return 2.0 * kPi * ((n % wavelength + wavelength) % wavelength) / wavelength;
 }
@@ -591,7 +591,7 @@ std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation) {
-  constexpr double kSlow = 0.35;  // there Taylor and Green's flow turns on the spot
+  constexpr double kSlow = 0.35;  // below it Taylor-Green's flow turns on the spot
   test::Random random(7);
   std::vector<Stream> streams;
   while (streams.size() < count) {
@@ -691,11 +691,11 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
   for (std::size_t i = 1; i < proxies.size(); ++i) {
     const Vec3& p = proxies[i];
     const double off = fromCourse(stream, p, near);
-    // Past its end the course's bend is not known.
+    // The course's bend is unknown past its end.
     if (near + 1 < stream.x.size()) out.off_max = std::max(out.off_max, off);
     if (!judged) continue;
     const Vec3& before = proxies[i - 1];
-    // The nearest place of the exact stream through the last proxy.
+    // Searches for the nearest place of the exact stream through the last proxy.
     double way = (p - before).dot(stream.directionAt(before));
     Vec3 departure;
     for (int pass = 0; pass < 3; ++pass) {

@@ -1,8 +1,8 @@
 /// Motions whose exact course is known: surfaces to slide on, streams to follow and shells not to
-/// cross, as grids, with the hands that feel them. What the tests and the chart of accuracy run.
+/// cross, as grids, with the hands that move on them. The tests and the chart of accuracy run them.
 ///
-/// Lengths are in voxels unless said otherwise; a voxel is 0.1 m / 128, a tick 1 ms, k 500 N/m, so
-/// that 0.5 m/s is 0.64 voxel a tick and 1 N is 2.56 voxels of spring.
+/// Lengths are in voxels unless said otherwise. A voxel is 0.1 m / 128, a tick 1 ms and k 500 N/m.
+/// So 0.5 m/s is 0.64 voxel a tick, and 1 N is 2.56 voxels of spring.
 #pragma once
 
 #include <functional>
@@ -10,10 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "palpate/engine/field.h"
-#include "palpate/engine/graph.h"
-#include "palpate/engine/scene.h"
-#include "palpate/engine/step.h"
+#include "palpate/engine/field/field.h"
+#include "palpate/engine/scene/graph.h"
+#include "palpate/engine/scene/scene.h"
+#include "palpate/engine/tick/step.h"
 
 namespace palpate::bench {
 
@@ -21,24 +21,26 @@ inline constexpr double kVoxel = 0.1 / 128.0;  ///< [m]
 inline constexpr double kMotionTick = 1e-3;    ///< [s]
 inline constexpr double kMotionStiffness = 500.0;
 
-/// Voxels a tick at a speed [m/s].
+/// Returns the voxels a tick at a speed [m/s].
 inline double voxelsPerTick(double speed) {
   return speed * kMotionTick / kVoxel;
 }
 
-/// A dense grid of n^3 voxels as a field, voxel (i, j, k) at that place in voxels.
+/// Returns a dense grid of n^3 voxels as a field. Voxel (i, j, k) is at (i, j, k) times `spacing`.
 FieldPtr scalarGrid(int n, const std::function<double(const Vec3&)>& value,
-                    const std::string& interpolation = "trilinear", bool level_set = true);
-/// The same of vectors, size by axis; `axial`: of axes, whose sign means nothing.
+                    const std::string& interpolation = "trilinear", bool level_set = true,
+                    double spacing = 1.0);
+/// Returns a dense grid of vectors with a size by axis. `axial`: the values are axes, whose sign
+/// has no meaning.
 FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& value,
                     const std::string& interpolation = "trilinear", bool axial = false);
 
-/// A field with its own reader's cache: what a reference asks.
+/// A field with its own reader's cache, for the references of tests.
 class Probed {
  public:
   explicit Probed(std::shared_ptr<const ScalarField> field);
-  /// How far p is from the surface V = level of the interpolated field: |V - level| / |grad V|, of
-  /// the cell's own polynomial, signed as V.
+  /// Returns |V - level| / |grad V|, the distance of p from the surface V = level of the
+  /// interpolated field. The slope is that of the cell's own polynomial; the sign is that of V.
   [[nodiscard]] double off(const Vec3& p, double level);
   [[nodiscard]] double value(const Vec3& p);
 
@@ -47,133 +49,137 @@ class Probed {
   std::unique_ptr<FieldCache> cache_;
 };
 
-/// A surface and a hand that goes along under it.
+/// A surface and a hand that moves below it.
 struct SurfaceMotion {
   std::string name;
   FieldPtr field;
   double level = 0.0;
   Solid solid = Solid::kBelow;
-  std::function<Vec3(double way)> hand;         ///< After a way along its path; below the surface.
-  Vec3 outside = Vec3::Zero();                  ///< Whence it comes, near hand(0).
-  double lap = 0.0;                             ///< Of the hand's path.
+  std::function<Vec3(double way)> hand;         ///< After a length of its path; below the surface.
+  Vec3 outside = Vec3::Zero();                  ///< Start, near hand(0).
+  double lap = 0.0;                             ///< Length of a lap of the hand's path.
   std::function<double(const Vec3&)> distance;  ///< To the true surface, signed.
-  double floor = 0.0;  ///< Of the interpolant against the true surface; 0: not known.
+  double floor = 0.0;  ///< Error of the interpolant against the true surface; 0: not known.
 };
 
-/// Sphere of a radius, hand `depth` below; "level set" or "fog N", a ramp of N voxels.
+/// Returns a sphere of a radius, hand `depth` below; "level set" or "fog N", a ramp of N voxels.
 SurfaceMotion sphereMotion(const std::string& kind, double radius, double depth,
                            const std::string& interpolation = "trilinear");
-/// The same from inside, the hand beyond the wall.
+/// Returns a hollow sphere, the hand inside and beyond the wall.
 SurfaceMotion hollowMotion(double radius, double depth);
-/// Torus, the hand winding about it.
+/// Returns a torus; the hand winds about it.
 SurfaceMotion torusMotion(double major, double minor, double depth);
-/// A cube's level set, edges 40 voxels, with the grid or turned against it; the hand slides along
-/// each of four faces and over its edge. Hollow: inside it, along walls into edges and corners.
+/// Returns a cube's level set, edges 40 voxels, aligned with the grid or turned against it. The
+/// hand slides along each of four faces and over its edge. If hollow, the hand is inside and moves
+/// along walls into edges and corners.
 SurfaceMotion cubeMotion(double depth, bool turned, bool hollow = false);
 
-/// What a run of hapticStep came to.
+/// The result of a run of hapticStep.
 struct MotionResult {
   double off_max = 0.0;  ///< Largest distance from the interpolant's surface while held.
   double off_rms = 0.0;
-  double true_max = 0.0;  ///< From the true surface.
+  double true_max = 0.0;  ///< Largest distance from the true surface.
   double drift = 0.0;     ///< Mean signed distance from the true surface, last tenth less first.
-  double samples = 0.0;   ///< A tick.
-  double cells = 0.0;     ///< Walked, a tick.
+  double samples = 0.0;   ///< Mean per tick.
+  double cells = 0.0;     ///< Walked, mean per tick.
   double most_samples = 0.0;
   double capped = 0.0;       ///< Share of ticks whose status is not converged.
-  double nanoseconds = 0.0;  ///< A tick, the median of hundreds.
-  double injected = 0.0;     ///< [J] a lap.
+  double nanoseconds = 0.0;  ///< Per tick, the median of hundreds.
+  double injected = 0.0;     ///< [J] per lap.
   double lost = 0.0;         ///< Share of ticks in which nothing held the proxy, the hand below.
 };
 
-/// What one tick of any method came to.
+/// The result of one tick of any method.
 struct Ticked {
   Vec3 proxy = Vec3::Zero();  ///< [m]
   Vec3 force = Vec3::Zero();  ///< [N]
-  double samples = 0.0;       ///< Reads of the field, those of tracing included.
+  double samples = 0.0;       ///< Reads of the field, including those of tracing.
   double cells = 0.0;
   double injected = 0.0;  ///< [J]
-  double level = 0.0;     ///< Of the surface on which the proxy should be.
+  double level = 0.0;     ///< Value of the surface that the proxy should be on.
   bool capped = false;
   bool hairpin = false;
 };
-/// A method: takes the hand [m] tick by tick.
+/// A method: a function that takes the hand [m] tick by tick.
 using Stepper = std::function<Ticked(const Vec3& hand)>;
 
-/// Feels a surface by any method. What is farther from the true surface than a voxel counts by
-/// that distance, since slopes there say nothing.
+/// Runs a surface motion with any method. If the proxy is farther than a voxel from the true
+/// surface, that distance counts, because slopes there have no meaning.
 MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, double speed,
                          double laps, bool anywhere = false);
-/// The engine on a surface.
+/// Returns the engine as a method on a surface.
 Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& step,
                  double strength = 3.0);
-/// Feels a surface by the engine.
+/// Runs a surface motion with the engine.
 MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double speed, double laps,
                          const StepParams& step, double strength = 3.0);
 
-/// Of a stream's bend, as Stream::mostBend: below it the place nearest to the hand is one.
+/// Limit of a stream's bend, see Stream::mostBend. Below it the place nearest to the hand is
+/// unique.
 inline constexpr double kMostBend = 0.9;
 
 /// A stream and its exact course: RK4 in steps of 0.02 voxel, split at the faces of cells, on the
-/// cells' own polynomials; written apart from the engine's.
+/// cells' own polynomials. The code is independent of the engine's.
 struct Stream {
   std::string name;
   FieldPtr field;  ///< Voxels about the course.
   std::function<Vec3(int, int, int)> voxel;
-  std::vector<Vec3> x, t, n;  ///< Places, directions, and one that is carried along across them.
+  std::vector<Vec3> x, t, n;  ///< Places, directions, and normals carried along.
   double spacing = 0.02;
-  /// Of the course, times the hand's `pull` aside: at 1 the hand is at the centre of curvature.
+  /// Returns the largest bend of the course times the hand's `pull` aside. At 1 the hand is at the
+  /// centre of curvature.
   [[nodiscard]] double mostBend(double pull) const;
   [[nodiscard]] double length() const { return spacing * static_cast<double>(x.size() - 1); }
-  /// On along the exact stream from p, which need not be on the course.
+  /// Returns the place a length `way` along the exact stream from p, which need not be on the
+  /// course.
   [[nodiscard]] Vec3 onFrom(const Vec3& p, double way) const;
   [[nodiscard]] Vec3 directionAt(const Vec3& p) const;
 };
 
-/// Traces from a start; ends early at the data's edge (`inside`) or where the speed falls below. It
-/// has no field yet.
+/// Traces a stream from a start. Ends early at the data's edge (`inside`) or if the speed falls
+/// below `slowest`. The result does not have a field yet.
 Stream traceStream(const std::string& name, const std::function<Vec3(int, int, int)>& voxel,
                    const Vec3& start, double length,
                    const std::function<bool(const Vec3&)>& inside = nullptr, double slowest = 1e-9);
-/// A grid of the voxels about the course.
+/// Returns a grid of the voxels about the course.
 FieldPtr fieldAbout(const Stream& stream, const std::string& interpolation = "trilinear");
 
-/// Voxels of an ABC flow and of a Taylor-Green one, so many to a wavelength.
+/// Return the voxels of an ABC flow and of a Taylor-Green flow with a wavelength in voxels.
 std::function<Vec3(int, int, int)> abcFlow(int wavelength);
 std::function<Vec3(int, int, int)> taylorGreen(int wavelength);
 
-/// Streams of such a flow from random places in its faster parts, bent less than kMostBend.
+/// Returns streams of a flow from random places in its faster parts, bent less than kMostBend.
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation = "trilinear");
 
-/// Streams of a file's vector grid, from random places in its faster parts, in the grid's own
-/// voxels as if they were cubes; at most `length` long, and at least 8.
+/// Returns streams of a file's vector grid from random places in its faster parts. Lengths are in
+/// the grid's own voxels as if they were cubes; at most `length`, and at least 8.
 std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length);
 
 struct StreamResult {
-  double off_max = 0.0;     ///< From the course.
-  double departures = 0.0;  ///< Sum over ticks of the departure from the exact local stream, by
+  double off_max = 0.0;     ///< Largest distance from the course.
+  double departures = 0.0;  ///< Sum over ticks of the departure from the exact local stream, per
                             ///< 1,280 voxels.
-  double samples = 0.0;     ///< Reads of vectors a tick, those of tracing included.
+  double samples = 0.0;     ///< Reads of vectors a tick, including those of tracing.
   double most_samples = 0.0;
-  double capped = 0.0;    ///< Share of ticks that did not converge; hairpins apart.
-  double hairpins = 0.0;  ///< Share of ticks in which the engine says it is at one.
+  double capped = 0.0;    ///< Share of ticks that did not converge, without hairpins.
+  double hairpins = 0.0;  ///< Share of ticks in which the engine reports a hairpin.
   double nanoseconds = 0.0;
   double force_step = 0.0;  ///< Largest change of the force in a tick [N].
-  double force_most = 0.0;  ///< [N]
+  double force_most = 0.0;  ///< Largest force [N].
 };
 
-/// Follows a stream by any method; departures are only found where `judged`.
+/// Follows a stream with any method. Finds departures only if `judged`.
 StreamResult feelStream(const Stream& stream, const Stepper& method, double speed, double pull,
                         bool judged = true);
-/// The engine on a stream.
+/// Returns the engine as a method on a stream.
 Stepper engineOn(const Stream& stream, const StepParams& step, double strength = 1.0);
-/// Follows a stream by the engine, the hand on its course and `pull` aside, strength 1 N.
+/// Follows a stream with the engine, the hand on its course and `pull` aside, strength 1 N.
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step);
 
-/// A thin sphere, hollow: "level set", "fog" (anti-aliased) or "binary fog", so many voxels thick.
-/// Of fog the solid is where V > level.
+/// A thin hollow sphere: "level set", "fog" (anti-aliased) or "binary fog", with a thickness in
+/// voxels. In a fog the solid is where V > level.
 struct Shell {
   std::string name;
   FieldPtr field;
@@ -186,16 +192,16 @@ struct Shell {
 Shell makeShell(const std::string& kind, double thickness, double level = 0.5);
 
 struct ShellResult {
-  long crossed = 0;      ///< The proxy ended inside.
-  long yielded = 0;      ///< It was let through, or left.
-  double samples = 0.0;  ///< A tick.
+  long crossed = 0;      ///< Presses that ended with the proxy inside.
+  long yielded = 0;      ///< Presses in which the surface let the proxy through or the proxy left.
+  double samples = 0.0;  ///< Mean per tick.
   double most_samples = 0.0;
   double cells = 0.0;
   double most_cells = 0.0;
 };
 
-/// Presses from outside at 2 m/s, `degrees` from head on, from `count` directions, to a depth at
-/// which a plane would carry `load` of its strength, and holds there.
+/// Presses from outside at 2 m/s, `degrees` from head on, from `count` directions. Each press goes
+/// to a depth at which a plane would carry `load` of its strength, and holds there.
 ShellResult pressShell(const Shell& shell, double degrees, double load, long count,
                        const StepParams& step);
 

@@ -1,4 +1,4 @@
-"""Writes netCDF by the library that VTK brings."""
+"""Writes netCDF with the library of VTK."""
 import ctypes
 import ctypes.util
 

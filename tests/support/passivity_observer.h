@@ -1,22 +1,22 @@
 /// The passivity observer and controller of Hannaford and Ryu (2002), time domain, impedance
-/// causal: what was there before the energy tank.
+/// causal. The energy tank replaced it.
 #pragma once
 
 #include "palpate/engine/types.h"
 
 namespace palpate::methods {
 
-/// Sums the work at the port as software sees it; when the sum is negative a damper, as strong as
-/// would bring it back to zero over the step just gone, is added to the force.
+/// Sums the work at the port as software sees it. If the sum is negative, control() adds a damper
+/// to the force. The damper would bring the sum back to zero over the step before.
 ///
-/// It knows neither the encoder's error, nor delay, nor the arm's friction, and acts a step late:
-/// tests/engine/passivity_test.cpp counts how often energy comes out all the same.
+/// The observer knows neither the encoder's error, nor delay, nor the arm's friction, and acts a
+/// step late. tests/engine/passivity_test.cpp counts how often energy still comes out.
 class PassivityObserver {
  public:
   /// @param wanted  Force on the hand [N].
   /// @param hand    As read [m].
   /// @param dt      Since the last call [s], > 0.
-  /// @param peak    The most that the device gives [N].
+  /// @param peak    The device's largest force [N].
   [[nodiscard]] Vec3 control(const Vec3& wanted, const Vec3& hand, double dt, double peak) noexcept;
 
  private:

@@ -15,10 +15,10 @@ namespace palpate::bench {
 
 namespace {
 
-constexpr int kPieces = 4;      // straight ways a tick
+constexpr int kPieces = 4;      // straight paths a tick
 constexpr double kSoft = 25.0;  // [N/m], Tank's cap
 
-/// A number in [0, 1) of some whole ones.
+/// Returns a number in [0, 1) from an integer.
 double hashed(std::uint64_t a) noexcept {
   a ^= a >> 33U;
   a *= 0xff51afd7ed558ccdULL;
@@ -45,16 +45,16 @@ class Draw {
   std::uniform_real_distribution<double> unit_{0.0, 1.0};
 };
 
-/// What the amplifiers give, by a clock of its own: nothing here is the tank's.
+/// Gives the amplifiers' force, by its own clock. The code shares nothing with the tank.
 class Wire {
  public:
   Wire(double delay, double lag) : delay_(delay), lag_(lag) {}
-  /// `off`: later than the delay by it; none overtakes another.
+  /// Sends a force. `off` is added to the delay; a force never overtakes another.
   void send(const Vec3& force, double now, double off) {
     last_ = std::max(last_, now + delay_ + off);
     orders_.push_back({last_, force});
   }
-  /// The integral of the force from `now` on [N s].
+  /// Returns the integral of the force over a time from `now` [N s].
   Vec3 over(double now, double time) {
     Vec3 sum = Vec3::Zero();
     const double end = now + time;
@@ -86,7 +86,7 @@ class Wire {
   Vec3 force_ = Vec3::Zero();
 };
 
-/// The scene's force on the hand.
+/// Computes the scene's force on the hand.
 class Scene {
  public:
   Scene(const PassivityRun& run, Draw& draw)
@@ -145,8 +145,8 @@ class Scene {
   double filtered_ = 0.0;
 };
 
-/// How far off its middle a force's delay is, -1 to 1: always as far, at random, in turn, or early
-/// where the force grows and late where it falls.
+/// Returns the deviation of a force's delay from its mean, -1 to 1. By kind: constant, random, in
+/// turn, or early while the force grows and late while it falls (or the reverse).
 double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   const double either = draw.uniform(-1.0, 1.0);
   switch (kind % 6) {
@@ -165,7 +165,7 @@ double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   }
 }
 
-/// Where it was, of its places at ascending times; forgets what is older.
+/// Returns the position at a time, from positions at ascending times. Drops older ones.
 Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   while (past.size() > 2 && past[1].first <= time) past.pop_front();
   const auto& [from, a] = past[0];
@@ -174,8 +174,8 @@ Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   return a + share * (b - a);
 }
 
-/// Where a hand that knows everything goes in a tick of this length: along the force, best against
-/// the arm's friction, and to and fro over the encoder's steps.
+/// Returns the path of a hand that knows everything, for a tick of this length. The hand moves
+/// along the force, best against the arm's friction, and to and fro over the encoder's steps.
 Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double time, double mood,
               Draw& draw) {
   const Vec3 best = time / (2.0 * run.viscous) * force;
@@ -189,7 +189,7 @@ Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double 
     return way;
   }
   if (mood < 0.8) {
-    // Each axis to just this side, or that, of where its reading changes.
+    // Moves each axis to just before, or just past, the place where its reading changes.
     Vec3 way;
     for (int a = 0; a < 3; ++a) {
       const double edge = (std::floor(x[a] / d + 0.5) + (force[a] > 0.0 ? 0.5 : -0.5)) * d;
@@ -236,7 +236,7 @@ PassivityRun randomRun(std::uint64_t seed, bool fractional) {
 
 namespace {
 
-/// Evenly over logarithms, by the run's number.
+/// Returns a value even in its logarithm, by the run's number.
 double within(double least, double most, std::uint64_t seed, std::uint64_t cycle) {
   const double share = static_cast<double>(seed % cycle) / static_cast<double>(cycle);
   return least * std::pow(most / least, share);
@@ -266,18 +266,18 @@ void forgetOften(PassivityRun& run) {
 
 namespace {
 
-/// What makes a tank begin anew, drawn tick by tick.
+/// Draws the resets of a tank, tick by tick.
 class Interruptions {
  public:
   explicit Interruptions(const PassivityRun& run) : run_(run) {}
 
   enum class What : std::uint8_t {
     kNone,
-    kForget,  ///< The tank is told, and asked all the same.
-    kZero,    ///< It is told, and zero is sent.
+    kForget,  ///< The tank is reset, then passes the force.
+    kZero,    ///< The tank is reset, and zero is sent.
   };
   What next(Draw& draw) {
-    if (!(run_.forgets > 0.0)) return What::kNone;  // draws nothing: the runs are those of before
+    if (!(run_.forgets > 0.0)) return What::kNone;  // draws no number: older runs stay equal
     if (left_ == 0 && draw.uniform(0, 1) < run_.forgets) {
       left_ = 1 + static_cast<int>(draw.uniform(0.0, run_.away + 1.0));
     }
@@ -314,7 +314,8 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   Tank tank;
   methods::PassivityObserver observer;
 
-  // Outside: energy that nobody has put in holds no wall.
+  // The hand begins outside: inside a wall the force would need energy that the hand has not put
+  // in.
   Vec3 x = 1e-3 * draw.direction() - 2e-3 * scene.normal();
   Vec3 v = draw.uniform(0.0, 0.6) * draw.direction();
   std::array<Vec3, 3> swing;
@@ -376,7 +377,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // Nothing is drawn where nothing is in doubt: the runs are those of every version.
+    // Without doubt no number is drawn, so that runs are the same in every version.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);
@@ -391,7 +392,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
 
     dt = run.period * (1.0 - draw.uniform(0.0, run.jitter));
     if (run.late > 0.0 && draw.uniform(0, 1) < run.late) dt = run.period * draw.uniform(1.0, 10.0);
-    // What acts meanwhile, for a hand that knows it.
+    // The forces during this tick, for a hand that knows them.
     std::array<Vec3, kPieces> forces;
     mean.setZero();
     const double piece = dt / kPieces;
@@ -404,7 +405,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     for (std::size_t i = 0; i < kPieces; ++i) {
       Vec3 moved;
       if (run.adversary) {
-        // Against b it is best to be faster while the force is stronger.
+        // Against viscous friction the best path is faster while the force is stronger.
         moved = way / kPieces + piece / (2.0 * run.viscous) * (forces[i] - mean);
       } else {
         Vec3 pull = Vec3::Zero();
@@ -456,7 +457,7 @@ void PassivityTally::add(const PassivityTally& other) {
 
 namespace {
 
-/// A little beside this one.
+/// Returns a slightly changed run.
 PassivityRun changed(PassivityRun run, Draw& draw) {
   const auto turn = [&](double& x, double least, double most) {
     if (draw.uniform(0, 1) < 0.3) {
@@ -494,7 +495,7 @@ PassivityRun changed(PassivityRun run, Draw& draw) {
 
 }  // namespace
 
-PassivityTally playSearched(std::uint64_t seed, long plays) {
+PassivityTally playSearched(std::uint64_t seed, long plays, bool at_once) {
   Draw draw(seed * 31 + 7);
   PassivityTally tally;
   PassivityRun best = randomRun(seed, true);
@@ -503,10 +504,11 @@ PassivityTally playSearched(std::uint64_t seed, long plays) {
   forgetOften(best);
   double least = std::numeric_limits<double>::infinity();
   for (long i = 0; i < plays; ++i) {
-    const PassivityRun run = changed(best, draw);
+    PassivityRun run = changed(best, draw);
+    if (at_once) run.delay = run.doubt = run.lag = run.reading_jitter = 0.0;
     const PassivityResult result = play(run, Keeper::kTank);
     tally.add(result);
-    // In units of what the largest force can take out in a tick.
+    // In units of the energy that the largest force can take out in a tick.
     const double unit = run.peak * run.peak * run.period / (4.0 * run.viscous);
     if (result.spare / unit < least) {
       least = result.spare / unit;

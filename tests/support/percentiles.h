@@ -10,19 +10,21 @@
 
 namespace palpate::bench {
 
-/// The nearest rank at a share p of sorted samples: 0 the least, 1 the largest. 0.0 without any.
+/// Returns the nearest rank at a share p of sorted samples: 0 is the least, 1 the largest. 0.0
+/// without samples.
 [[nodiscard]] inline double percentileOfSorted(const std::vector<double>& sorted, double p) {
   if (sorted.empty()) return 0.0;
   return sorted[static_cast<std::size_t>(std::lround(p * static_cast<double>(sorted.size() - 1)))];
 }
 
-/// The same of samples in any order.
+/// Returns the same for samples in any order.
 [[nodiscard]] inline double percentile(std::vector<double> samples, double p) {
   std::sort(samples.begin(), samples.end());
   return percentileOfSorted(samples, p);
 }
 
-/// The mean of the middle half: as robust as a median, and finer than the clock's step. Sorts.
+/// Returns the mean of the middle half: as robust as a median, and finer than the clock's step.
+/// Sorts.
 [[nodiscard]] inline double middleHalf(std::vector<double>& samples) {
   std::sort(samples.begin(), samples.end());
   const auto skip = static_cast<std::ptrdiff_t>(samples.size() / 4);
@@ -30,8 +32,8 @@ namespace palpate::bench {
          static_cast<double>(samples.size() - 2 * static_cast<std::size_t>(skip));
 }
 
-/// Time by call, what `timed` tells of 500 of them at once: the middle half of such batches, so
-/// that one in which another program had the core does not count.
+/// Returns the time per call. `timed` returns the time of 500 calls at once. The result is the
+/// middle half of these batches, so that a batch beside another program on the core does not count.
 template <class T, class Timed>
 [[nodiscard]] double middleOfBatches(std::span<const T> calls, Timed timed) {
   constexpr std::size_t kBatch = 500;

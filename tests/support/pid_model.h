@@ -1,5 +1,5 @@
-/// A device of USB's PID class made of memory: its descriptor, and what it does with what it is
-/// sent. Knows nothing of the code that drives it: fields are where the descriptor was written.
+/// A model of a device of USB's PID class: its descriptor and its answers to reports. The model is
+/// independent of the driver: it finds fields where the descriptor was written.
 #pragma once
 
 #include <algorithm>
@@ -14,25 +14,25 @@
 
 namespace palpate::test {
 
-/// What a device is like. The two kinds are laid out as firmware that is about: OpenFFBoard (a
-/// bitmap of commands, +-32767) and VPforce (reports 101 to 113, +-4096, 1 disables and 2 enables).
+/// The properties of a device. The two layouts are those of real firmware: OpenFFBoard (a bitmap of
+/// commands, +-32767) and VPforce (reports 101 to 113, +-4096, 1 disables and 2 enables).
 struct PidShape {
-  bool rhino = false;  ///< As VPforce; else as OpenFFBoard.
+  bool rhino = false;  ///< Laid out as VPforce; else as OpenFFBoard.
   int axes = 2;        ///< 1 to 3.
   bool pool = true, gain = true, free = true, create = true, control = true, state = true;
-  bool extras = true;    ///< Set Effect has a trigger, a delay, directions and the like.
-  bool duration = true;  ///< Effects have one.
+  bool extras = true;    ///< Set Effect has a trigger, a delay, directions and similar fields.
+  bool duration = true;  ///< Effects have a duration.
   int duration_bits = 16;
-  // What goes wrong.
-  int load_status = 1;          ///< 1: success, 2: full, 3: error, 0: none of them.
-  bool load_zero = false;       ///< It has succeeded, with the index 0.
-  int load_refused = 0;         ///< So many times it does not answer.
-  int load_stale = 0;           ///< So many answers are still of the effect before.
-  int at_once = 16;             ///< Effects that it plays at a time.
-  double longest = 1e9;         ///< [s]: whatever it is told, an effect ends after.
+  // Faults.
+  int load_status = 1;          ///< 1: success, 2: full, 3: error, 0: no status.
+  bool load_zero = false;       ///< It reports success with the index 0.
+  int load_refused = 0;         ///< Number of requests that it does not answer.
+  int load_stale = 0;           ///< Number of answers that still are of the effect before.
+  int at_once = 16;             ///< Number of effects that it plays at a time.
+  double longest = 1e9;         ///< [s]: an effect ends after this time at the latest.
   int wakes_with = 0;           ///< Magnitude of a new effect.
-  bool stops_deaf = false;      ///< After a stop of all effects it has to be enabled again.
-  bool deaf_to_starts = false;  ///< An effect that plays is not started anew.
+  bool stops_deaf = false;      ///< After a stop of all effects it needs another enable.
+  bool deaf_to_starts = false;  ///< It does not restart an effect that plays.
 };
 
 class PidModel {
@@ -52,7 +52,7 @@ class PidModel {
   [[nodiscard]] const std::vector<std::byte>& descriptor() const { return descriptor_; }
   [[nodiscard]] int full() const { return shape_.rhino ? 4096 : 32767; }
 
-  /// What comes on the wire, its number first.
+  /// Takes an output report, its number first.
   void output(std::span<const std::byte> report, double now) {
     if (report.empty()) return;
     ++outputs_;
@@ -77,7 +77,7 @@ class PidModel {
       ++strange_;
     }
   }
-  /// A feature report that is asked for; empty: refused.
+  /// Returns a requested feature report; empty if the device refuses.
   std::vector<std::byte> feature(int id) {
     if (id == ids_.at("load") && shape_.create) {
       if (refused_ < shape_.load_refused) {
@@ -101,7 +101,7 @@ class PidModel {
     }
     return {};
   }
-  /// Positions, raw.
+  /// Returns an input report of raw positions.
   [[nodiscard]] std::vector<std::byte> input(const std::vector<int>& raw,
                                              std::uint32_t buttons = 0) {
     std::vector<std::byte> out(1 + sizes_["i1"]);
@@ -111,7 +111,7 @@ class PidModel {
     put("input.buttons", body, static_cast<std::int64_t>(buttons));
     return out;
   }
-  /// Its state now.
+  /// Returns its current state report.
   [[nodiscard]] std::vector<std::byte> state() {
     std::vector<std::byte> out(1 + sizes_["i2"]);
     out[0] = std::byte{2};
@@ -122,7 +122,7 @@ class PidModel {
     return out;
   }
 
-  /// What its motor gives, as a share of what it can.
+  /// Returns the force of a motor, as a share of its largest.
   [[nodiscard]] double share(int axis, double now) const {
     if (!active_ || !power_) return 0.0;
     double sum = 0.0;
@@ -148,13 +148,13 @@ class PidModel {
   void setSafety(bool on) { safety_ = on; }
   void setActive(bool on) { active_ = on; }
   [[nodiscard]] bool active() const { return active_; }
-  [[nodiscard]] long strange() const { return strange_; }  ///< Reports that it does not know.
+  [[nodiscard]] long strange() const { return strange_; }  ///< Reports of unknown numbers.
   [[nodiscard]] long outputs() const { return outputs_; }  ///< All reports to it.
   [[nodiscard]] long starts() const { return starts_; }
   [[nodiscard]] double gainShare() const {
     return static_cast<double>(gain_) / static_cast<double>(mostGain());
   }
-  /// Effects that are there, and that play.
+  /// Return the number of effects that exist, and of effects that play.
   [[nodiscard]] int made() const {
     return static_cast<int>(
         std::count_if(effects_.begin(), effects_.end(), [](const Effect& e) { return e.used; }));
@@ -164,9 +164,9 @@ class PidModel {
       return e.used && plays(e, now);
     }));
   }
-  /// Durations that effects were given, raw.
+  /// Returns the durations that effects were given, raw.
   [[nodiscard]] const std::vector<std::int64_t>& durations() const { return durations_; }
-  /// The report that something is in, as "control".
+  /// Returns the number of a report by its name, as "control".
   [[nodiscard]] int id(const char* name) const { return ids_.at(name); }
 
  private:
@@ -175,7 +175,7 @@ class PidModel {
     bool used = false;
     std::int64_t magnitude = 0, gain = 0, direction = 0, axes = 0, duration = 0;
     bool directed = false, started = false;
-    double at = 0.0;  ///< [s], its last start.
+    double at = 0.0;  ///< [s], time of its last start.
   };
   struct Place {
     std::size_t bit = 0, bits = 0;
@@ -188,7 +188,8 @@ class PidModel {
     if (!e.started) return false;
     if (now - e.at > shape_.longest) return false;
     if (!shape_.duration) return true;
-    // What means for ever to some means nothing to others.
+    // Some firmware reads 0 or the largest duration as endless. This model then does not play the
+    // effect.
     if (e.duration == 0 || e.duration >= (1 << shape_.duration_bits) - 1) return false;
     return now - e.at <= 1e-3 * static_cast<double>(e.duration);
   }
@@ -211,7 +212,7 @@ class PidModel {
       return nullptr;
     }
     Effect& e = effects_[static_cast<std::size_t>(index - 1)];
-    // Who numbers blocks himself makes them by using them.
+    // A driver that numbers blocks itself creates them by using them.
     if (!shape_.create && !e.used) {
       e.used = true;
       e.gain = mostGain();
@@ -301,7 +302,7 @@ class PidModel {
     item(0x14, least);
     item(0x24, most);
   }
-  /// Fields, `flags` 2: variable, 0: array, 3: padding.
+  /// Writes fields; `flags` 2: variable, 0: array, 3: padding.
   void fields(int bits, int count, int flags) {
     item(0x74, bits);
     item(0x94, count);
@@ -337,7 +338,7 @@ class PidModel {
     named("input.buttons", 32);
     fields(1, 32, 2);
     page(1);
-    usage(0x33);  // of no use here
+    usage(0x33);  // not used here
     range(shape_.rhino ? -4096 : -32767, full());
     fields(16, 1, 2);
     for (int a = 0; a < shape_.axes; ++a) {
@@ -464,7 +465,7 @@ class PidModel {
         fields(8, 1, 0);
       } else {
         for (const int u : {0x97, 0x98, 0x99, 0x9A, 0x9B, 0x9C}) usage(u);
-        range(1, 6);  // as that firmware has it
+        range(1, 6);  // as in that firmware
         fields(1, 8, 2);
       }
       end();

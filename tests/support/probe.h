@@ -1,4 +1,4 @@
-/// What tests and benchmarks read a field through.
+/// Reads fields for tests and benchmarks.
 #pragma once
 
 #include <memory>
@@ -7,14 +7,14 @@
 
 #include <Eigen/Geometry>
 
-#include "palpate/engine/field.h"
-#include "palpate/engine/flow.h"
-#include "palpate/engine/graph.h"
-#include "palpate/samplers/vdb_field.h"
+#include "palpate/engine/field/field.h"
+#include "palpate/engine/field/flow.h"
+#include "palpate/engine/scene/graph.h"
+#include "palpate/samplers/grid/vdb_field.h"
 
 namespace palpate::test {
 
-/// A field and a cache of its own.
+/// A field and its own cache.
 struct Probe {
   FieldPtr field;
   FieldCache cache{};
@@ -30,7 +30,7 @@ struct Probe {
   VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
 };
 
-/// Slanted, shifted and scaled.
+/// Returns a placement that is rotated, shifted and scaled.
 inline Placement slanted() {
   Placement placement;
   placement.scale = 0.01;
@@ -39,7 +39,7 @@ inline Placement slanted() {
   return placement;
 }
 
-/// What a vector and its Jacobian give on the fly; a scalar in the first place.
+/// Returns a property derived from a vector and its Jacobian; a scalar is in the first component.
 inline Vec3 onTheFly(Derivation what, const VectorSample& s) {
   switch (what) {
     case Derivation::kMagnitude:

@@ -10,7 +10,7 @@
 namespace palpate::bench {
 namespace {
 
-/// As many of one frame's planes as asked for, a line and its plane, or a point.
+/// Adds `count` planes of one frame (at most three), a line and its plane, or a point.
 void makeOrthogonal(const Vec3& at, int count, test::Random& random, std::vector<Primitive>& set) {
   const Mat3 frame =
       Eigen::AngleAxisd(random.uniform(-3.0, 3.0), random.direction()).toRotationMatrix();

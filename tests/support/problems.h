@@ -1,10 +1,10 @@
-/// Random balances of known difficulty: what tests and benchmarks feed to every method.
+/// Random balances of known difficulty, the inputs of tests and benchmarks for every method.
 #pragma once
 
 #include <array>
 #include <vector>
 
-#include "palpate/engine/primitive.h"
+#include "palpate/engine/balance/primitive.h"
 #include "tests/support/random.h"
 
 namespace palpate::bench {
@@ -20,17 +20,17 @@ struct BalanceProblem {
 /// Families, the last eight of them adversarial.
 enum class Family {
   kRandom,        ///< Any kinds, anchors in a cube of 4 mm, strengths to 3 N.
-  kOnePoint,      ///< All anchored at one point, as modes place them: the start.
+  kOnePoint,      ///< All anchored at the start, as modes place them.
   kNearParallel,  ///< At one point, directions within 1e-2 rad of each other.
   kSlot,          ///< Planes that face each other, 0 to 1 um apart.
   kOrthogonal,    ///< At one point, directions of one orthonormal frame: at most three planes, or a
                   ///< line and the plane across it, or a point.
   kPlanes,        ///< Planes only.
-  kMotion,        ///< A plane and others a fraction of a millimetre off the start: one tick of a
-                  ///< surface with its drag.
+  kMotion,        ///< A plane and others, up to a tenth of a millimetre off the start: one tick of
+                  ///< a surface with its drag.
   kStrengths,     ///< Strengths from 1e-9 to 1e4 N in one set.
   kStiffness,     ///< k from 1 to 1e5 N/m.
-  kKink,          ///< The probe on the first one's kink.
+  kKink,          ///< The probe on the kink of the first primitive.
   kEdge,          ///< The probe on the edge of the first two, planes.
   kCorner,        ///< The probe on the corner of the first three, planes.
   kNearKinks,     ///< Anchors 1e-16 to 1e-2 m from one point, each at its own distance.
@@ -43,18 +43,19 @@ inline constexpr std::array<Family, 15> kFamilies = {
     Family::kStiffness,  Family::kKink,         Family::kEdge,         Family::kCorner,
     Family::kNearKinks,  Family::kOneDirection, Family::kFar};
 
-/// The word for tables and charts.
+/// Returns the word for tables and charts.
 [[nodiscard]] const char* wordFor(Family family) noexcept;
 
-/// A problem of `count` primitives (of kOrthogonal at most three, of kSlot and the edge and corner
-/// at least as many as they need).
+/// Returns a problem of `count` primitives. kOrthogonal has at most three; kSlot and the edge and
+/// corner have at least as many as they need.
 [[nodiscard]] BalanceProblem makeProblem(Family family, int count, test::Random& random);
 
-/// Two planes whose smallest |f_res| is not at their balance, but near (3.07, -6.44, 0) mm: of
-/// 4,000 random pairs in 2-D 15 are such.
+/// Returns two planes whose smallest |f_res| is not at their balance, but near (3.07, -6.44, 0) mm.
+/// Of 4,000 random pairs in 2-D, 15 have this property.
 [[nodiscard]] BalanceProblem makeMisledPair();
 
-/// Sum of strengths over stiffness [m]: the proxy is never farther than this from the probe.
+/// Returns the sum of strengths over stiffness [m]: the proxy is never farther than this from the
+/// probe.
 [[nodiscard]] double reachOf(const BalanceProblem& problem) noexcept;
 
 }  // namespace palpate::bench

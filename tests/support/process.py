@@ -24,7 +24,7 @@ servers = {}
 
 
 class Server:
-    """One program at the start of its main()."""
+    """A program, stopped at the start of its main()."""
     def __init__(self, program):
         self.socket, its = socket.socketpair()
         self.lock = threading.Lock()
@@ -42,7 +42,7 @@ class Server:
         return struct.unpack("i", self.socket.recv(4, socket.MSG_WAITALL))[0]
 
     def start(self, words, environment, folder, streams):
-        """The process's identity. Its status is the next number that is received."""
+        """Starts a process and returns its identity. The next received number is its status."""
         strings = [folder, *words, *(name + b"=" + value for name, value in environment.items())]
         text = b"".join(string + b"\0" for string in strings)
         rights = array.array("i", streams)
@@ -128,7 +128,7 @@ def run_forked(server, words, how):
 
 
 def at_start(environment):
-    """The variables that a program's libraries read before its main()."""
+    """Returns the variables that a program's libraries read before its main()."""
     return {name: value for name, value in environment.items()
             if str(name).startswith(("ASAN_", "GLIBC_", "LD_", "LSAN_", "MALLOC_", "OMP_", "TBB_", "UBSAN_"))}
 

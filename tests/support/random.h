@@ -1,4 +1,4 @@
-/// Seeded random input, and how much of it.
+/// Seeded random input, and the number of random cases.
 #pragma once
 
 #include <algorithm>
@@ -10,11 +10,11 @@
 #include <string>
 #include <vector>
 
-#include "palpate/engine/primitive.h"
+#include "palpate/engine/balance/primitive.h"
 
 namespace palpate::test {
 
-/// The most that a test has asked for, and what it usually asks for.
+/// The largest number of cases that a test has requested, and its usual number.
 struct AskedCases {
   long run = 0;
   long usual = 0;
@@ -33,7 +33,7 @@ inline bool roomHasChanged() {
          std::string::npos;
 }
 
-/// Returns how many random cases to run: PALPATE_CASES if it is a number, such a part of `usual` if
+/// Returns how many random cases to run: PALPATE_CASES if it is a number, that share of `usual` if
 /// it is a percentage ("10%"), `usual` if it is not set. A percentage does not limit a room that
 /// has changed. At least 1.
 inline long cases(long usual) {
@@ -52,17 +52,17 @@ inline long cases(long usual) {
   return run;
 }
 
-/// The same for what is no number of cases: laps, slices, runs. Never more than the usual.
+/// Returns the same for a number of laps, slices or runs. Never more than the usual.
 inline long share(long usual) {
   return std::min(cases(usual), usual);
 }
 
-/// Same numbers for the same seed on every machine.
+/// Returns the same numbers for the same seed on every machine.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
 
-  /// In [low, high).
+  /// Returns a number in [low, high).
   double uniform(double low = 0.0, double high = 1.0) {
     return low + (high - low) * (static_cast<double>(engine_() >> 11) * 0x1p-53);
   }
@@ -80,7 +80,7 @@ class Random {
       if (n > 0.1 && n < 1.0) return v / n;
     }
   }
-  /// Any kind, strengths to 3 N, within 2 mm of the origin.
+  /// Returns a primitive of any kind, strengths to 3 N, within 2 mm of the origin.
   Primitive primitive() {
     return {static_cast<PrimitiveKind>(integer(4)), inCube(2e-3), direction(), uniform(0.0, 3.0)};
   }
@@ -89,7 +89,7 @@ class Random {
   std::mt19937_64 engine_;
 };
 
-/// A whole problem as text that can be pasted into `palpate solve`.
+/// Returns a whole problem as text that can be pasted into `palpate solve`.
 inline std::string describe(const Vec3& probe, double stiffness,
                             const std::vector<Primitive>& primitives) {
   static constexpr const char* kKinds[] = {"force", "point", "line", "plane"};

@@ -1,11 +1,11 @@
-"""Recordings as docs/recording.md reads them."""
+"""Reads recordings as docs/recording.md describes."""
 import json
 
 import numpy as np
 
 
 def rows_of(file):
-    """Its ticks, an array of records."""
+    """Returns the recording's ticks, an array of records."""
     with open(file, "rb") as opened:
         head = json.loads(opened.readline())
     rows = np.fromfile(file, [tuple(field) for field in head["dtype"]], offset=head["offset"])

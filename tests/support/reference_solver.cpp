@@ -44,7 +44,7 @@ Vec from(const Vec3& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Symmetric 3 x 3.
+/// A symmetric 3 x 3 matrix.
 struct Sym {
   Real xx = 0;
   Real yy = 0;
@@ -54,7 +54,7 @@ struct Sym {
   Real yz = 0;
 };
 
-/// H += c (a b^T + b a^T) / 2.
+/// Adds H += c (a b^T + b a^T) / 2.
 void addOuter(Sym& H, Real c, const Vec& a, const Vec& b) {
   H.xx += c * a.x * b.x;
   H.yy += c * a.y * b.y;
@@ -64,7 +64,7 @@ void addOuter(Sym& H, Real c, const Vec& a, const Vec& b) {
   H.yz += c * (a.y * b.z + a.z * b.y) / 2;
 }
 
-/// H^-1 b by L D L^T.
+/// Returns H^-1 b by L D L^T.
 Vec solve(const Sym& H, const Vec& b) {
   const Real l10 = H.xy / H.xx;
   const Real l20 = H.xz / H.xx;
@@ -80,21 +80,21 @@ Vec solve(const Sym& H, const Vec& b) {
   return x;
 }
 
-/// A primitive as in section 4.1, seen from the probe.
+/// A primitive as in section 4.1, relative to the probe.
 struct Term {
   PrimitiveKind kind;
   Vec at;
   Vec q;
   Real s;
-  Vec z;  ///< -f / s, within the unit ball: of planes without the constant half of their force
+  Vec z;  ///< -f / s, within the unit ball; of a plane without the constant half of its force
 };
 
-/// What the potential of a primitive grows with the length of: for planes along q.
+/// Returns the vector whose length raises a primitive's potential: for planes along q.
 Vec away(const Term& t, const Vec& x) {
   const Vec d = x - t.at;
   if (t.kind == PrimitiveKind::kPoint) return d;
   if (t.kind == PrimitiveKind::kLine) {
-    // Twice: near the line, what rounding leaves along q is not small beside the rest.
+    // Projects twice: near the line, the rounding error along q is not small beside the rest.
     const Vec once = d - dot(t.q, d) * t.q;
     return once - dot(t.q, once) * t.q;
   }
@@ -119,7 +119,7 @@ class Potential {
 
   [[nodiscard]] Real reach() const { return strengths_ / k_; }
 
-  /// E(x).
+  /// Returns E(x).
   [[nodiscard]] Real value(const Vec& x) const {
     Real e = k_ * dot(x, x) / 2 - dot(push_, x);
     for (const Term& t : terms_) {
@@ -131,7 +131,7 @@ class Potential {
     return e;
   }
 
-  /// Forces on the proxy as the z say: eq. (14) without the spring.
+  /// Returns the forces on the proxy by the z: eq. (14) without the spring.
   [[nodiscard]] Vec force() const {
     Vec f = push_;
     for (const Term& t : terms_) {
@@ -140,8 +140,8 @@ class Potential {
     return f;
   }
 
-  /// D(f): the least over all x of k/2 |x|^2 - f.x, and each primitive's bound -s max over its
-  /// ball.
+  /// Returns D(f): the least over all x of k/2 |x|^2 - f.x, and each primitive's bound -s max over
+  /// its ball.
   [[nodiscard]] Real dual() const {
     const Vec f = force();
     Real d = -dot(f, f) / (2 * k_);
@@ -164,7 +164,7 @@ class Potential {
     return g;
   }
 
-  /// One Newton step on the rounded potential from x; false when nothing is left to gain.
+  /// Takes one Newton step on the rounded potential from x. Returns false if no descent is left.
   bool improve(Vec& x, Real mu) {
     Sym H{k_, k_, k_, 0, 0, 0};
     const Vec g = gradient(x, mu);
@@ -173,8 +173,8 @@ class Potential {
       const Real s = plane ? t.s / 2 : t.s;
       const Vec d = away(t, x);
       const Real length = sqrtOf(dot(d, d) + mu * mu);
-      // s/length (P - z d^T/length): with the exact z = d/length the Hessian; the last z, within
-      // its ball, carries the next mu's answer better (Andersen et al. 2000).
+      // s/length (P - z d^T/length): the exact z = d/length gives the Hessian. The last z, within
+      // its ball, carries the answer to the next mu better (Andersen et al. 2000).
       const Real c = s / length;
       if (!plane) {
         H.xx += c;
@@ -188,8 +188,8 @@ class Potential {
     const Vec step = solve(H, -1 * g);
     const Real slope = dot(g, step);
     if (!(slope < 0)) return false;
-    // Halved while it climbs out again. The slope rises along the step, as E is convex; it tells
-    // more than E itself, whose differences drown in rounding.
+    // The step is halved while it climbs out again. The slope rises along the step, as E is convex.
+    // The slope is more precise than E itself, whose differences drown in rounding.
     Real t = 1;
     while (t > Real(1e-30) && dot(gradient(x + t * step, mu), step) > -slope / 2) t /= 2;
     for (Term& term : terms_) {
@@ -203,7 +203,7 @@ class Potential {
     return -slope > k_ * mu * mu / 100;
   }
 
-  /// z as the rounded norms have it at x.
+  /// Sets z from the rounded norms at x.
   void place(const Vec& x, Real mu) {
     for (Term& t : terms_) {
       const Vec d = away(t, x);
@@ -213,7 +213,7 @@ class Potential {
   }
 
  private:
-  /// Into the unit ball.
+  /// Moves z into the unit ball.
   static void pull(Term& t) {
     const Real length = sqrtOf(dot(t.z, t.z));
     if (length > 1) t.z = (1 / length) * t.z;

@@ -1,10 +1,10 @@
-/// The balance by a plain method in quadruple precision, with a proof by definition: the tests'
-/// judge.
+/// Solves the balance by a plain method in quadruple precision, with a proof by definition. The
+/// tests compare with its result.
 #pragma once
 
 #include <span>
 
-#include "palpate/engine/primitive.h"
+#include "palpate/engine/balance/primitive.h"
 
 namespace palpate::test {
 
@@ -16,14 +16,14 @@ struct Reference {
 };
 
 /// Rounds every kink off by mu, |d| -> sqrt(|d|^2 + mu^2), and lowers the smooth potential by
-/// Newton's method with step halving; then mu a tenth, from S/k to 1e-20 S/k. Forces of a rounded
-/// primitive stay within its strength, so they are a feasible point of the dual: whatever way x was
-/// found, weak duality makes
+/// Newton's method with step halving. Then mu is divided by ten, from S/k to 1e-20 S/k. Forces of a
+/// rounded primitive stay within its strength, so they are a feasible point of the dual. For any x,
+/// however found, weak duality gives
 ///
 ///     k/2 |x - x*|^2 <= E(x) - D(f),
 ///
-/// both evaluated by their definitions in 113 bits. Nothing is shared with the engine's solver.
-/// Milliseconds.
+/// both evaluated by their definitions in 113 bits. The code shares nothing with the engine's
+/// solver. Takes milliseconds.
 Reference solveReference(const Vec3& probe, double stiffness,
                          std::span<const Primitive> primitives);
 

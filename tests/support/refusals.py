@@ -1,10 +1,10 @@
-"""What every refusal of a program looks like."""
+"""Checks that all programs have in common when they refuse an input."""
 import os
 
 
 def refusal(case, folder, call):
-    """Runs `call`: one clear line on stderr, nothing on stdout, no file left in `folder`. What
-    `call` gave, and the line; its status is the caller's to check."""
+    """Runs `call`: checks that it gives one clear line on stderr, no output on stdout, and leaves no file in
+    `folder`. Returns the result of `call`, and the line. The caller checks the status."""
     before = sorted(os.listdir(folder))
     done = call()
     lines = done.stderr.splitlines()

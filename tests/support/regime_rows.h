@@ -1,4 +1,4 @@
-/// Where methods of the literature fail, and what the engine does there: a row a regime, in
+/// Compares the engine with methods of the literature where these fail: one row for each regime, in
 /// numbers, each with two halves. Deterministic.
 #pragma once
 
@@ -7,10 +7,10 @@
 
 namespace palpate::bench {
 
-/// A number that was found, and the bound that it is held against.
+/// A measured number and its bound.
 struct Finding {
-  std::string who;   ///< The method, or what was left out.
-  std::string what;  ///< With its unit.
+  std::string who;   ///< The method, or the part that was left out.
+  std::string what;  ///< The quantity, with its unit.
   double value = 0.0;
   double bound = 0.0;
 
@@ -18,8 +18,7 @@ struct Finding {
   [[nodiscard]] bool holds() const { return value <= bound; }
 };
 
-/// Both halves: in `fails` every finding fails, in `holds`, which are the engine's, every one
-/// holds.
+/// One regime. In `fails` every finding fails. In `holds`, the engine's half, every finding holds.
 struct Regime {
   std::string where;
   std::vector<Finding> fails;
@@ -30,20 +29,20 @@ struct Regime {
 [[nodiscard]] Regime weakConstraints();
 /// Two planes 1 to 30 degrees apart, a slot, a corner of three.
 [[nodiscard]] Regime acuteWalls();
-/// Springs of 1 to 1e5 N/m that strengths pull a millionth of a metre or a metre long.
+/// Springs of 1 to 1e5 N/m with strengths that pull them a millionth of a metre or a metre long.
 [[nodiscard]] Regime extremeSprings();
-/// Strikes of 2 m/s on a thin shell, and hands that were lost for 10 to 100 ms.
+/// Strikes of 2 m/s on a thin shell, and hands whose positions were lost for 10 to 100 ms.
 [[nodiscard]] Regime strikesAndJumps();
-/// A hand that rubs along a noisy ball, its values steep and with a jump.
+/// A hand that slides along a noisy ball with steep values and a jump.
 [[nodiscard]] Regime steepAndNoisy();
-/// Couplings past the boundary; arms with delays to 5 ms, encoders of 1 to 100 um.
+/// Couplings past the stability boundary; arms with delays to 5 ms, encoders of 1 to 100 um.
 [[nodiscard]] Regime stiffAndLate();
 /// Volumes that appear, move and are swapped under the hand.
 [[nodiscard]] Regime scenesThatChange();
-/// Devices that say what is not so: unplugged, stale, no number, late.
+/// Devices that report false data: unplugged, stale, not a number, late.
 [[nodiscard]] Regime brokenDevices();
 
-/// All of them.
+/// Returns all regimes.
 [[nodiscard]] std::vector<Regime> allRegimes();
 
 }  // namespace palpate::bench

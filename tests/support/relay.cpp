@@ -1,13 +1,13 @@
-/// Two programs, each in a network of its own, and the way between these as bad as it is asked to
-/// be.
+/// Runs two programs, each in a network of its own, with a link between them that is as bad as
+/// requested.
 ///
 ///     palpate_relay [--delay-ms D] [--jitter-ms J] [--loss P] [--twice P] [--overtaken P]
 ///                   [--mbit R] [--seed N] [--seconds S] -- ONE... -- OTHER...
 ///
-/// ONE is at 10.77.0.1, OTHER at 10.77.0.2; neither sees any other network, nor is seen. What is
-/// lost, late, doubled or overtaken is a matter of the seed and of how many packets were before.
-/// Ends with OTHER and with its status, or after S seconds with 124, and takes ONE along. SIGUSR1
-/// parts the two, the next one joins them again. Last it prints a line of JSON on standard error.
+/// ONE is at 10.77.0.1, OTHER at 10.77.0.2. Neither sees any other network, nor is seen. The seed
+/// and the number of packets before decide which packets are lost, late, doubled or overtaken. Ends
+/// with OTHER and with its status, or after S seconds with 124, and ends ONE too. SIGUSR1 separates
+/// the two, the next SIGUSR1 joins them again. At the end prints a line of JSON on standard error.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -60,8 +60,8 @@ void write(const char* file, const std::string& text) {
   if (!done) fail(file);
 }
 
-/// A network of this process alone, in which it may do what it likes; what it starts ends with the
-/// first of its children.
+/// Moves this process into a network of its own, in which it has full rights. Processes that it
+/// starts end with the first of its children.
 void leaveNetworks() {
   const std::string user = "0 " + std::to_string(getuid()) + " 1";
   const std::string group = "0 " + std::to_string(getgid()) + " 1";
@@ -79,7 +79,7 @@ void ask(int socket, unsigned long what, ifreq& of, const char* name) {
   if (ioctl(socket, what, &of) != 0) fail(name);
 }
 
-/// Packets go in and out by the descriptor.
+/// Returns a descriptor through which packets go in and out.
 int makeTun(const std::string& address) {
   const int tun = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (tun < 0) fail("/dev/net/tun");
@@ -111,7 +111,7 @@ int makeTun(const std::string& address) {
   return tun;
 }
 
-/// A message with a descriptor beside it.
+/// A message that carries a descriptor.
 struct Handing {
   char byte = 0;
   iovec data{&byte, 1};
@@ -176,7 +176,7 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
     }
     char byte = 0;
     if (read(pair[1], &byte, 1) != 1) _exit(77);
-    // The first process of its kind takes all others along.
+    // When the first process of the namespace ends, all others end.
     const pid_t first = fork();
     if (first != 0) {
       int how = 0;
@@ -201,19 +201,19 @@ struct Badness {
   double jitter = 0.0;     // [ms], uniform, on top
   double loss = 0.0;       // share
   double twice = 0.0;      // share
-  double overtaken = 0.0;  // share, that waits for a delay more
-  double mbit = 0.0;       // a second; 0: any
+  double overtaken = 0.0;  // share, that waits for one more delay
+  double mbit = 0.0;       // [Mbit/s]; 0: unlimited
   std::uint64_t seed = 1;
 };
 
-/// One direction: what is on its way.
+/// One direction: the packets on their way.
 class Way {
  public:
   Way(const Badness& of, std::uint64_t seed) : of_(of), random_(seed) {}
 
   void take(std::string packet, Clock::time_point now) {
     ++sent_;
-    // All drawn each time: what becomes of a packet does not depend on what became of others.
+    // All numbers are drawn each time: the fate of a packet does not depend on that of others.
     const std::array<double, 4> draw{uniform(), uniform(), uniform(), uniform()};
     constexpr std::size_t kMost = 1U << 16U;
     if (parted != 0 || draw[0] < of_.loss || waiting_.size() >= kMost) {
@@ -237,7 +237,7 @@ class Way {
     }
     waiting_.emplace(due, std::move(packet));
   }
-  /// What is due goes out.
+  /// Writes the packets that are due.
   void give(int tun, Clock::time_point now) {
     while (!waiting_.empty() && waiting_.begin()->first <= now) {
       const std::string& packet = waiting_.begin()->second;
@@ -245,7 +245,7 @@ class Way {
       waiting_.erase(waiting_.begin());
     }
   }
-  /// How long until the next one is due, of at most `most` [ms].
+  /// Returns the time until the next packet is due, at most `most` [ms].
   [[nodiscard]] int until(Clock::time_point now, int most) const {
     if (waiting_.empty()) return most;
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(waiting_.begin()->first - now);
@@ -270,7 +270,7 @@ class Way {
   long overtaken_ = 0;
 };
 
-/// Passes all packets on that have come.
+/// Passes on all packets that have come.
 void drain(int tun, Way& way, Clock::time_point now) {
   std::array<char, 1U << 16U> packet{};
   while (true) {

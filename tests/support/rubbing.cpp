@@ -10,8 +10,8 @@
 #include <variant>
 #include <vector>
 
-#include "palpate/samplers/vdb_field.h"
-#include "palpate/samplers/volume.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
 #include "tests/support/buzz.h"
 #include "tests/support/motion_problems.h"
 
@@ -21,18 +21,18 @@ namespace {
 
 constexpr double kPressed = 1e-3;     // [m]
 constexpr double kArc = 0.05;         // [m]
-constexpr double kHandFollows = 5.0;  // [Hz], what a hand can
+constexpr double kHandFollows = 5.0;  // [Hz], fastest change that a hand follows
 constexpr double kBetween = 0.012;    // [m], slices
 constexpr int kArcs = 4;
 constexpr int kRays = 5000;     // about a slice
-constexpr double kFar = 0.14;   // [m], where rays begin
-constexpr double kNear = 0.02;  // and end
+constexpr double kFar = 0.14;   // [m], start of rays
+constexpr double kNear = 0.02;  // [m], end of rays
 constexpr double kHolds = 5.0;  // [N]
 
-/// The skin about an axis along z: how far out it is, by angle.
+/// The skin about an axis along z: its distance by angle.
 class Outline {
  public:
-  /// @param window  Over so much of the way the distance is a mean [m].
+  /// @param window  Length of path over which the distance is averaged [m].
   Outline(const ScalarField& field, double z, double level, double window)
       : z_(z), radius_(kRays, 0.0) {
     auto cache = std::make_unique<FieldCache>();
@@ -67,7 +67,7 @@ class Outline {
     };
     return (1.0 - f) * r(i) + f * r(i + 1);
   }
-  /// A place at an angle, so deep.
+  /// Returns a place at an angle and a depth.
   [[nodiscard]] Vec3 at(double a, double depth) const {
     const double r = radius(a) - depth;
     return {r * std::cos(a), r * std::sin(a), z_};
@@ -82,8 +82,8 @@ class Outline {
 
 constexpr int kComing = 300;  // ticks, from 4 mm outside
 
-/// Where the hand of a slide is, so many times a tick: as it comes, kComing ticks and one place,
-/// and along the arc.
+/// Returns the hand's positions on a slide, `parts` a tick: the approach, kComing ticks and one
+/// place, then the arc.
 std::vector<Vec3> slideAlong(const Outline& skin, int arc, double speed, int parts) {
   double a = 2.0 * std::numbers::pi * arc / kArcs;
   std::vector<Vec3> hands;
@@ -110,7 +110,7 @@ Outline outlineOf(const ScalarField& field, int slice, int slices, double level,
   return {field, kBetween * (slice - 0.5 * (slices - 1)), level, speed / kHandFollows};
 }
 
-/// How much the force changes in each tick [N]; `parts` proxies a tick.
+/// Returns the change of the force in each tick [N]; `parts` proxies a tick.
 std::vector<double> changesOf(const std::vector<Vec3>& hands, const Stepper& tick, int parts) {
   std::vector<double> changes;
   Vec3 before = Vec3::Zero();
@@ -129,7 +129,7 @@ struct Sums {
   long noisy = 0;
   double given = 0.0;
 
-  /// The spring, before and after the proxy moved [m].
+  /// Adds the spring's growth from its lengths before and after the proxy moved [m].
   void give(double before, double after) {
     given += 0.5 * kMotionStiffness * std::max(0.0, after * after - before * before);
   }
@@ -170,7 +170,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
       const std::vector<Vec3> hands = slideAlong(skin, arc, speed, 1);
       Vec3 proxy;
       for (int i = 0; i <= kComing; ++i) proxy = tick(hands[static_cast<std::size_t>(i)]).proxy;
-      Vec3 back = proxy;  // the one that is held back
+      Vec3 back = proxy;  // the proxy that is held back
       std::vector<Vec3> ours;
       std::vector<Vec3> theirs;
       for (std::size_t t = kComing + 1; t < hands.size(); ++t) {

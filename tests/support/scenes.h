@@ -8,19 +8,19 @@
 #include <utility>
 #include <vector>
 
-#include "palpate/engine/device.h"
-#include "palpate/engine/scene.h"
-#include "palpate/samplers/analytic_field.h"
+#include "palpate/engine/safety/device.h"
+#include "palpate/engine/scene/scene.h"
+#include "palpate/samplers/grid/analytic_field.h"
 
 namespace palpate::test {
 
 inline constexpr double kBallRadius = 0.03;  ///< [m]
 
-/// A ball about the origin.
+/// Returns a ball about the origin.
 inline FieldPtr ballField() {
   return makeSphere(Vec3::Zero(), kBallRadius);
 }
-/// A volume "ball", solid inside, that is felt with so many newtons.
+/// Returns a volume "ball", solid inside, with a strength [N].
 inline GraphSpec ballSpec(double strength = 3.0) {
   GraphSpec spec;
   spec.modes.resize(1);
@@ -35,7 +35,7 @@ inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double stren
   return makeScene(ballSpec(strength), {{"ball", ball}}, coupling);
 }
 
-/// A hand that is where it is told to be, and keeps what it is sent.
+/// A device that reports a set position and keeps the force that it receives.
 class TestDevice final : public Device {
  public:
   TestDevice() {
@@ -53,10 +53,10 @@ class TestDevice final : public Device {
   [[nodiscard]] double given() const noexcept override { return share; }
 
   HandState hand;
-  double share = 1.0;  ///< Of a force, that its motors can give.
+  double share = 1.0;  ///< Share of a force that its motors can give.
   Vec3 sent = Vec3::Zero();
   long writes = 0;
-  int write_ms = 0;  ///< What a write takes.
+  int write_ms = 0;  ///< Duration of a write.
   DeviceInfo about;
 };
 

@@ -1,12 +1,12 @@
-/// Where the tests' sources are: for the files that lie beside them.
+/// The location of the tests' sources, for files beside them.
 #pragma once
 
 #include <string>
 
 namespace palpate::test {
 
-/// The project's root, absolute. One small source knows it, so that all others are compiled to the
-/// same bytes, and found in the compiler cache, wherever a clone lies.
+/// Returns the project's root, absolute. Only one small source contains the path. So all other
+/// sources compile to the same bytes in any clone, and the compiler cache finds them.
 [[nodiscard]] std::string sourceDir();
 
 }  // namespace palpate::test

@@ -1,13 +1,13 @@
-/// A site that says of its scene whatever it is told to: palpate_stranger NAME@DOMAIN TEXT...
+/// A site that publishes given texts as its scene: palpate_stranger NAME@DOMAIN TEXT...
 ///
-/// Each TEXT for 0.5 s, the last one until it is killed; it has no hand.
+/// It publishes each TEXT for 0.5 s, and the last one until the process is killed. It has no hand.
 #include <chrono>
 #include <cstdio>
 #include <exception>
 #include <thread>
 
-#include "palpate/engine/hand_links.h"
-#include "palpate/scenes/site/site.h"
+#include "palpate/engine/loop/hand_links.h"
+#include "palpate/scenes/network/sites/site.h"
 
 int main(int argc, char** argv) {
   if (argc < 3) return 2;

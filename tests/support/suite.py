@@ -22,7 +22,7 @@ def smoke(test):
 
 
 def name_of(test):
-    """Class.test, without the module."""
+    """Returns Class.test, without the module."""
     return ".".join(getattr(test, "test_case", test).id().split(".")[-2:])
 
 

@@ -1,4 +1,4 @@
-"""A program at a terminal, as its user has it."""
+"""Runs a program at a terminal."""
 import fcntl
 import os
 import pty
@@ -11,7 +11,7 @@ import time
 
 
 class Terminal:
-    """Runs `words` with standard error and Ctrl-C at a terminal; what it draws is `drawn`."""
+    """Runs `words` with standard error and Ctrl-C at a terminal; `drawn` holds its output."""
 
     def __init__(self, words, folder):
         self.own, its = pty.openpty()
@@ -22,17 +22,17 @@ class Terminal:
         self.drawn = ""
 
     def look(self, seconds):
-        """Reads what is there within so long; False once it has ended."""
+        """Reads the output that comes within this time. Returns false if the program has ended."""
         if not select.select([self.own], [], [], seconds)[0]:
             return True
         try:
             self.drawn += os.read(self.own, 65536).decode()
-        except OSError:  # it has ended
+        except OSError:  # the program has ended
             return False
         return True
 
     def until(self, pattern, seconds=120):
-        """Whether it draws what the regular expression matches. Where it does not, it is ended."""
+        """Returns whether the output matches the regular expression. If it does not, ends the program."""
         end = time.monotonic() + seconds
         while not re.search(pattern, self.drawn):
             if time.monotonic() > end or not self.look(0.1):
@@ -45,7 +45,7 @@ class Terminal:
         os.write(self.own, key)
 
     def ended(self, seconds=120):
-        """Its status, and how long it took to end."""
+        """Returns the program's status, and how long it took to end."""
         begin = time.monotonic()
         while self.look(0.1) and time.monotonic() < begin + seconds:
             pass

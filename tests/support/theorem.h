@@ -1,22 +1,21 @@
-/// What holds in every tick, whatever the scene (docs/tick.md, "What holds"): asked of each tick of
-/// the motion tests.
+/// Checks the statements of docs/tick.md, "What holds", in each tick of the motion tests.
 #pragma once
 
 #include <algorithm>
 #include <stdexcept>
 #include <string>
 
-#include "palpate/engine/step.h"
+#include "palpate/engine/tick/step.h"
 
 namespace palpate::bench {
 
-/// Whether provenStep() proves: a benchmark that times ticks does not.
+/// Returns whether provenStep() checks. A benchmark that times ticks switches the checks off.
 inline bool& proving() {
   static bool on = true;
   return on;
 }
 
-/// hapticStep(); throws std::logic_error where the tick breaks the theorem.
+/// Runs hapticStep(); throws std::logic_error if the tick breaks the theorem.
 inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState& hand,
                              ProxyState& state, double dt) {
   const Vec3 before = state.proxy();
@@ -36,7 +35,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   must(r.status != StepStatus::kFault, "fault", 0.0);
   must(r.substeps <= kMostSubsteps, "more readings than stated", r.substeps);
 
-  // Energy: what the proxy's one move adds to the spring is counted.
+  // Energy: the energy that the proxy's one move adds to the spring is counted.
   if (placed && slices == 1) {
     const double rise =
         0.5 * k * (offset.squaredNorm() - (before - hand.position).squaredNorm()) - r.injected;
@@ -44,7 +43,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   }
   if (r.status > StepStatus::kHairpin) return r;
 
-  // Strength: of what has converged nothing bears more than it can.
+  // Strength: in a converged tick no primitive bears more than its strength.
   double strengths = 0.0;
   for (const Primitive& primitive : state.primitives().items()) strengths += primitive.strength;
   double voxel = 0.0;
@@ -53,16 +52,17 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   if (std::any_of(varying.begin(), varying.end(), [](const Varying& v) { return !v.surface; })) {
     for (const FieldFrame& frame : scene.graph.vector_frames) voxel = std::max(voxel, frame.voxel);
   }
-  // Strengths that vary are those of where properties were read, the tolerance away.
+  // Strengths that vary are those at the last reading, at most the tolerance away.
   const double once = scene.step.tolerance_voxels * voxel;
   for (const Varying& one : varying) strengths += one.slope.norm() * once;
-  // The proxy is within the tolerance of its answer, and that of what its strengths can hold.
+  // The proxy is within the tolerance of its answer, and the answer is within the tolerance of the
+  // largest offset that the strengths can hold.
   const double tolerance = 2.0 * once;
   const double over =
       k * (offset.norm() - r.waiting.norm() - tolerance - r.error_bound) - (1.0 + 1e-9) * strengths;
   must(over <= 1e-9, "force above all strengths [N]", over);
 
-  // Surfaces: of none that was seen and holds is the proxy behind, by the values themselves.
+  // Surfaces: the proxy is not behind a surface that was seen and holds, by the values themselves.
   for (std::size_t i = 0; i < scene.graph.modes.size(); ++i) {
     const auto* mode = std::get_if<IsosurfaceMode>(&scene.graph.modes[i]);
     const auto* of = std::get_if<IsosurfaceMemory>(&state.memory(i).of);
@@ -70,7 +70,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
     const auto plane = static_cast<std::size_t>(of->contact.plane);
     if (!of->contact.seen || of->contact.plane < 0) continue;
     if (loadOf(state.primitives().items()[plane], state.forces()[plane]) != Load::kHeld) continue;
-    const Skin& skin = mode->skin;
+    const SurfaceSource& skin = mode->skin;
     const auto field = static_cast<std::size_t>(skin.field);
     if (scene.graph.scalar_motions[field] >= 0) continue;
     const ScalarField& values = *scene.graph.scalar_fields[field];
@@ -81,7 +81,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
     if (!at.inside || !(slope > 0.0)) continue;
     const double behind =
         skin.sign * (mode->level - at.value) * skin.metres_per_unit / (slope * skin.voxel);
-    // Where the last step leads over a face of a cell it may leave by half as much again.
+    // If the last step crosses a face of a cell, the error may be 1.5 times the tolerance.
     must(behind <= 1.5 * scene.step.tolerance_voxels + r.error_bound / skin.voxel,
          "behind a surface that holds [voxels]", behind);
   }

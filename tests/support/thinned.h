@@ -1,4 +1,4 @@
-/// Fewer combinations with sanitizers.
+/// Reduces combinations under sanitizers.
 #pragma once
 
 namespace palpate::test {
@@ -15,7 +15,7 @@ inline constexpr bool kSanitized = false;
 class Thinned {
  public:
   explicit Thinned(int every) : every_(kSanitized ? every : 1) {}
-  /// To be called once for each combination.
+  /// Call once for each combination.
   bool runs() { return number_++ % every_ == 0; }
 
  private:

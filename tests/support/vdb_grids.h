@@ -1,9 +1,9 @@
-/// OpenVDB grids for the samplers' tests: what vdb_files.h has no file for.
+/// OpenVDB grids for the samplers' tests that vdb_files.h does not have as files.
 #pragma once
 
 #include <functional>
 
-#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
 #include "tests/support/vdb_files.h"
 
 namespace palpate::test {
@@ -11,10 +11,10 @@ namespace palpate::test {
 /// Writes grids to a file.
 void writeVdb(const std::filesystem::path& file, const openvdb::GridPtrVec& grids);
 
-/// The level set of a sphere about the origin, half-width 3 voxels, named "ball".
+/// Returns the level set of a sphere about the origin, half-width 3 voxels, named "ball".
 openvdb::FloatGrid::Ptr makeBall(double radius, double voxel);
 
-/// A dense block of voxels [0, n)^3 given by a function of their file-space position.
+/// Returns a dense block of voxels [0, n)^3 given by a function of their file-space position.
 template <class GridT>
 typename GridT::Ptr makeGrid(
     int n, const openvdb::math::Transform::Ptr& transform,

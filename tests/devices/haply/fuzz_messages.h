@@ -1,4 +1,4 @@
-/// Bytes through the reader of Haply's messages: what has to hold whatever they are.
+/// Feeds bytes to the reader of Haply's messages, and checks statements that hold for any bytes.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace palpate::test {
 
-/// Empty: all held; else what did not.
+/// Returns "" if all statements hold; else the broken statement.
 inline std::string fuzzHaplyMessage(std::string_view bytes) {
   using namespace palpate::haply;
   static Message message;
@@ -43,7 +43,7 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
     if (message.grips[i].id.view().empty()) return "a handle without an id";
     if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15) return "buttons";
   }
-  // What came with an id goes back with it, and is JSON that says the same.
+  // The ids of a message fit into the answer, which stays valid JSON.
   std::array<char, kRoom> room{};
   const std::size_t size =
       writeForces(Generation::k35, {forces.data(), message.arm_count}, true, room);

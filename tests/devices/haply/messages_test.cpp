@@ -17,7 +17,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// As docs.haply.co shows them (values are this test's own).
+/// As on docs.haply.co (values are this test's own).
 const std::string k35Text = R"({"session_id":7,"inverse3":[{"device_id":"049D","config":{
   "type":"inverse3","handedness":"left","preset":"arm_front_centered",
   "basis":{"permutation":"XYZ"}},"state":{"cursor_position":{"x":0.01,"y":-0.02,"z":0.03},
@@ -40,7 +40,7 @@ Message readState(const std::string& text) {
   return message;
 }
 
-/// The 3.1 message with this instead of the position's x.
+/// Returns the 3.1 message with this instead of the position's x.
 std::string withX(const std::string& x) {
   std::string text = k31Text;
   return text.replace(text.find("0.078"), 5, x);
@@ -131,7 +131,7 @@ TEST_CASE("a message too long or too deep is refused before it is read", "[haply
   };
   CHECK(readMessage(nested(kDepthLimit), message) == Verdict::kState);
   CHECK(readMessage(nested(kDepthLimit + 1), message) == Verdict::kTooDeep);
-  // Brackets within strings nest nothing, and a quote may stand in one.
+  // Brackets within strings do not nest, and a string may contain a quote.
   CHECK(readMessage(R"({"inverse3":[],"x":"\"[[[[[[[[[[[[[[[[[["})", message) == Verdict::kState);
   CHECK(readMessage("", message) == Verdict::kNotJson);
   CHECK(readMessage("[]", message) == Verdict::kOther);
@@ -195,7 +195,7 @@ TEST_CASE("forces are written as their generation wants them, to the last bit", 
       }
     }
   }
-  // The longest fits; what does not, or has no words, is not sent in part.
+  // The longest message fits. A message that does not fit, or has no words, is not sent in part.
   const std::string longest(47, 'x');
   const Triple digits{-2.2250738585072014e-308, -1.7976931348623157e-308, -3.3333333333333335e-307};
   const std::array<ForceTo, kMaxArms> four{
@@ -210,13 +210,13 @@ TEST_CASE("forces are written as their generation wants them, to the last bit", 
 
 namespace {
 
-/// One of them.
+/// Returns a random element.
 template <class List>
 const auto& any(Random& random, const List& list) {
   return list[static_cast<std::size_t>(random.integer(static_cast<int>(list.size())))];
 }
 
-/// Bytes changed, lost, doubled, put in.
+/// Changes, removes, doubles and inserts bytes.
 std::string mutateBytes(Random& random, std::string text, const std::vector<std::string>& seeds) {
   static const std::vector<std::string> kPieces{"\"",
                                                 "{",
@@ -268,7 +268,7 @@ std::string mutateBytes(Random& random, std::string text, const std::vector<std:
   return text;
 }
 
-/// Values exchanged for others, members lost and doubled: still JSON.
+/// Exchanges values for others, removes and doubles members; the text stays JSON.
 std::string mutateValues(Random& random, const std::string& text) {
   static const std::vector<nlohmann::json> kValues{nullptr,
                                                    true,
@@ -297,7 +297,7 @@ std::string mutateValues(Random& random, const std::string& text) {
   nlohmann::json json = nlohmann::json::parse(text);
   for (int n = 1 + random.integer(4); n > 0; --n) {
     nlohmann::json* at = &json;
-    // A way down that ends anywhere.
+    // A path down that ends at any depth.
     while (at->is_structured() && !at->empty() && random.integer(12) != 0) {
       auto it = at->begin();
       std::advance(it, random.integer(static_cast<int>(at->size())));
@@ -335,6 +335,6 @@ TEST_CASE("mutated messages are read or refused, and nothing else", "[haply]") {
     if (readMessage(text, message) == Verdict::kState) ++states;
   }
   CAPTURE(states);
-  // Enough are still messages that what is in them was looked at.
+  // Enough texts are still messages, so that their contents were read.
   CHECK(states * 4 > count);
 }

@@ -1,6 +1,6 @@
-/// What stands for Haply's Inverse Service: a WebSocket server on a thread of its own that says the
-/// published messages for two arms and two handles, misbehaves on command, and keeps what it is
-/// told.
+/// Simulates Haply's Inverse Service: a WebSocket server on a thread of its own. The server sends
+/// the published messages for two arms and two handles, misbehaves on command, and keeps the
+/// messages that it receives.
 #pragma once
 
 #include <array>
@@ -11,24 +11,24 @@
 
 namespace palpate::test {
 
-/// Which messages it says.
+/// Generation of the messages.
 enum class Speaks { k30, k31, k35 };
 
-/// What it does wrong with its answers.
+/// Errors of its answers.
 enum class Lie {
   kNone,
   kDrops,       ///< Gives no answer.
   kNaN,         ///< A position of NaN, as some writers of JSON spell it.
-  kHuge,        ///< 1e300 m.
-  kOverflows,   ///< 1e999 m.
+  kHuge,        ///< A position of 1e300 m.
+  kOverflows,   ///< A position of 1e999 m.
   kStrings,     ///< Strings for numbers.
   kNoPosition,  ///< No cursor_position.
   kNoState,     ///< No state.
   kOtherIds,    ///< Ids of other arms.
-  kBadIds,      ///< Ids that end the string they are in.
+  kBadIds,      ///< Ids that end the string that contains them.
   kDeep,        ///< Nests 50,000 deep.
-  kLong,        ///< 10 MB, of which the first object is right.
-  kBinary,      ///< The right bytes in a binary frame.
+  kLong,        ///< 10 MB, the first object correct.
+  kBinary,      ///< The correct bytes in a binary frame.
   kHalf,        ///< The first half of the bytes.
   kEmptyLists,  ///< Its arms have been unplugged.
   kNotJson,
@@ -48,10 +48,10 @@ struct MockArm {
   std::string preset = "defaults";
   std::string basis = "XYZ";
   std::string type = "inverse3";
-  double scale = 1.0;  ///< Of its workspace.
+  double scale = 1.0;  ///< Scale of its workspace.
 };
 
-/// A force that has come.
+/// A received force.
 struct Told {
   std::string id;
   std::array<double, 3> force{};
@@ -59,20 +59,20 @@ struct Told {
   int connection = 0;     ///< The first is 1.
 };
 
-/// How often messages have come.
+/// Counts of received messages.
 struct Heard {
   long messages = 0;
-  long unknown = 0;  ///< What no published message is, or another generation's.
+  long unknown = 0;  ///< Messages that are not published, or are of another generation.
   long asked_for_all = 0;
   long introduced = 0;  ///< With a session profile.
   int connections = 0;
   int ended = 0;
-  int cut_off = 0;  ///< Connections that ended with an answer due.
+  int cut_off = 0;  ///< Connections that ended while an answer was due.
 };
 
 class MockService {
  public:
-  /// On a free port of this machine; `port` 0 chooses it.
+  /// Listens on a port of this machine; `port` 0 chooses a free one.
   explicit MockService(Speaks speaks, int port = 0);
   ~MockService();
   MockService(const MockService&) = delete;
@@ -84,15 +84,15 @@ class MockService {
   void set(int arm, const MockArm& as);
   [[nodiscard]] MockArm arm(int arm) const;
   void lie(Lie lie);
-  /// Answers come so much later.
+  /// Delays answers by this time.
   void delay(std::int64_t nanoseconds);
-  /// Says no word on connecting either.
+  /// Sends no messages, not even on connecting.
   void mute(bool is);
-  /// Says its list only where it is asked for.
+  /// Sends its list only on request, not on connecting.
   void shy(bool is);
-  /// Closes what is connected.
+  /// Closes all connections.
   void hangUp();
-  /// Listens no more; then again, at the same port.
+  /// Stops listening; begin() listens again at the same port.
   void end();
   void begin();
 

@@ -1,8 +1,8 @@
-/// haply.so as a host has it, by its one symbol, before a mock of Haply's service.
+/// Runs haply.so as a host does, by its one symbol, against a mock of Haply's service.
 ///
-/// The plug-in's clock is the test's: what is to happen after 40 ms happens when the clock is put
-/// on by 40 ms, and never before, however the machine schedules.
-#include "palpate/devices/plugin.h"
+/// The test sets the plug-in's clock. An event due after 40 ms happens when the test advances the
+/// clock by 40 ms, and never before, however the machine schedules.
+#include "palpate/devices/plugins/plugin.h"
 
 #include <algorithm>
 #include <array>
@@ -70,7 +70,7 @@ const palpate_plugin_host kHost{
     [](const char*) -> const void* { return nullptr; },
 };
 
-/// haply.so is beside the tests: BUILD/plugins, BUILD/tests/...
+/// Loads haply.so, which is beside the tests: BUILD/plugins, BUILD/tests/...
 const palpate_plugin_entry& entry() {
   static const palpate_plugin_entry* const kEntry = [] {
     auto folder = std::filesystem::read_symlink("/proc/self/exe").parent_path();
@@ -84,7 +84,7 @@ const palpate_plugin_entry& entry() {
   return *kEntry;
 }
 
-/// True as soon as it is; false where it is not for so long that it never will be.
+/// Returns true as soon as the condition holds; false if it does not hold for a very long time.
 bool eventually(const std::function<bool()>& is) {
   for (int i = 0; i < 30'000; ++i) {
     if (is()) return true;
@@ -93,12 +93,12 @@ bool eventually(const std::function<bool()>& is) {
   return false;
 }
 
-/// The plug-in, at the address of a service.
+/// The plug-in, with the address of a service.
 class Plugin {
  public:
   explicit Plugin(const std::string& url) {
     setenv("PALPATE_HAPLY_URL", url.c_str(), 1);
-    // Nobody is asked but the service.
+    // The plug-in asks only the service.
     setenv("http_proxy", "127.0.0.1:1", 1);
     ends = 0;
     {
@@ -116,7 +116,7 @@ class Plugin {
   const palpate_plugin_factory* arms = nullptr;
 };
 
-/// An open arm; what has been written is remembered.
+/// An open arm; remembers the forces that it writes.
 class Hand {
  public:
   Hand(const Plugin& plugin, const char* serial)
@@ -139,7 +139,7 @@ class Hand {
     std::copy(force.begin(), force.end(), all.force);
     return device->write(device, &all);
   }
-  /// Reads until a reading has come.
+  /// Reads until a new reading arrives.
   bool readNew() {
     return eventually([&] { return read() == PALPATE_PLUGIN_OK; });
   }
@@ -152,7 +152,7 @@ class Hand {
   palpate_plugin_reading reading{};
 };
 
-/// The last force that has come for an arm.
+/// Returns the last force that has come for an arm.
 Vec newest(const MockService& service, const std::string& id) {
   const auto told = service.told();
   const auto last =
@@ -160,13 +160,13 @@ Vec newest(const MockService& service, const std::string& id) {
   return last == told.rend() ? Vec{NAN, NAN, NAN} : last->force;
 }
 
-/// So many more messages have been exchanged.
+/// Waits until this number of further messages has been exchanged.
 bool exchanged(const MockService& service, long messages) {
   const long before = service.heard().messages;
   return eventually([&] { return service.heard().messages >= before + messages; });
 }
 
-/// Forces are on: written until the service has them.
+/// Writes a force until the service has it. Returns whether that happened.
 bool drives(const Hand& hand, const MockService& service, const std::string& id, const Vec& force) {
   return eventually([&] {
     hand.write(force);
@@ -174,7 +174,7 @@ bool drives(const Hand& hand, const MockService& service, const std::string& id,
   });
 }
 
-/// No force has come for `id` since the first of `from`.
+/// Counts the forces for `id` since message `from`.
 long driven(const MockService& service, const std::string& id, std::size_t from = 0) {
   const auto told = service.told();
   long count = 0;
@@ -205,7 +205,7 @@ TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
   Hand hand(plugin, "");
   INFO(hand.error.data());
   REQUIRE(hand.device != nullptr);
-  // Asked before the first answer it asks nothing of the user.
+  // Before the first answer prepare() asks the user for nothing.
   std::array<char, 64> why{};
   CHECK(hand.device->prepare(hand.device, why.data(), why.size()) == PALPATE_PLUGIN_OK);
   CHECK(said().empty());
@@ -224,7 +224,7 @@ TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
   CHECK_THAT(std::string(facts.source), Contains("assumed"));
   CHECK(hand.device->extension(hand.device, PALPATE_PLUGIN_HEAT) == nullptr);
 
-  // A host that knows less gets less.
+  // A host of an older version gets only the fields that it knows.
   REQUIRE(hand.readNew());
   palpate_plugin_reading older;
   std::memset(&older, 0x5a, sizeof(older));
@@ -247,7 +247,7 @@ TEST_CASE("both arms are found with their serials, in either generation", "[hapl
   CHECK(std::string(found[1].serial) == "04BA");
   CHECK_THAT(std::string(found[0].model), Contains("Inverse3"));
   CHECK(std::string(found[2].serial).empty());
-  // More than there is room for is counted, not written.
+  // Arms beyond the room are counted, not written.
   found[1].serial[0] = '!';
   CHECK(plugin.arms->find(found.data(), 1) == 2);
   CHECK(found[1].serial[0] == '!');
@@ -305,7 +305,7 @@ TEST_CASE("positions and forces of both arms are theirs, in either generation", 
       REQUIRE(eventually([&] { return newest(service, ids[k]) == force; }));
     }
   }
-  // What has come is what was written, in its order, and nothing else.
+  // The service has received exactly the written forces, in their order.
   long mismatches = 0;
   for (const Told& told : service.told()) {
     if (told.force == Vec{}) continue;
@@ -314,7 +314,7 @@ TEST_CASE("positions and forces of both arms are theirs, in either generation", 
     if (expected.empty() || (told.id != ids[0] && told.id != ids[1])) ++mismatches;
   }
   CHECK(mismatches == 0);
-  // One connection, one introduction; nothing that the generation does not know.
+  // One connection, one introduction; no message that the generation does not know.
   const Heard heard = service.heard();
   CHECK(heard.connections == 1);
   CHECK(heard.unknown == 0);
@@ -328,7 +328,7 @@ TEST_CASE("where the service puts the origin in the middle it stays there", "[ha
   arm.position = {0.01, 0.02, 0.03};
   service.set(0, arm);
   const Plugin plugin(service.url());
-  // Updates, which do not say it again, have come before it is opened.
+  // Updates, which do not repeat the preset, have come before the arm is opened.
   Hand other(plugin, "04BA");
   REQUIRE(other.device != nullptr);
   REQUIRE(exchanged(service, 5));
@@ -470,7 +470,7 @@ TEST_CASE("a reading that is read again is none, and keeps its time", "[haply][p
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   service.lie(Lie::kDrops);
-  // What was on its way has come.
+  // Messages on their way have arrived.
   REQUIRE(exchanged(service, 3));
   while (hand.read() == PALPATE_PLUGIN_OK) {
   }
@@ -498,18 +498,18 @@ TEST_CASE("a force ends with stop() until zero has been written", "[haply][plugi
   REQUIRE(drives(other, service, "04BA", {0.0, 0.0, 1.0}));
   std::thread([&] { hand.device->stop(hand.device); }).join();
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // Whatever is written, and for as long as the clock stands.
+  // Any writes, for as long as the clock stands.
   const std::size_t from = service.told().size();
   for (int i = 0; i < 20; ++i) {
     hand.write({1.0, 0.1 * i, 0.0});
     REQUIRE(exchanged(service, 3));
   }
   CHECK(driven(service, "049D", from) == 0);
-  // The other arm goes on.
+  // The other arm continues.
   CHECK(newest(service, "04BA") == Vec{0.0, 0.0, 1.0});
   hand.write({});
   CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
-  // Stopped after zero was written and before the next force.
+  // stop() after a written zero and before the next force.
   hand.write({});
   hand.device->stop(hand.device);
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
@@ -553,7 +553,7 @@ TEST_CASE("a force that is not written again ends", "[haply][plugin]") {
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   REQUIRE(drives(hand, service, "049D", {0.0, 0.0, 2.0}));
-  // It is read of all the while: in steps, so that no silence ends it.
+  // The test reads all the time, in steps, so that a silence does not end the force.
   const auto step = [&](std::int64_t ms) {
     clock_ns += ms * kMs;
     const std::int64_t at = clock_ns;
@@ -565,7 +565,7 @@ TEST_CASE("a force that is not written again ends", "[haply][plugin]") {
   CHECK(newest(service, "049D") == Vec{0.0, 0.0, 2.0});
   REQUIRE(step(1));
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // Nothing was lost: the next one is sent.
+  // The arm was never lost: the next force is sent.
   CHECK(drives(hand, service, "049D", {0.0, 0.0, 1.0}));
 }
 
@@ -578,7 +578,9 @@ TEST_CASE("what is no force is none, and none is larger than the arm's", "[haply
   REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
-  for (const Vec& force : {Vec{nan, 0.0, 0.0}, Vec{0.0, inf, 0.0}, Vec{1.7e308, 1.7e308, 0.0}}) {
+  // std::hypot takes only a NaN beside zeros for 0.
+  for (const Vec& force : {Vec{nan, 0.0, 0.0}, Vec{0.0, nan, 0.0}, Vec{0.0, 0.0, nan},
+                           Vec{0.0, inf, 0.0}, Vec{1.7e308, 1.7e308, 0.0}}) {
     CAPTURE(force[0]);
     REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
     CHECK(hand.write(force) == PALPATE_PLUGIN_FAILED);
@@ -606,7 +608,7 @@ TEST_CASE("a service that lies gives no reading, and takes the force with it", "
   while (hand.read() == PALPATE_PLUGIN_OK) {
   }
   const std::int64_t taken = hand.reading.taken;
-  // For a while that is nothing new: the force stays.
+  // For a while the plug-in has no news: the force stays.
   clock_ns += 29 * kMs;
   hand.write({1.0, 0.0, 0.0});
   REQUIRE(exchanged(service, 3));
@@ -619,7 +621,7 @@ TEST_CASE("a service that lies gives no reading, and takes the force with it", "
   CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
   CHECK(hand.reading.taken == taken);
   const std::size_t from = service.told().size();
-  // And comes back, without a force until zero was written.
+  // The arm comes back, without a force until a zero is written.
   service.lie(Lie::kNone);
   REQUIRE(hand.readNew());
   CHECK(hand.reading.taken == clock_ns);
@@ -645,14 +647,14 @@ TEST_CASE("a service that restarts finds no force until zero was written", "[hap
     service.hangUp();
   } else {
     service.end();
-    // Away, at once: no clock has to run for that.
+    // The arm is gone at once, without any time on the clock.
     REQUIRE(eventually([&] { return hand.read() == PALPATE_PLUGIN_GONE; }));
     CHECK(hand.read() == PALPATE_PLUGIN_GONE);
     CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
     service.begin();
   }
   REQUIRE(eventually([&] { return service.heard().connections >= 2; }));
-  // Who did not look meanwhile is told when the arm is back.
+  // A client that did not read in between gets GONE when the arm is back.
   REQUIRE(eventually([&] { return hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_OK; }));
   CHECK((hand.read() == PALPATE_PLUGIN_GONE) == hangs_up);
   REQUIRE(hand.readNew());
@@ -684,14 +686,14 @@ TEST_CASE("an arm that is closed has zero force first", "[haply][plugin]") {
     const auto told = service.told();
     return std::count_if(told.begin(), told.end(), [](const Told& t) { return t.id == "049D"; });
   };
-  // The other has its force, and this one no message any more.
+  // The other arm keeps its force, and this arm gets no further message.
   const auto before = count();
   REQUIRE(exchanged(service, 5));
   CHECK(newest(service, "04BA") == Vec{0.0, 1.0, 0.0});
   CHECK(count() == before);
   other.close();
   CHECK(newest(service, "04BA") == Vec{});
-  // Opened again it is as new, at a connection of its own.
+  // Opened again, the arm is in its initial state, on a connection of its own.
   Hand again(plugin, "049D");
   REQUIRE(again.device != nullptr);
   REQUIRE(again.readNew());
@@ -711,7 +713,7 @@ TEST_CASE("answers that come late are waited for, one at a time", "[haply][plugi
   hand.device->stop(hand.device);
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(service.heard().connections == 1);
-  // Closed while an answer is due: zero is told all the same.
+  // Closed while an answer is due: the zero is sent anyway.
   for (int i = 0; i < 10; ++i) {
     Hand other(plugin, "04BA");
     REQUIRE(other.device != nullptr);
@@ -720,7 +722,7 @@ TEST_CASE("answers that come late are waited for, one at a time", "[haply][plugi
     other.close();
     CHECK(newest(service, "04BA") == Vec{});
   }
-  // And the connection ends when that was answered.
+  // The connection ends when that message was answered.
   hand.close();
   REQUIRE(eventually([&] { return service.heard().ended == 1; }));
   CHECK(service.heard().cut_off == 0);
@@ -764,7 +766,7 @@ TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[h
   REQUIRE(eventually([&] {
     return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
   }));
-  // Each of what it wants is wanted.
+  // The arm requires each of its conditions.
   for (bool MockArm::*const missing : {&MockArm::calibrated, &MockArm::ready, &MockArm::powered}) {
     arm.*missing = false;
     service.set(0, arm);
@@ -781,7 +783,7 @@ TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[h
   arm.scale = 10.0;
   service.set(0, arm);
   CHECK(eventually([&] { return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == 0; }));
-  // Nobody waits for it any more.
+  // A program that ends does not wait for it.
   arm.calibrated = false;
   service.set(0, arm);
   REQUIRE(exchanged(service, 3));
@@ -865,7 +867,7 @@ TEST_CASE("how long a force takes, by the machine's clock", "[.measure]") {
   Hand hand(plugin, "049D");
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
-  // From `since` until the first message after it that says `wanted`.
+  // Returns the time from `since` until the first message with a zero, or with a force [ms].
   const auto took = [&](std::int64_t since, bool zero) {
     double ms = -1.0;
     eventually([&] {

@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
-"""docs/plugins.md: what it has one type builds plug-ins. docs_test.py SOURCE INCLUDE STUBS SAMPLE.
+"""The commands of docs/plugins.md build plug-ins. docs_test.py SOURCE INCLUDE STUBS SAMPLE.
 
-INCLUDE has palpate/; STUBS is the folder of the stubs' libraries; SAMPLE is the sample as the build
-has made it.
+INCLUDE has palpate/; STUBS is the folder of the stubs' libraries; SAMPLE is the sample as the build has made it.
 """
 import os
 import re
@@ -21,7 +20,7 @@ LIBRARY = {"openhaptics": "HD", "dhd": "dhd", "nifalcon": "nifalcon"}
 def symbols(file):
     out = subprocess.run(["nm", "-D", "--defined-only", file], check=True, stdout=subprocess.PIPE,
                          text=True).stdout
-    # Templates of the standard library are in every program that has them.
+    # Every program that uses templates of the standard library has their symbols.
     return [line.split()[2] for line in out.splitlines() if line.split()[1] not in "WVu"]
 
 
@@ -31,7 +30,7 @@ def needed(file):
 
 
 def sdks(folder):
-    """Folders as makers give them, by the names of the page's variables."""
+    """Makes folders with the makers' layout; returns them by the names of the page's variables."""
     found = {}
     for name, library in LIBRARY.items():
         sdk = Path(folder, name)
@@ -78,7 +77,7 @@ class Page(unittest.TestCase):
             subprocess.run(["cmake", "--build", build], check=True, stdout=subprocess.DEVNULL)
             self.assertEqual([f.name for f in (build / "lib/palpate/plugins").iterdir()], ["dhd.so"])
             self.assertEqual(symbols(build / "lib/palpate/plugins" / "dhd.so"), ["palpate_plugin"])
-            # A folder that is none is said by its name.
+            # The error message names a missing folder.
             done = configure(f"-DPALPATE_NIFALCON={folder}/nowhere")
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("nowhere has no", " ".join(done.stdout.split()))
@@ -96,7 +95,7 @@ class Page(unittest.TestCase):
                 self.assertIn(constant, text, file)
 
     def test_every_limit_is_a_row_of_the_known_arms(self):
-        rows = (SOURCE / "devices" / "known_arms.json").read_text(encoding="utf-8")
+        rows = (SOURCE / "devices" / "hid" / "known_arms.json").read_text(encoding="utf-8")
         known = {tuple(float(n) for n in row) for row in re.findall(
             r'"force": ([\d.]+), "stiffness": ([\d.]+), "damping": ([\d.]+), '
             r'"workspace_radius": ([\d.]+)', rows)}

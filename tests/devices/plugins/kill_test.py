@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""kill_test.py PALPATE PLUGINS: whatever ends or stops a program that feels by a plug-in, the arm has no
-force within 20 ms, and its plug-in's process ends with the program. Prints the table."""
+"""kill_test.py PALPATE PLUGINS: whatever ends or stops a program that feels with a plug-in, the arm has no force
+within 20 ms, and the plug-in's process ends with the program. Prints the table."""
 import contextlib
 import ctypes
 import json
@@ -20,7 +20,7 @@ import suite  # noqa: E402
 
 PALPATE, PLUGINS = sys.argv[1], sys.argv[2]
 LIMIT = 0.020
-SLICE = 0.010   # [s] that a busy machine may take its cores away
+SLICE = 0.010   # [s] for which a busy host may take the machine's cores away
 SIGNALS = ["SIGKILL", "SIGSTOP", "SIGTERM", "SIGSEGV"]
 
 
@@ -38,7 +38,7 @@ class Arm(ctypes.Structure):
 
 
 def processes():
-    """Of plug-ins, by their own identities."""
+    """Returns the process identities of all running plug-ins."""
     found = set()
     for entry in Path("/proc").iterdir():
         try:
@@ -65,7 +65,7 @@ class Kill(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = Path(folder.name)
-        # Whoever else may write where it was built, here nobody may.
+        # Other users may be able to write where the plug-ins were built; here they may not.
         self.plugins = self.folder / "plugins"
         self.plugins.mkdir(mode=0o755)
         self.plugins.chmod(0o755)
@@ -77,7 +77,7 @@ class Kill(unittest.TestCase):
 
     @contextlib.contextmanager
     def felt(self, serial):
-        """A program that feels by an arm: the arm, the program, its plug-in's process."""
+        """Yields a program that feels with an arm: the arm, the program, its plug-in's process."""
         file = self.folder / "arm"
         file.write_bytes(bytes(ctypes.sizeof(Arm)))
         with open(file, "r+b") as handle:
@@ -112,7 +112,7 @@ class Kill(unittest.TestCase):
             yield arm, program, ours
 
     def blow(self, name, serial="good"):
-        """How long the arm had a force after a signal [s], beside the trouble that its plug-in has."""
+        """Returns how long the arm had a force after a signal [s], while its plug-in has the fault of `serial`."""
         with self.pressed(serial) as (arm, program, ours):
             if serial != "good":
                 arm.trouble = 1
@@ -151,7 +151,7 @@ class Kill(unittest.TestCase):
             self.assertIn("force is nan", arms["plugin:odd@limitless"]["trouble"])
             self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
             self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])
-            # All others were, by each its own serial number.
+            # All other arms were opened, each by its own serial number.
             self.assertEqual(arm.opens - opens, len(arms) - 1)
 
     def check(self, name):

@@ -21,7 +21,7 @@ palpate_plugin_force forceOf(double x) {
   return {sizeof(palpate_plugin_force), 0, {x, 0.0, 0.0}, {}};
 }
 
-/// What happens between two steps of whoever loads or stores; once.
+/// An action between two steps of a load or store; runs once.
 std::function<void()> meanwhile;
 int steps_until = 0;
 
@@ -75,7 +75,7 @@ TEST_CASE("a value that is written between any two steps of a reader is not torn
 }
 
 TEST_CASE("a reader between any two steps of a writer has the value before, or none", "[plugin]") {
-  // Its first step is a load.
+  // The first step of the reader is a load.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -89,7 +89,7 @@ TEST_CASE("a reader between any two steps of a writer has the value before, or n
     CHECK(whole(value));
     CHECK(value.last == (step == 1 ? 1U : step == 13 ? 2U : 7U));
     CHECK(taken == (step == 1 || step == 13));
-    // Nothing is lost by having looked.
+    // The early read loses no value.
     if (step != 13) CHECK(slot.take(value));
     CHECK(value.last == 2U);
   }
@@ -128,13 +128,13 @@ TEST_CASE("a stop at any moment lets no force through before a zero has come", "
   std::atomic<int> turn{0};
   std::atomic<bool> stopped{false};
   long wrong = 0;
-  // The SDK's thread: once it has seen that a stop has returned, it has zeros until a new turn.
+  // The SDK's thread: after it has seen that a stop has returned, it gets zeros until a new turn.
   std::thread sdk([&] {
     for (int n = turn; n < 2000; n = turn) {
       const bool was_stopped = stopped;
       const Order order = orders.now(0);
       if (was_stopped && turn == n && order.force[0] != 0.0) ++wrong;
-      // What was asked for before the zero is never had after it.
+      // A force from before the zero never comes after it.
       if (order.force[0] != 0.0 && order.force[0] < n) ++wrong;
     }
   });
@@ -153,7 +153,7 @@ TEST_CASE("a stop at any moment lets no force through before a zero has come", "
 
 TEST_CASE("a stop returns when a zero has been sent, or nobody sends", "[plugin]") {
   Orders orders;
-  orders.stop(1'000'000);  // nobody sends
+  orders.stop(1'000'000);  // no thread sends
   CHECK(orders.write(forceOf(0.0), 0.0, 0) == PALPATE_PLUGIN_OK);
   orders.serve(true);
   std::atomic<bool> ends{false};

@@ -1,4 +1,4 @@
-/// An arm that is a file: what a plug-in in another process does to its motors, a test sees.
+/// A file that stands for an arm, so that a test sees the motors of a plug-in in another process.
 #pragma once
 
 #include <atomic>
@@ -11,18 +11,18 @@
 
 namespace palpate::test {
 
-/// What its motors and sensors have. All zeros at first, as a new file is.
+/// State of motors and sensors. All zeros at first, like a new file.
 struct OddArm {
   static constexpr const char* kFile = "PALPATE_ODD_ARM";  ///< Variable with the file's name.
   std::atomic<double> position[3];                         ///< Set by the test [m].
-  std::atomic<double> force[3];                            ///< What the motors give [N].
-  std::atomic<double> carried;                             ///< The share of its weight.
-  std::atomic<double> most;              ///< The largest force that there has been [N].
-  std::atomic<std::int64_t> wrote_at;    ///< [ns]
-  std::atomic<std::int64_t> trouble_at;  ///< When the trouble began [ns].
-  std::atomic<std::int64_t> zero_at;     ///< When the force was off first after that [ns].
+  std::atomic<double> force[3];                            ///< Force of the motors [N].
+  std::atomic<double> carried;                             ///< Share of the weight that is carried.
+  std::atomic<double> most;                                ///< The largest force so far [N].
+  std::atomic<std::int64_t> wrote_at;                      ///< [ns]
+  std::atomic<std::int64_t> trouble_at;                    ///< When the trouble began [ns].
+  std::atomic<std::int64_t> zero_at;  ///< When the force first was zero after that [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;
-  std::atomic<std::uint32_t> trouble;  ///< Set by the test: now.
+  std::atomic<std::uint32_t> trouble;  ///< Set by the test to start it.
 
   void give(double x, double y, double z, std::int64_t now) noexcept {
     force[0] = x;
@@ -38,7 +38,7 @@ struct OddArm {
     return std::abs(force[0]) + std::abs(force[1]) + std::abs(force[2]);
   }
 
-  /// The file's; null where it cannot be.
+  /// Returns the arm in a file; null if the file cannot be opened.
   static OddArm* at(const char* file) noexcept {
     const int descriptor = open(file, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (descriptor < 0 || ftruncate(descriptor, sizeof(OddArm)) != 0) return nullptr;

@@ -1,5 +1,5 @@
-/// A plug-in with the troubles that plug-ins have, each by the serial number that its arm is opened
-/// with, up to a #: what follows keeps tests apart that run at the same time.
+/// A plug-in with the faults that plug-ins have. The serial number of the arm up to a # selects the
+/// fault. The part after it separates tests that run at the same time.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -7,7 +7,7 @@
 #include <string>
 #include <unistd.h>
 
-#include "palpate/devices/plugin.h"
+#include "palpate/devices/plugins/plugin.h"
 #include "tests/devices/plugins/odd_arm.h"
 
 namespace {
@@ -31,13 +31,13 @@ Odd& oddOf(palpate_plugin_device* device) {
   return *static_cast<Odd*>(device->data);
 }
 
-/// The trouble is now.
+/// Stores the time at which the trouble begins.
 void begins(Odd& odd) {
   std::int64_t none = 0;
   odd.arm->trouble_at.compare_exchange_strong(none, host->now());
 }
 
-/// Until the stack is used up.
+/// Recurses until the stack is used up.
 int deeper(int depth) {
   volatile char some[4096];
   some[0] = static_cast<char>(depth);
@@ -50,7 +50,7 @@ int deeper(int depth) {
 
 void crash() {
   volatile int* nothing = nullptr;
-  *nothing = 1;  // NOLINT(clang-analyzer-core.NullDereference): that is what it is for
+  *nothing = 1;  // NOLINT(clang-analyzer-core.NullDereference): the crash is intended
 }
 
 int facts(palpate_plugin_device* device, palpate_plugin_facts* out) {
@@ -91,7 +91,7 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   Odd& odd = oddOf(device);
   OddArm& arm = *odd.arm;
   ++arm.reads;
-  // As one that was compiled for a host that knows all of it.
+  // Behaves as a plug-in that was compiled for a host that knows all fields.
   if (reading->size < sizeof(palpate_plugin_reading)) return PALPATE_PLUGIN_NOTHING;
   if (arm.trouble != 0) begins(odd);
   if (odd.is("crash")) crash();
@@ -118,7 +118,7 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   reading->orientation[3] = 0.8;
   reading->gripper = 0.25;
   reading->joints[0] = 0.5;
-  // More than it has been given room for: the process' own trouble.
+  // Writes more than the given room: the trouble of the process itself.
   if (odd.is("long")) std::memset(reading, 0xFF, 1U << 20U);
   return PALPATE_PLUGIN_OK;
 }
@@ -146,7 +146,7 @@ int write(palpate_plugin_device* device, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* device) {
   Odd& odd = oddOf(device);
   ++odd.arm->stops;
-  // As one that waits for a lock that read holds.
+  // Behaves as if it waited for a lock that read holds.
   if (odd.is("deadlock")) hang();
   odd.stopped = true;
   odd.arm->give(0.0, 0.0, 0.0, host->now());
@@ -201,9 +201,9 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
   odd->kind = std::string(serial).substr(0, std::string(serial).find('#'));
   odd->arm = OddArm::at(file);
   ++odd->arm->opens;
-  // A real one keeps its last force until somebody takes it off.
+  // A real arm keeps its last force until a program takes it off.
   odd->arm->give(0.0, 0.0, 0.0, host->now());
-  // The next process opens the arm once the test has ended the trouble of the one before.
+  // The next process opens the arm after the test has ended the trouble of the process before.
   while (odd->is("exit") && host->ends() == 0) usleep(1000);
   odd->device = {sizeof(palpate_plugin_device),
                  0,

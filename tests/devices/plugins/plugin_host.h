@@ -1,4 +1,4 @@
-/// A host of plug-ins: loads one, has a clock that the test sets, and keeps what is said.
+/// A host of plug-ins: loads one, has a clock that the test sets, and keeps its messages.
 #pragma once
 
 #include <atomic>
@@ -11,7 +11,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/plugin.h"
+#include "palpate/devices/plugins/plugin.h"
 
 namespace palpate::test {
 
@@ -48,7 +48,7 @@ class PluginHost {
     REQUIRE(arms != nullptr);
   }
 
-  /// Opens an arm; `error` says why not.
+  /// Opens an arm; `error` holds the reason for a failure.
   bool open(const char* serial) {
     char line[256] = "";
     if (arms == nullptr) begin();
@@ -81,7 +81,7 @@ class PluginHost {
     return arm->write(arm, &force);
   }
 
-  /// One clear line: it names who says so, and has a remedy.
+  /// Returns whether the error is one clear line with the name of its source and a remedy.
   bool errorIsALine(const std::string& name) const {
     return error.rfind(name + ": ", 0) == 0 && error.find('\n') == std::string::npos &&
            error.size() < 200 && error.find_first_of(",;") != std::string::npos;
@@ -111,8 +111,8 @@ class PluginHost {
   palpate_plugin_host host_{};
 };
 
-/// A struct of another palpate's: `room` bytes of it are known there, what follows is not to be
-/// touched.
+/// A struct of another palpate version, which knows only `room` bytes. The bytes behind them must
+/// stay untouched.
 template <class T>
 struct Other {
   explicit Other(std::size_t room) {

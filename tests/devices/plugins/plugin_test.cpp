@@ -1,4 +1,4 @@
-/// Plug-ins: what is believed of what they say, and where each of their troubles ends.
+/// Plug-ins: which of their data are accepted, and how each of their faults ends.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -16,14 +16,14 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/plugin_arm.h"
-#include "palpate/devices/plugin_library.h"
-#include "palpate/devices/plugin_link.h"
-#include "palpate/devices/plugin_process.h"
-#include "palpate/devices/seqlock.h"
+#include "palpate/devices/plugins/plugin_arm.h"
+#include "palpate/devices/plugins/plugin_library.h"
+#include "palpate/devices/plugins/plugin_link.h"
+#include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/devices/plugins/seqlock.h"
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_loop.h"
-#include "palpate/engine/haptic_thread.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/engine/loop/haptic_thread.h"
 #include "tests/fuzz/plugin_entry.h"
 #include "tests/support/random.h"
 
@@ -56,7 +56,7 @@ std::int64_t testTime() noexcept {
   return the_time;
 }
 
-/// A port of numbers.
+/// A port with the numbers of the test.
 struct FakePort final : PluginPort {
   palpate_plugin_facts told = goodFacts();
   PluginNews next;
@@ -81,7 +81,7 @@ struct FakePort final : PluginPort {
   }
 };
 
-/// An arm over it, on a clock of its own.
+/// An arm on this port, with a clock of its own.
 struct Fake {
   FakePort* port;
   std::unique_ptr<PluginArm> arm;
@@ -96,7 +96,7 @@ struct Fake {
     arm = std::make_unique<PluginArm>(std::move(made), "plugin:fake", tested, host);
     port->next.reading.state = PALPATE_PLUGIN_READY;
   }
-  /// A millisecond later, with a new position.
+  /// Reads a millisecond later, with a new position.
   HandState fresh(double x = 0.0) {
     the_time += 1'000'000;
     port->next.reading.taken = the_time;
@@ -136,7 +136,7 @@ TEST_CASE("a plug-in's facts are an arm's limits", "[plugin]") {
   CHECK(held.limits.peak == kUntestedForce);
   CHECK(held.max_stiffness == kUntestedStiffness);
 
-  // What moves the hand alone needs no force's numbers.
+  // A device that only moves the hand needs no numbers for a force.
   facts.has = 0;
   facts.force = facts.stiffness = 0.0;
   CHECK_FALSE(infoFor(facts, "plugin:fake", false).hand);
@@ -202,11 +202,11 @@ TEST_CASE("a plug-in's reading is a hand", "[plugin]") {
   CHECK(hand.handle.orientation[2] == Approx(-0.8));
   CHECK(hand.handle.gripper == 0.3);
   CHECK(hand.handle.joints[1] == 1.5);
-  CHECK(hand.handle.joints[2] == 0.0);  // it has two
-  // Nothing new.
+  CHECK(hand.handle.joints[2] == 0.0);  // the arm has two
+  // No new reading.
   hand = fake.later(0.001);
   CHECK(hand.age == Approx(0.001));
-  // What is no orientation, gripper or joint leaves the last.
+  // An invalid orientation, gripper or joint leaves the last value.
   for (double& q : fake.port->next.reading.orientation) q = kNan;
   fake.port->next.reading.gripper = kInf;
   fake.port->next.reading.joints[1] = kNan;
@@ -233,11 +233,11 @@ TEST_CASE("what a device says of its velocity moves no force", "[plugin]") {
     CHECK(hand.velocity.norm() == 0.0);
   }
   CHECK(hand.handle.velocity[0] == 4.9);
-  // What is none leaves the last.
+  // An invalid velocity leaves the last one.
   fake.port->next.reading.velocity[1] = kNan;
   fake.port->next.reading.velocity[0] = 1.0;
   CHECK(fake.fresh().handle.velocity[0] == 4.9);
-  // Said to rest while it runs away: positions tell.
+  // The reported velocity is zero while the arm runs away: positions show it.
   fake.port->next.reading.velocity[0] = fake.port->next.reading.velocity[1] = 0.0;
   Fault fault = Fault::kNone;
   bool braked = false;
@@ -258,7 +258,7 @@ TEST_CASE("a plug-in that lies of the time grows stale all the same", "[plugin]"
     (void)fake.fresh();
     fake.port->next.reading.taken = taken;
     HandState hand = fake.later(0.001);
-    CHECK((hand.age == 0.0) == (taken > 0));  // the future is now, what is before all time is old
+    CHECK((hand.age == 0.0) == (taken > 0));  // a future time is now; a time before all time is old
     hand = fake.later(0.06);
     HandWatch watch(fake.arm->info().watch);
     CHECK(watch.look(hand, 0.0) == Fault::kStale);
@@ -300,7 +300,7 @@ TEST_CASE("what an arm says of itself cuts the force", "[plugin]") {
   fake.port->there = false;
   CHECK(fake.later(0.001).fault == Fault::kGone);
   fake.port->there = true;
-  // Where it was before it was away is not where it is.
+  // The position from before the absence is not used.
   CHECK_FALSE(fake.arm->read().ready);
   CHECK(with(kGood).ready);
   fake.port->next.wrote = PALPATE_PLUGIN_FAILED;
@@ -409,7 +409,7 @@ TEST_CASE("mutated facts of a plug-in are limits or refused", "[plugin]") {
   long taken = 0;
   for (long i = 0; i < count; ++i) {
     palpate_plugin_facts facts = goodFacts();
-    // The numbers, not the texts: those are most of it.
+    // Only the numbers: texts are most of the bytes.
     auto bytes = std::as_writable_bytes(std::span(&facts, 1));
     const int numbers = static_cast<int>(offsetof(palpate_plugin_facts, button));
     const int changes = random.integer(4);

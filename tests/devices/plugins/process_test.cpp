@@ -18,11 +18,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/plugin_library.h"
-#include "palpate/devices/plugin_process.h"
-#include "palpate/devices/plugin_server.h"
+#include "palpate/devices/plugins/plugin_library.h"
+#include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/devices/plugins/plugin_server.h"
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_thread.h"
+#include "palpate/engine/loop/haptic_thread.h"
 #include "tests/devices/plugins/odd_arm.h"
 #include "tests/support/scenes.h"
 
@@ -37,7 +37,7 @@ const std::filesystem::path kOther = kPlugins / "other.so";
 const std::filesystem::path kNone = kPlugins / "none.so";
 const std::filesystem::path kProgram = PALPATE_PLUGIN_PROGRAM;
 
-/// The arm that the plug-in's process sees as well.
+/// The arm that the plug-in's process shares.
 class Bench {
  public:
   Bench() {
@@ -68,7 +68,7 @@ std::string refusal(const std::function<void()>& act) {
   }
 }
 
-/// An arm of this test's own.
+/// Returns a serial number of this test's own.
 std::string oddly(const std::string& kind) {
   return kind + "#" + std::to_string(getpid());
 }
@@ -78,7 +78,7 @@ std::unique_ptr<PluginArm> openOdd(const std::string& kind, const ArmHost& host 
                                      "plugin:odd", true, host);
 }
 
-/// True as soon as it is; false where it is not within so long [s].
+/// Returns true as soon as the condition holds; false if it does not hold within a time [s].
 bool within(double seconds, const std::function<bool()>& is) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
   while (!is()) {
@@ -88,9 +88,9 @@ bool within(double seconds, const std::function<bool()>& is) {
   return true;
 }
 
-constexpr double kLong = 20.0;  // [s] that nothing here takes, however busy the machine
+constexpr double kLong = 20.0;  // [s], longer than any step takes on a busy machine
 
-/// Ticks by hand.
+/// Runs one tick.
 HandState tick(PluginArm& arm, const Vec3& force) {
   const HandState hand = arm.read();
   arm.write(force);
@@ -129,7 +129,7 @@ TEST_CASE("plug-ins are loaded from their folders alone", "[plugin]") {
       std::filesystem::temp_directory_path() / ("palpate_plugins_" + std::to_string(getpid()));
   std::filesystem::create_directories(folder);
   std::filesystem::copy_file(kOdd, folder / "odd.so");
-  // Whatever the user's umask is.
+  // Independent of the user's umask.
   std::filesystem::permissions(folder, std::filesystem::perms(0755));
   std::filesystem::permissions(folder / "odd.so", std::filesystem::perms(0755));
   setenv("PALPATE_PLUGINS", folder.c_str(), 1);
@@ -163,7 +163,7 @@ TEST_CASE("an arm of a plug-in's process is read and driven", "[plugin]") {
   CHECK(hand.handle.orientation[3] == Approx(0.8));
   CHECK(hand.handle.gripper == 0.25);
   CHECK(hand.fault == Fault::kNone);
-  // Each force arrives, and as it was.
+  // Each force arrives unchanged.
   int wrong = 0;
   for (int i = 1; i <= 100; ++i) {
     const Vec3 force(0.01 * i, -0.02 * i, 0.005);
@@ -190,7 +190,7 @@ TEST_CASE("a program that stops giving orders has no force", "[plugin]") {
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
   (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   CHECK(within(kLong, [&] { return bench->stops > 0 && bench->norm() == 0.0; }));
-  // What it asks for then is not given until it has asked for nothing.
+  // A further force is withheld until the program has written zero.
   (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   std::this_thread::sleep_for(std::chrono::milliseconds(5));
   CHECK(bench->norm() == 0.0);
@@ -209,7 +209,7 @@ TEST_CASE("a guardian's zero takes a plug-in's force off", "[plugin]") {
   const ZeroForce zero = arm->zeroForce();
   REQUIRE(zero.descriptor >= 0);
   std::atomic<bool> over{false};
-  // Orders go on: it is not the silence that ends the force.
+  // Orders continue, so silence is not the cause that ends the force.
   std::thread haptic([&] {
     while (!over) (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   });
@@ -223,7 +223,7 @@ TEST_CASE("a guardian's zero takes a plug-in's force off", "[plugin]") {
 }
 
 TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
-  // An arm whose stop comes while carry is at work, as from another thread.
+  // An arm whose stop comes during carry, as from another thread.
   static struct {
     double force, share, next;
     bool stopped, trips;
@@ -276,21 +276,22 @@ TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
     });
   };
   std::thread haptic([&] { server.loop(); });
-  // Weight alone, then a force with it: either is off after a stop amid the order.
+  constexpr double kShare = 0.002;  // of the weight: five times the share that may come at once
+  // Weight alone, then a force with it: both are off after a stop during the order.
   for (const double force : {0.0, 0.5}) {
     REQUIRE(give(0.0, 0.0, 1));
     arm.trips = true;
-    REQUIRE(give(force, 0.5, 2));
+    REQUIRE(give(force, kShare, 2));
     CHECK(arm.force == 0.0);
     CHECK(arm.share == 0.0);
-    // And until nothing has been asked for.
-    REQUIRE(give(0.5, 0.5, 3));
+    // Both stay off until a zero was written.
+    REQUIRE(give(0.5, kShare, 3));
     CHECK(arm.force == 0.0);
     CHECK(arm.share == 0.0);
   }
   REQUIRE(give(0.0, 0.0, 4));
-  REQUIRE(give(0.5, 0.5, 5));
-  CHECK(arm.share == 0.5);
+  REQUIRE(give(0.5, kShare, 5));
+  CHECK(arm.share == kShare);
   server.end();
   wakeWord(link->orders);
   haptic.join();
@@ -298,7 +299,7 @@ TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
 }
 
 TEST_CASE("what no gate can have let through is not handed to a plug-in's arm", "[plugin]") {
-  // Its own code, which lies between the two, may have written over an order.
+  // The plug-in's own code, which lies between, may have overwritten an order.
   static struct {
     std::vector<double> forces;
     double share;
@@ -329,9 +330,11 @@ TEST_CASE("what no gate can have let through is not handed to a plug-in's arm", 
     double carry;
     bool given;
   };
-  // Two ticks of 1 ms let 0.04 N in at once, and a slow machine 20 N more in each second.
+  // 5 ms allow 0.1 N and 0.01 of the weight at once. A slow machine allows 20 N and twice the
+  // weight more in each second.
   for (const Case& c : {Case{0.03, 0.0, true},
-                        {-0.03, 1.0, true},
+                        {-0.03, 0.01, true},
+                        {0.03, 1.0, false},
                         {nan, 0.0, false},
                         {inf, 0.0, false},
                         {-7e194, 0.0, false},
@@ -370,6 +373,93 @@ TEST_CASE("what no gate can have let through is not handed to a plug-in's arm", 
       CHECK(std::abs(force) <= 0.03);
     }
     CHECK(arm.share == 0.0);
+  }
+}
+
+TEST_CASE("a plug-in that hangs is not taken for a late machine", "[plugin]") {
+  static struct {
+    std::atomic<bool> hangs;
+    std::atomic<bool> hung;
+  } arm;
+  palpate_plugin_device device{};
+  device.size = sizeof(device);
+  device.write = [](palpate_plugin_device*, const palpate_plugin_force*) {
+    return static_cast<int>(PALPATE_PLUGIN_OK);
+  };
+  device.read = [](palpate_plugin_device*, palpate_plugin_reading*) {
+    arm.hung = arm.hangs.load();
+    while (arm.hangs) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return static_cast<int>(PALPATE_PLUGIN_NOTHING);
+  };
+  device.stop = [](palpate_plugin_device*) {};
+  device.close = [](palpate_plugin_device*) {};
+  device.extension = [](palpate_plugin_device*, const char*) -> const void* { return nullptr; };
+  const PluginDevice opened(&device, "plugin:test");
+  using Look = PluginServer::Look;
+  constexpr std::int64_t kMs = 1000000;  // [ns]
+  struct Case {
+    std::vector<std::int64_t> looks;  // [ms] since the last turn
+    bool blamed;
+  };
+  std::vector<std::int64_t> punctual;
+  for (std::int64_t ms = 2; ms <= 18; ms += 2) punctual.push_back(ms);
+  const Case cases[] = {
+      {punctual, true},                                  // the plug-in hangs
+      {{18}, false},                                     // the machine stood still
+      {{2, 4, 14, 16, 18}, false},                       // it stood still for a part of the time
+      {{18, 20, 22, 24, 26, 28, 30, 32, 34, 36}, true},  // and then the plug-in hangs
+  };
+  for (const Case& c : cases) {
+    CAPTURE(c.looks);
+    arm.hangs = arm.hung = false;
+    const auto link = std::make_unique<PluginLink>();
+    PluginServer server(*link, opened, 1e-3, 8.0, kPluginSlew);
+    std::thread haptic([&] { server.loop(); });
+    std::uint32_t number = 0;
+    const auto order = [&](double force) {
+      PluginOrder next;
+      next.force.force[2] = force;
+      next.number = ++number;
+      link->order.store(next);
+      ++link->orders;
+      wakeWord(link->orders);
+    };
+    const auto news = [&] {
+      PluginNews out;
+      REQUIRE(within(kLong, [&] { return link->news.load(out) && out.written == number; }));
+      return out;
+    };
+    order(0.0);
+    CHECK(news().withheld == 0);
+    order(0.1);
+    CHECK(news().wrote == PALPATE_PLUGIN_OK);
+    arm.hangs = true;
+    REQUIRE(within(kLong, [] { return arm.hung.load(); }));
+    // The times are the test's, so the machine's load does not count.
+    const std::int64_t now = nowNs();
+    CHECK(server.look(now) == Look::kTurns);
+    int stops = 0;
+    for (const std::int64_t ms : c.looks) {
+      stops += server.look(now + ms * kMs) == Look::kStop ? 1 : 0;
+    }
+    CHECK(stops == 1);
+    server.stop();
+    order(0.1);
+    arm.hangs = false;
+    PluginNews after = news();
+    CHECK(after.withheld >= 1);
+    // The program takes this for a failed write, which keeps the force off, or for lateness.
+    CHECK(after.wrote == (c.blamed ? -1 : static_cast<int>(PALPATE_PLUGIN_OK)));
+    order(0.0);
+    CHECK(news().wrote == PALPATE_PLUGIN_OK);
+    const std::uint32_t before = after.withheld;
+    order(0.1);
+    after = news();
+    CHECK(after.wrote == PALPATE_PLUGIN_OK);
+    CHECK(after.withheld == before);
+    server.end();
+    wakeWord(link->orders);
+    haptic.join();
   }
 }
 
@@ -432,7 +522,7 @@ TEST_CASE("a plug-in's process that ends is started again", "[plugin]") {
   CHECK(bench->opens == 2);
   const ZeroForce zero = arm->zeroForce();
   CHECK(zero.version != version);
-  // What a guardian has leads to the new one.
+  // The guardian's descriptor leads to the new process.
   const std::uint32_t stops = bench->stops;
   CHECK(::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) == 4);
   CHECK(within(kLong, [&] { return bench->stops > stops; }));
@@ -449,7 +539,7 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   HapticThread loop(*arm, params);
   loop.publish(ballScene(ballField()));
   INFO(kind << ", then " << wordFor(loop.latest().fault));
-  // A hand that rests trembles.
+  // A resting hand trembles.
   std::atomic<bool> over{false};
   std::thread trembles([&] {
     for (int i = 0; !over; ++i) {

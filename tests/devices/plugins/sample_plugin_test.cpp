@@ -1,4 +1,4 @@
-/// The sample of a plug-in, by the ABI alone.
+/// The sample plug-in, by the ABI alone.
 #include <cstddef>
 
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ namespace {
 const std::string kSample = PALPATE_PLUGINS "/sample.so";
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-/// Goes on by milliseconds, reads, and writes that force again each time.
+/// Advances by milliseconds, reads, and writes the force again each time.
 void goOn(PluginHost& host, int ms, double x, double y, double z) {
   for (int i = 0; i < ms; ++i) {
     PluginHost::now() += kMillisecond;
@@ -24,7 +24,7 @@ void goOn(PluginHost& host, int ms, double x, double y, double z) {
   }
 }
 
-/// Where the force has it, without the hand's path.
+/// Returns the displacement by the force, without the hand's path.
 double pushed(const PluginHost& host) {
   const double t = 1e-9 * static_cast<double>(host.reading.taken - 1000 * kMillisecond);
   return host.reading.position[0] - 0.02 * std::sin(0.5 * t);
@@ -74,8 +74,8 @@ TEST_CASE("the sample reads a thousand times a second of the host's time", "[plu
   PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.state == PALPATE_PLUGIN_READY);
-  // A host that has slept an hour gets an answer at once, of now: the arm has stood still for most
-  // of it, and has not yet come back from where it was pushed.
+  // A host that has slept an hour gets an answer at once, with the current time. The arm has stood
+  // still for most of the hour, and has not yet returned from the pushed position.
   goOn(host, 1000, 0.6, 0.0, 0.0);
   PluginHost::now() += 3600 * 1000 * kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
@@ -170,7 +170,7 @@ TEST_CASE("the sample's motors grow hot and give what they can hold", "[plugin]"
   goOn(host, 1000, 3.0, 0.0, 0.0);
   CHECK(heat->given(host.arm) == 1.0);
   CHECK(pushed(host) == Approx(0.1).margin(1e-3));
-  // At twice what they hold: after 20 s ln(4/3).
+  // At twice the continuous force: after 20 s ln(4/3).
   goOn(host, 6000, 3.0, 0.0, 0.0);
   CHECK(heat->given(host.arm) == 0.5);
   CHECK(pushed(host) < 0.099);

@@ -22,11 +22,11 @@ using palpate::test::PluginHost;
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr int kTurns = 4;  // within which a library has passed on what it was given
+constexpr int kTurns = 4;  // in which a library passes on an order
 
 using Vec = std::array<double, 3>;
 
-/// What tests ask of each stub, with its frame and units undone by hand.
+/// Access to a stub, with its frame and units converted by hand.
 struct Sdk {
   const char* name;
   const char* serial;
@@ -115,7 +115,7 @@ std::string fileOf(const Sdk& sdk) {
   return std::string(PALPATE_STUBBED_PLUGINS "/") + sdk.name + ".so";
 }
 
-/// An arm of a stub, open by its plug-in; its loop waits for turn().
+/// A stub's arm, opened by its plug-in. Its loop waits for turn().
 class Bench {
  public:
   explicit Bench(const Sdk& which) : sdk(which), fresh_(which.plug), host(fileOf(which)) {}
@@ -129,13 +129,13 @@ class Bench {
   }
   void turn(int turns = kTurns) { sdk.gate().turn(turns); }
 
-  /// What the motors have a few turns later.
+  /// Returns the force of the motors a few turns later.
   Vec given() {
     turn();
     return sdk.force_W();
   }
 
-  /// Waits until the arm is found to be gone; nothing else is waited for by the clock.
+  /// Waits until the arm is found to be gone. No other wait uses the clock.
   bool gone() {
     sdk.gate().release();
     for (int i = 0; i < 10000; ++i) {
@@ -148,7 +148,7 @@ class Bench {
   const Sdk& sdk;
 
  private:
-  // The stub's arm is made anew before the plug-in is there.
+  // The stub's arm is reset before the plug-in is loaded.
   struct Fresh {
     explicit Fresh(void (*plug)()) { plug(); }
   } fresh_;
@@ -195,7 +195,7 @@ TEST_CASE("an SDK's plug-in finds the arm, and leaves it as it was", "[plugin]")
   CHECK(bench.host.arms->find(&found, 1) == 1);
   CHECK(found.size == sizeof found);
   CHECK_FALSE(std::string(found.model).empty());
-  // libnifalcon knows none.
+  // libnifalcon has no serial numbers.
   const std::string serial = &bench.sdk == &kNifalcon ? "" : bench.sdk.serial;
   CHECK(found.serial == serial);
   CHECK(bench.sdk.open() == 0);
@@ -267,7 +267,7 @@ TEST_CASE("a force of W arrives in the SDK's axes, and a stop holds until a zero
   same(bench.given(), {0.0, 0.0, 0.0});
   CHECK(bench.host.write(f[0], f[1], f[2]) == PALPATE_PLUGIN_OK);
   same(bench.given(), f);
-  // A zero that comes at once after the stop lets none of the older force through.
+  // A zero right after the stop lets none of the older force through.
   bench.host.arm->stop(bench.host.arm);
   CHECK(bench.host.write(0.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
   same(bench.given(), {0.0, 0.0, 0.0});
@@ -363,11 +363,11 @@ TEST_CASE("an SDK's plug-in lives with older and newer hosts", "[plugin]") {
   CHECK(arm->facts(arm, facts.get()) == PALPATE_PLUGIN_OK);
   CHECK(facts.get()->force == bench.sdk.limits[0]);
   CHECK(facts.untouchedFrom(kFacts));
-  // A force that ends within its third number: that is zero.
+  // A force struct that ends within its third number: that number is zero.
   palpate_plugin_force force = {offsetof(palpate_plugin_force, force) + 16, 0, {1.0, 2.0, 3.0}, {}};
   CHECK(arm->write(arm, &force) == PALPATE_PLUGIN_OK);
   same(bench.given(), {1.0, 2.0, 0.0});
-  // An array of larger ones is walked as the host has laid it out.
+  // The plug-in steps through an array of larger structs by the host's size.
   Other<palpate_plugin_found> found(offsetof(palpate_plugin_found, model));
   CHECK(bench.host.arms->find(found.get(), 1) == 1);
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));
@@ -439,7 +439,7 @@ TEST_CASE("OpenHaptics: the stack of errors is emptied, and told by its kind", "
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == PALPATE_PLUGIN_READY);
   CHECK(bench.host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK);
-  // One that is lost counts, however many others there are.
+  // An error of a lost device counts among any number of other errors.
   stub_hd::arm().fails = {HD_WARM_MOTORS, HD_DEVICE_FAULT, HD_WARM_MOTORS};
   CHECK(bench.gone());
   same(bench.sdk.force_W(), {0.0, 0.0, 0.0});
@@ -514,7 +514,7 @@ TEST_CASE("DHD: handle, velocity, gripper and buttons come in W, torques stay ze
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
   bench.turn();
   CHECK(arm.rest == 0.0);
-  // A velocity that the SDK cannot reckon yet is no lost arm.
+  // A velocity that the SDK cannot compute yet does not mean a lost arm.
   arm.no_speed = true;
   bench.turn();
   CHECK(bench.host.read() == PALPATE_PLUGIN_OK);
@@ -558,7 +558,7 @@ TEST_CASE("DHD: no power, an open switch and a lost home are told", "[plugin]") 
   stub_dhd::arm().power = false;
   stub_dhd::arm().force_on = false;
   stub_dhd::arm().reset = false;
-  bench.turn(40);  // it is asked now and then
+  bench.turn(40);  // the state is read now and then
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == (PALPATE_PLUGIN_UNPOWERED | PALPATE_PLUGIN_OPEN));
 }

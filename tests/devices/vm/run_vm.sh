@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Arms on a real kernel with no hardware: run_vm.sh uhid|usb BIN WORK MAKE_VOLUMES
+# Tests arms on a real kernel without hardware: run_vm.sh uhid|usb BIN WORK MAKE_VOLUMES
 #
-# A small machine in QEMU whose clock counts instructions, so that it is the same whatever else the host
-# does. BIN: the folder of palpate, virtual_arm, vm_check. Kernel: Debian's, unpacked, not installed.
-# Exit 77, with the reason, where QEMU or the kernel cannot be had.
+# Starts a small machine in QEMU. Its clock counts instructions, so that the load of the host does not affect it. BIN:
+# the folder of palpate, virtual_arm, vm_check. Kernel: Debian's, unpacked, not installed. Exits with 77 and the reason
+# if QEMU or the kernel is not available.
 set -euo pipefail
 wire=$1 bin=$2 work=$3 volumes=$4
 here=$(cd "$(dirname "$0")" && pwd)
@@ -16,7 +16,7 @@ for tool in qemu-system-x86_64 busybox cpio dpkg-deb; do
 done
 [ "$(uname -m)" = x86_64 ] || skip "the machine is no x86_64"
 
-# uhid is in the small kernel of clouds, USB's virtual host controller in the full one.
+# Debian's small kernel for clouds has uhid; the full kernel has USB's virtual host controller.
 meta=linux-image-cloud-amd64
 [ "$wire" = usb ] && meta=linux-image-amd64
 mkdir -p "$work"
@@ -53,10 +53,10 @@ done
 rm -rf "$root"
 
 log=$work/$wire.log
-# Its time is its own; how long that takes is ours: before what else computes, where that is permitted.
-# One core for both of its threads, and on it its main thread, which runs the machine's timers, is never
-# put aside for the other: the machine computes on while a timer is on its way to it, and where that
-# takes milliseconds of the host's, it takes as many of the machine's.
+# The machine has its own time; the host determines how long the run takes. If permitted, QEMU runs before other
+# programs. Both of QEMU's threads share one core. QEMU's main thread runs the machine's timers; the other thread must
+# not preempt it. Otherwise the machine computes on while a timer waits: a delay of milliseconds on the host is a delay
+# of as many milliseconds in the machine.
 core=0
 [ "$wire" = usb ] && core=$((1 % $(nproc)))
 pin=(taskset -c $core)
@@ -65,7 +65,8 @@ identity=$work/pid.$wire
 rm -f "$identity"
 {
     for ((i = 0; i < 100; ++i)); do
-        # Not before the other thread is there (and a third that waits): it would be above as well.
+        # Waits until the second thread (and a third one, which waits) exists: started later, it would inherit the
+        # priority.
         [ "$(ls "/proc/$(cat "$identity")/task" | wc -l)" -lt 3 ] || break
         sleep 0.1
     done

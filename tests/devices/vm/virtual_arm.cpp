@@ -1,5 +1,5 @@
-/// An arm with dynamics of its own, in a virtual machine: virtual_arm uhid|usb LOG; devices of
-/// USB's PID class, behind uhid: virtual_arm pid LOG.
+/// Simulates an arm with its own dynamics in a virtual machine: virtual_arm uhid|usb LOG. Simulates
+/// devices of USB's PID class, behind uhid: virtual_arm pid LOG.
 ///
 /// uhid: the kernel's HID core and hidraw are real. usb: through vhci_hcd and USB/IP, in one
 /// process, usbcore and usbhid are real as well: full speed, a transaction a millisecond.
@@ -26,7 +26,7 @@
 #include <unistd.h>
 #include <vector>
 
-#include "palpate/engine/realtime.h"
+#include "palpate/engine/loop/realtime.h"
 #include "tests/devices/vm/vm_arm.h"
 
 namespace {
@@ -39,7 +39,7 @@ using namespace palpate::vm;
   std::exit(2);
 }
 
-/// What the wire does with reports.
+/// Transports reports.
 class Wire {
  public:
   Wire() = default;
@@ -48,9 +48,9 @@ class Wire {
   virtual ~Wire() = default;
   virtual void plug() = 0;
   virtual void unplug() = 0;
-  /// Once a millisecond.
+  /// Called once a millisecond.
   virtual void frame(const In& report) = 0;
-  /// Something can be read; true where it was a report from the host.
+  /// Reads available data; returns true if they were a report from the host.
   virtual bool take(Out& report) = 0;
   [[nodiscard]] virtual int descriptor() const = 0;
 };
@@ -114,7 +114,7 @@ class Uhid final : public Wire {
   int uhid_;
 };
 
-/// The USB/IP protocol, spoken to the kernel's virtual host controller over a socket pair.
+/// The USB/IP protocol to the kernel's virtual host controller, over a socket pair.
 class Usb final : public Wire {
  public:
   void plug() override {
@@ -262,10 +262,10 @@ class Usb final : public Wire {
 
   int socket_ = -1;
   std::uint32_t in_ = 0;  ///< The request that waits for a report; 0: none.
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;  ///< Those that wait for a frame.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;  ///< Requests that wait for a frame.
 };
 
-/// A device of USB's PID class that says that it stands where its motors push.
+/// A device of USB's PID class that reports the position its motors push to.
 class PidArm {
  public:
   explicit PidArm(std::size_t kind)
@@ -335,7 +335,7 @@ class PidArm {
   int uhid_;
 };
 
-/// Both kinds, until they are killed.
+/// Runs both kinds until the process is killed.
 [[noreturn]] void runPidArms(int timer) {
   std::array<PidArm, 2> arms{PidArm(0), PidArm(1)};
   for (;;) {
@@ -355,7 +355,7 @@ class Arm {
  public:
   explicit Arm(const char* log) : log_(log) { hold(); }
 
-  /// A millisecond passes under the newest force.
+  /// Lets a millisecond pass under the newest force.
   In step() {
     const Vec3 force = kForce * Vec3(force_[0], force_[1], force_[2]);
     if (moves_) {
@@ -431,7 +431,7 @@ class Arm {
   static Vec3 start() { return handPath().at(0.0); }
   void hold() {
     HandTarget path = handPath();
-    path.seconds = 1e9;  // it stays where the path ends
+    path.seconds = 1e9;  // the hand stays at the end of the path
     device_ = std::make_unique<SimulatedDevice>(armParams(), GripParams{}, path, 1000.0);
   }
   const char* log_;
@@ -442,7 +442,7 @@ class Arm {
   bool moves_ = false;
   bool logged_ = false;
   std::uint32_t steps_ = 0;
-  std::int64_t stepped_ = 0;  ///< [ns], when.
+  std::int64_t stepped_ = 0;  ///< [ns], time of the step.
   std::string lines_;
 };
 
@@ -453,14 +453,14 @@ int main(int argc, char** argv) {
   const bool pid = std::strcmp(argv[1], "pid") == 0;
   std::unique_ptr<Wire> wire;
   if (pid) {
-    // both have their own
+    // each has its own
   } else if (std::strcmp(argv[1], "usb") == 0) {
     wire = std::make_unique<Usb>();
   } else {
     wire = std::make_unique<Uhid>();
   }
   sched_param priority{};
-  priority.sched_priority = 98;  // hardware waits for nobody
+  priority.sched_priority = 98;  // hardware does not wait
   sched_setscheduler(0, SCHED_FIFO, &priority);
   const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
   const itimerspec period{{0, 1000000}, {0, 1000000}};
@@ -471,7 +471,7 @@ int main(int argc, char** argv) {
   wire->plug();
   bool plugged = true;
   int away = 0;  // ms until it comes back
-  int late = 0;  // ms: to print them at once would make it later
+  int late = 0;  // [ms]: printed at the end, because printing would make it later
   for (;;) {
     std::array<pollfd, 2> waits{{{timer, POLLIN, 0}, {wire->descriptor(), POLLIN, 0}}};
     if (poll(waits.data(), plugged ? 2 : 1, -1) < 0) continue;

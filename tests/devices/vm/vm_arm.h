@@ -1,21 +1,21 @@
-/// The arm in the virtual machine: what it and its host agree on.
+/// The arm in the virtual machine: constants and structs that the arm and its host share.
 #pragma once
 
 #include <array>
 #include <cmath>
 #include <cstdint>
 
-#include "palpate/devices/simulated_device.h"
+#include "palpate/devices/simulated/simulated_device.h"
 #include "tests/support/pid_model.h"
 
 namespace palpate::vm {
 
 inline constexpr std::uint16_t kVendor = 0x1209;  // pid.codes
 inline constexpr std::uint16_t kProduct = 0x0001;
-inline constexpr std::array<std::uint16_t, 2> kPidProducts{0x0002, 0x0003};  ///< One a kind.
+inline constexpr std::array<std::uint16_t, 2> kPidProducts{0x0002, 0x0003};  ///< One for each kind.
 inline constexpr const char* kSerial = "ARM0001";
 inline constexpr double kStep = 1e-5;     // [m], of an encoder
-inline constexpr double kForce = 1e-6;    // [N], of a count that is sent
+inline constexpr double kForce = 1e-6;    // [N], of an output count
 inline constexpr double kRulerWay = 0.1;  // [m]
 inline constexpr std::size_t kInBytes = 40;
 inline constexpr std::size_t kOutBytes = 24;
@@ -28,21 +28,21 @@ inline constexpr std::array<std::uint8_t, 42> kDescriptor{
 
 enum Command : std::uint32_t {
   kNothing = 0,
-  kUnplug = 1,  ///< It leaves, and comes back after 200 ms.
+  kUnplug = 1,  ///< The arm leaves, and comes back after 200 ms.
   kGo = 2,      ///< The hand begins its path; every step is logged.
-  kEnd = 3,     ///< It leaves for good.
-  kRuler = 4,   ///< The hand moves it kRulerWay to +x after 6 s, to +y and +z each 5 s later, back
-                ///< after 20 s, and lets go after 24.
+  kEnd = 3,     ///< The arm leaves for good.
+  kRuler = 4,   ///< The hand moves the arm kRulerWay to +x after 6 s, to +y and +z each 5 s later,
+                ///< back after 20 s, and lets go after 24.
 };
 
 #pragma pack(push, 1)
 struct In {
   std::uint8_t id = 1;
-  std::uint32_t count = 0;     ///< Of reports, one a millisecond.
-  std::uint32_t received = 0;  ///< Of forces.
+  std::uint32_t count = 0;     ///< Reports, one a millisecond.
+  std::uint32_t received = 0;  ///< Received forces.
   std::array<std::int32_t, 3> position{};
-  std::uint32_t step = 0;   ///< Of the hand's path; 0 before it.
-  std::uint32_t phase = 0;  ///< [us] from the report before it to the newest force.
+  std::uint32_t step = 0;   ///< Step of the hand's path; 0 before its start.
+  std::uint32_t phase = 0;  ///< [us] from the last report to the newest force.
   std::array<std::uint8_t, 12> rest{};
 };
 struct Out {
@@ -55,7 +55,7 @@ struct Out {
 static_assert(sizeof(In) == kInBytes + 1);
 static_assert(sizeof(Out) == kOutBytes + 1);
 
-/// The devices of USB's PID class: each says that it stands where its motors push.
+/// Returns a device of USB's PID class that reports the position its motors push to.
 inline test::PidShape pidShape(std::size_t kind) {
   test::PidShape shape;
   shape.rhino = kind == 1;
@@ -73,7 +73,7 @@ inline ArmParams armParams() {
   return arm;
 }
 
-/// Onto a ball of 3 cm from above, in by some millimetres, along it, and out again.
+/// Returns a path onto a ball of 3 cm from above, in by some millimetres, along it, and out again.
 inline HandTarget handPath() {
   constexpr double kSeconds = 4.0;
   return {[](double t) -> Vec3 {

@@ -1,7 +1,6 @@
-/// What must hold of an arm on a real kernel's HID: vm_check uhid|usb|pid|ruler|chain VOLUME
-/// PROFILE. Runs in a virtual machine whose time counts instructions, so that limits may be tight.
-/// Ends with 1 where something did not hold, with 3 where the machine stood still and it has to be
-/// asked again.
+/// Checks an arm on a real kernel's HID: vm_check uhid|usb|pid|ruler|chain VOLUME PROFILE. Runs in
+/// a virtual machine whose time counts instructions, so that limits may be tight. Returns 1 if a
+/// check failed, and 3 if the machine stood still and the run must be repeated.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -19,14 +18,14 @@
 #include <unistd.h>
 #include <vector>
 
-#include "palpate/devices/guardian.h"
-#include "palpate/devices/open_arm.h"
-#include "palpate/devices/pid_device.h"
-#include "palpate/devices/simulated_device.h"
+#include "palpate/devices/arm/guardian.h"
+#include "palpate/devices/hid/open_arm.h"
+#include "palpate/devices/hid/pid_device.h"
+#include "palpate/devices/simulated/simulated_device.h"
 #include "palpate/engine/error.h"
-#include "palpate/engine/haptic_thread.h"
-#include "palpate/engine/realtime.h"
-#include "palpate/scenes/build_scene.h"
+#include "palpate/engine/loop/haptic_thread.h"
+#include "palpate/engine/loop/realtime.h"
+#include "palpate/scenes/library/build_scene.h"
 #include "tests/devices/vm/vm_arm.h"
 
 using namespace palpate;
@@ -34,7 +33,7 @@ using namespace palpate::vm;
 
 namespace {
 
-constexpr double kFriction = 0.2;  // of the ball that is felt
+constexpr double kFriction = 0.2;  // of the ball
 
 int failures = 0;
 
@@ -56,15 +55,17 @@ double quantile(std::vector<double> values, double q) {
                          static_cast<std::size_t>(q * static_cast<double>(values.size())))];
 }
 
-/// Without hidapi, and without asking whose the device is.
+/// A port without hidapi, which does not check the owner of the device.
 class BarePort final : public ReportPort {
  public:
   explicit BarePort(const std::string& path) : file_(open(path.c_str(), O_RDWR | O_NONBLOCK)) {}
   ~BarePort() override { close(file_); }
-  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+  [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
     const ssize_t n = ::read(file_, to.data(), to.size());
     size = static_cast<std::size_t>(std::max<ssize_t>(n, 0));
-    return n > 0 ? Got::kReport : n < 0 && errno == EAGAIN ? Got::kNothing : Got::kGone;
+    return n > 0                      ? ReadStatus::kReport
+           : n < 0 && errno == EAGAIN ? ReadStatus::kNothing
+                                      : ReadStatus::kGone;
   }
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
     return ::write(file_, report.data(), report.size()) >= 0;
@@ -75,7 +76,7 @@ class BarePort final : public ReportPort {
   int file_;
 };
 
-/// A second way to the arm: its own numbers, and commands.
+/// A second connection to the arm, for its own numbers and for commands.
 class Aside {
  public:
   Aside(const HidProfile& profile, const std::string& path)
@@ -85,10 +86,10 @@ class Aside {
     out.command = what;
     (void)port_->write(std::as_bytes(std::span(&out, 1)));
   }
-  /// The newest of a field.
+  /// Returns the newest value of a field.
   double ask(std::size_t field) {
-    // What has waited may be old.
-    while (input_.takeNewest(*port_) != Got::kReport || drops_ != input_.counts().dropped) {
+    // Waiting reports may be old.
+    while (input_.takeNewest(*port_) != ReadStatus::kReport || drops_ != input_.counts().dropped) {
       drops_ = input_.counts().dropped;
       usleep(200);
     }
@@ -195,8 +196,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
         "a second program is refused, and told who has it");
 }
 
-/// So many seconds of reading and writing, once a millisecond.
-/// The arm of a profile's file; what it says to its user goes to `said`.
+/// Opens the arm of a profile's file; its messages to the user go to `said`.
 std::unique_ptr<HidDevice> openHidArm(const std::string& file, std::vector<std::string>& said) {
   ArmHost host;
   host.say = [&said](const std::string& words) { said.push_back(words); };
@@ -206,6 +206,7 @@ std::unique_ptr<HidDevice> openHidArm(const std::string& file, std::vector<std::
   return std::unique_ptr<HidDevice>(&device);
 }
 
+/// Reads and writes for `seconds`, once a millisecond, and checks the traffic.
 void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   std::vector<double> periods;
   std::vector<double> reads;
@@ -227,7 +228,7 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   std::int64_t used = before.reports;
   constexpr std::int64_t period = 1000000;
   int late = 0;
-  int excused = 0;  // of the ticks that are late
+  int excused = 0;  // late ticks that the machine caused
   std::int64_t stood_to = begin;
   std::int64_t done = begin;
   for (int i = 0; i < ticks; ++i) {
@@ -271,9 +272,9 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
         "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
             text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
   // Beside a crowded host the machine stands still for 3 to 5 ms, some times a minute. Ticks that
-  // are due by then come at once, and of their forces the newest is sent. A tick that was waited
-  // for in time and those due before it came are the machine's; it stands while ticks compute as
-  // well.
+  // are due by then come at once, and of their forces the newest is sent. The machine is the cause
+  // of a late tick that was waited for in time, and of those due before that tick came. The machine
+  // also stands while ticks compute.
   check(late - excused <= ticks / 1000,
         "no tick late but where the machine slept on, or one of a thousand: " +
             text(late - excused) + ", and the machine's " + text(excused));
@@ -292,7 +293,7 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
 }
 
 void checkStall(HidDevice& arm, Aside& aside) {
-  aside.command(kGo);  // positions move, so that old ones can be told
+  aside.command(kGo);  // positions move, so that old ones are recognised
   usleep(500000);
   (void)arm.read();
   const Vec3 before = arm.read().position;
@@ -312,7 +313,8 @@ void checkStall(HidDevice& arm, Aside& aside) {
             text(1e6 * (fresh.position.z() - now)) + " um");
 }
 
-/// The real loop: unplugged, cut; plugged in, back, and off until somebody says so.
+/// Runs the real loop: unplugged, the force is cut. Plugged in, the arm is back, and the force
+/// stays off until the program clears the fault.
 void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
   LoopParams params;
   const ZeroForce zero = arm.zeroForce();
@@ -342,7 +344,7 @@ void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
   const ZeroForce renewed = arm.zeroForce();
   check(renewed.version != zero.version, "its guardian can be told");
   guardian.renew(params.watch, renewed);
-  usleep(100000);  // its watcher is a new process, on the only core there is
+  usleep(100000);  // its watcher is a new process on the only core
   hand.clear();
   usleep(50000);
   check(hand.latest().fault == Fault::kNone,
@@ -356,8 +358,9 @@ struct Felt {
   std::array<std::int32_t, 3> force{};
 };
 
-/// A volume from a file, the engine, hidapi, the kernel, an arm with its own dynamics; and the same
-/// in virtual time. False where ticks were late, which those of virtual time are not.
+/// Runs a volume from a file, the engine, hidapi, the kernel, and an arm with its own dynamics.
+/// Compares with the same in virtual time. Returns false if ticks were late, which ticks in virtual
+/// time never are.
 [[nodiscard]] bool checkChain(const std::string& volume, const std::string& profile_file) {
   SceneSpec spec;
   spec.coupling.stiffness = 500.0;
@@ -381,13 +384,14 @@ struct Felt {
   std::int64_t late = 0;
   {
     Aside aside(arm->profile(), pathOfArm());
-    // The arm's clock and the loop's stand to each other as they may. A force that comes about
-    // when the arm steps is felt in that step or the next; virtual time knows it as before.
+    // The phase between the arm's clock and the loop's is arbitrary. A force that comes about when
+    // the arm steps acts in that step or the next; virtual time has it before the step.
     std::unique_ptr<HapticThread> thread;
     double phase = 0.0;
     for (int tries = 0; tries < 20 && !(phase > 300.0 && phase < 800.0); ++tries) {
       thread.reset();
-      usleep(1370);
+      // Longer at each try: the machine counts instructions, so equal tries would end alike.
+      usleep(1370 + 170 * static_cast<unsigned>(tries));
       thread = std::make_unique<HapticThread>(*arm);
       usleep(100000);
       phase = aside.ask(kPhase);
@@ -426,7 +430,7 @@ struct Felt {
   check(real.size() > 4000,
         "the arm has logged " + text(static_cast<double>(real.size())) + " steps");
 
-  // In virtual time, an arm of the same limits.
+  // The same in virtual time, with an arm of the same limits.
   HandTarget path = handPath();
   path.seconds = 1e9;
   SimulatedDevice simulated(armParams(), GripParams{}, path, 1000.0);
@@ -471,7 +475,7 @@ struct Felt {
     farthest = std::max(farthest, (stood - at).norm());
     largest = std::max(largest, limited.sent.norm());
   }
-  // Pressed deeper by a step a hand that slips feels its load grow, and its friction with that.
+  // If the hand is pressed deeper by a step while it slips, its load grows, and its friction too.
   const double allowed = std::hypot(1.0, kFriction) * spec.coupling.stiffness * kStep;
   check(largest > 1.0, "the ball is felt: " + text(largest) + " N");
   check(worst <= allowed, "the forces are those of virtual time within " + text(allowed) +
@@ -481,7 +485,7 @@ struct Felt {
   return true;
 }
 
-/// Raw, where a PID arm says that it stands.
+/// Returns the raw position that a PID arm reports.
 std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& steps) {
   std::array<int, 3> raw{};
   for (std::size_t a = 0; a < steps.size(); ++a) {
@@ -490,7 +494,8 @@ std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& ste
   return raw;
 }
 
-/// A device of USB's PID class that stands where it is pushed: what was told it is what it says.
+/// Checks a device of USB's PID class that stands where its motors push: its reports contain the
+/// received forces.
 void checkPid(std::size_t kind) {
   const int axes = pidShape(kind).axes;
   std::string spec;
@@ -560,7 +565,7 @@ void checkPid(std::size_t kind) {
         name + ": its guardian's one report takes the force off");
 }
 
-/// False where it has to be asked again.
+/// Returns false if the run must be repeated.
 bool run(const std::string& what, const std::string& volume, const std::string& profile_file) {
   if (what == "chain") return checkChain(volume, profile_file);
   if (what == "pid") {

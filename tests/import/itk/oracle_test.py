@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""palpate-import beside ITK (and GDCM, which reads DICOM for it): oracle_test.py BIN_DIR ITK_ORACLE.
+"""Compares palpate-import with ITK (and GDCM, which reads DICOM for it): oracle_test.py BIN_DIR ITK_ORACLE.
 
-Files that ITK writes, files that are written here byte by byte, and a head of Debian's: at voxels and
-between them both have the same value at the same place."""
+Sources: files that ITK writes, files that are written here byte by byte, and Debian's image of a head. At voxels and
+between them both programs have the same value at the same place."""
 import csv
 import io
 import sys
@@ -23,7 +23,7 @@ HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
 
 class BesideItk(images_test.Case):
     def agrees(self, path, *, within=1e-5):
-        """Every place that ITK was asked for has its value here; within: of the values' range."""
+        """Every place at which ITK was sampled has the same value here. within: relative to the range of values."""
         done = process.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
                               timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""), path)
@@ -41,7 +41,7 @@ class BesideItk(images_test.Case):
     def itk_writes(self, name):
         path = self.dir / name
         process.run([str(ORACLE), "write", str(path)], check=True, timeout=120,
-                       capture_output=True)  # GDCM remarks what it fills in
+                       capture_output=True)  # GDCM reports the values that it fills in
         return path
 
     def test_files_that_itk_writes(self):
@@ -50,7 +50,7 @@ class BesideItk(images_test.Case):
                 self.agrees(self.itk_writes(name))
 
     def test_files_written_here(self):
-        # ITK knows no shear.
+        # ITK does not support shear.
         straight = "space directions: (0,3,0) (-2,0,0) (0,0,4)"
         for name, *contents in (
                 ("lps.nrrd", images_test.nrrd("space: left-posterior-superior", straight,

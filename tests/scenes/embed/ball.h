@@ -1,4 +1,4 @@
-// What the programs of docs/embed.md feel: a ball of 4 cm that holds a hand with 2 N.
+// The scene of the programs in docs/embed.md: a ball of 4 cm that holds a hand with 2 N.
 #pragma once
 
 #include <memory>

@@ -4,9 +4,9 @@
 #include <cstdio>
 
 #include "ball.h"
-#include "palpate/devices/servo.h"
+#include "palpate/devices/arm/servo.h"
 
-// What CHAI3D knows of the arm. Positions are metres, forces newtons, z is up in both.
+// The arm's data from CHAI3D. Positions are metres, forces newtons, z is up in both.
 palpate::DeviceInfo infoOf(chai3d::cGenericHapticDevice& device) {
   const chai3d::cHapticDeviceInfo known = device.getSpecifications();
   palpate::DeviceInfo info;

@@ -1,4 +1,4 @@
-// A device of one's own. docs/embed.md
+// A user-defined device. docs/embed.md
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -6,7 +6,7 @@
 
 #include "ball.h"
 
-// What stands for a driver: an arm that comes down to 38 mm above the ball's centre, 10 mm/s.
+// Stands in for a driver: an arm that comes down to 38 mm above the ball's centre, at 10 mm/s.
 struct Driver {
   bool counts(int out[3], double& age) {
     age = 0.0;

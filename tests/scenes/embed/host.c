@@ -1,5 +1,5 @@
 /* A host in C: a hand comes down on a scene, and asks why. docs/embed.md */
-#include <palpate/scenes/c_api.h>
+#include <palpate/scenes/bindings/c/c_api.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

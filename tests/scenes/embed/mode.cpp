@@ -1,4 +1,4 @@
-// A mode of one's own: honey, felt where a value lies in a band. docs/embed.md
+// A user-defined mode: honey, felt where a value lies in a band. docs/embed.md
 #include <cstdio>
 
 #include "palpate/scenes/palpate.h"

@@ -3,9 +3,9 @@
 #include <cstdio>
 
 #include "ball.h"
-#include "palpate/devices/servo.h"
+#include "palpate/devices/arm/servo.h"
 
-// Its millimetres and its axes (x right, y up, z to the user) beside a volume's metres and z up.
+// OpenHaptics uses millimetres and x right, y up, z to the user. A volume has metres and z up.
 const palpate::Mat3 kFromArm = (palpate::Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
 
 palpate::DeviceInfo infoOfArm() {

@@ -1,4 +1,4 @@
-/// A host ticks a scene of palpate's beside headers of its own.
+/// A host ticks one of palpate's scenes, beside headers of its own.
 #include <cstdio>
 
 #include "engine/step.h"

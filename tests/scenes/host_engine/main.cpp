@@ -1,8 +1,8 @@
-/// A host with a field of its own, felt by the engine alone.
+/// A host with its own field, felt by the engine alone.
 #include <cstdio>
 #include <palpate/engine/error.h>
-#include <palpate/engine/step.h>
-#include <palpate/samplers/analytic_field.h>
+#include <palpate/engine/tick/step.h>
+#include <palpate/samplers/grid/analytic_field.h>
 
 int main() try {
   palpate::GraphSpec graph;

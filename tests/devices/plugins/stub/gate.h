@@ -1,4 +1,4 @@
-/// Where a stub's loop waits for its test: a turn at a time, so that no test depends on time.
+/// Makes a stub's loop wait for its test, one turn at a time, so that no test depends on time.
 #pragma once
 
 #include <condition_variable>
@@ -6,7 +6,7 @@
 
 class Gate {
  public:
-  /// The loop, at the beginning of each turn.
+  /// Called by the loop at the beginning of each turn.
   void arrive() {
     std::unique_lock lock(mutex_);
     ++waiting_;
@@ -16,7 +16,7 @@ class Gate {
     --waiting_;
   }
 
-  /// From now on the loop waits; returns when it does.
+  /// Makes the loop wait from now on; returns when the loop waits.
   void hold() {
     std::unique_lock lock(mutex_);
     held_ = true;
@@ -24,7 +24,7 @@ class Gate {
     changed_.wait(lock, [this] { return waiting_ > 0; });
   }
 
-  /// One whole turn.
+  /// Runs `count` whole turns.
   void turn(int count = 1) {
     std::unique_lock lock(mutex_);
     for (int i = 0; i < count; ++i) {
@@ -34,7 +34,7 @@ class Gate {
     }
   }
 
-  /// The loop runs by itself.
+  /// Lets the loop run by itself.
   void release() {
     const std::lock_guard lock(mutex_);
     held_ = false;

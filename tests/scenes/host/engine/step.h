@@ -1,4 +1,4 @@
-/// The host's own, of a name that palpate has too.
+/// A header of the host. palpate has one of the same name.
 #pragma once
 
 namespace host {

@@ -1,11 +1,11 @@
-/// The host's own, of a name that palpate has too.
+/// A header of the host. palpate has one of the same name.
 #pragma once
 
 #include <palpate/scenes/palpate.h>
 
 namespace host {
 
-/// A ball of 40 mm, felt with 3 N.
+/// Builds a scene of a ball of 40 mm, felt with 3 N.
 inline palpate::BuiltScene buildScene() {
   palpate::SceneSpec spec;
   spec.volumes["ball"].field = palpate::makeSphere(palpate::Vec3::Zero(), 0.04);

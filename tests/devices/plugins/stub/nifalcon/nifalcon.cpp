@@ -47,8 +47,8 @@ bool FalconDevice::isFirmwareLoaded() {
   return the_arm->firmware;
 }
 
-// As the library's: the motors get what the exchange before has left; position and forces then
-// follow where the kinematics has an answer, and else are as they were.
+// As in the library: the motors get the forces that the exchange before has left. Position and
+// forces are then updated if the kinematics has a solution; else they stay.
 bool FalconDevice::runIOLoop(unsigned) {
   the_arm->gate.arrive();
   if (the_arm->throws) throw std::runtime_error("no USB");

@@ -1,5 +1,5 @@
-/// The published names of Force Dimension's SDK that a plug-in uses, and an arm behind them that
-/// tests look into. Declared here anew; numbers are our own.
+/// The published names of Force Dimension's SDK that a plug-in uses, and an arm behind them for
+/// tests. Declared here again; numbers are our own.
 #pragma once
 
 #include <atomic>
@@ -61,7 +61,8 @@ int dhdDisableExpertMode();
 int dhdSetWatchdog(unsigned char val, char ID = -1);
 }
 
-/// The arm; for the test while the plug-in's loop waits at the gate, but for the atomics.
+/// The arm. The test may access it while the plug-in's loop waits at the gate, and atomics at any
+/// time.
 namespace stub_dhd {
 struct Arm {
   Gate gate;
@@ -71,7 +72,7 @@ struct Arm {
   double velocity[3] = {};
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   double gripper = 0.0;
-  bool old = false;       // asked too soon: DHD_TIMEGUARD
+  bool old = false;       // read too soon: DHD_TIMEGUARD
   bool no_speed = false;  // not enough readings yet
   uint buttons = 0;
   std::atomic<bool> reset{true};
@@ -79,11 +80,11 @@ struct Arm {
   bool force_on = true;
   std::atomic<bool> lost{false};
   double force[3] = {};
-  double force_at_stop = -1.0;  // the largest, before dhdStop took it off
+  double force_at_stop = -1.0;  // the largest before dhdStop set it to zero
   double rest = 0.0;            // the largest torque and gripper force
-  double gravity = 9.81;        // that the weight is reckoned with [m/s^2]
-  bool carries = true;          // the weight: so an arm comes out of its box
-  int fails = 0;                // so many more positions cannot be read
+  double gravity = 9.81;        // that the weight is computed with [m/s^2]
+  bool carries = true;          // carries the weight, as a new arm does
+  int fails = 0;                // number of positions that cannot be read
   int watchdog = 0;
   bool expert = false;
   int open = 0;

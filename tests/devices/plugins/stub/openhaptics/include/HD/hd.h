@@ -1,5 +1,5 @@
-/// The published names of OpenHaptics' HD API that a plug-in uses, and an arm behind them that
-/// tests look into. Declared here anew; numbers are our own.
+/// The published names of OpenHaptics' HD API that a plug-in uses, and an arm behind them for
+/// tests. Declared here again; numbers are our own.
 #pragma once
 
 #include <atomic>
@@ -87,7 +87,7 @@ HDSchedulerHandle hdScheduleAsynchronous(HDSchedulerCallback callback, void* dat
 void hdUnschedule(HDSchedulerHandle handle);
 }
 
-/// The arm; for the test while its loop waits at the gate, but for the atomics.
+/// The arm. The test may access it while its loop waits at the gate, and atomics at any time.
 namespace stub_hd {
 struct Arm {
   Gate gate;
@@ -99,13 +99,13 @@ struct Arm {
   int buttons = 0;
   int style = HD_CALIBRATION_AUTO;
   HDenum calibration = HD_CALIBRATION_NEEDS_UPDATE;
-  std::vector<HDerror> fails;  // what the next frame puts on the stack
+  std::vector<HDerror> fails;  // errors that the next frame puts on the stack
   std::atomic<bool> lost{false};
-  std::atomic<bool> inkwell{false};  // the stylus is in it
-  double force[3] = {};              // as the motors have it
+  std::atomic<bool> inkwell{false};  // the stylus is in the inkwell
+  double force[3] = {};              // in the motors' frame and unit
   bool enabled = false;
   int open = 0;
-  int outside = 0;  // calls that belong in a frame and came outside one
+  int outside = 0;  // calls outside a frame that belong in one
 };
 Arm& arm();
 void plugAnew();

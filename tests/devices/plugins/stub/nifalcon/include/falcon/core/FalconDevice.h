@@ -1,5 +1,5 @@
-/// The published names of libnifalcon that a plug-in uses, and an arm behind them that tests look
-/// into. Declared here anew.
+/// The published names of libnifalcon that a plug-in uses, and an arm behind them for tests.
+/// Declared here again.
 #pragma once
 
 #include <array>
@@ -82,24 +82,25 @@ class FalconDevice {
 
 }  // namespace libnifalcon
 
-/// The arm; for the test while the plug-in's loop waits at the gate, but for the atomics.
+/// The arm. The test may access it while the plug-in's loop waits at the gate, and atomics at any
+/// time.
 namespace stub_nifalcon {
 struct Arm {
   Gate gate;
   unsigned count = 1;
-  bool refuses = false;                               // to be opened
+  bool refuses = false;                               // to open
   std::array<double, 3> position = {0.0, 0.0, 0.11};  // [m]
   bool beyond = false;                                // its kinematics fails
   unsigned buttons = 0;
   std::atomic<bool> lost{false};
   std::atomic<bool> throws{false};
-  std::atomic<bool> quiet{false};  // nothing new has come
+  std::atomic<bool> quiet{false};  // no new data
   std::atomic<unsigned> homed{0};
   std::atomic<int> homes_after{5};  // exchanges in homing mode; -1: never
   bool firmware = false;
   int loads = 0;
-  int bad_loads = 1;               // that it does not take
-  std::array<int, 3> motors = {};  // as they have it: thousandths of a newton
+  int bad_loads = 1;               // uploads that fail
+  std::array<int, 3> motors = {};  // in the motors' unit: thousandths of a newton
   int open = 0;
 };
 Arm& arm();

@@ -1,0 +1,35 @@
+/// Estimates the heat of a motor from its commands, and limits the next command by it.
+#pragma once
+
+#include "palpate/engine/types.h"
+
+namespace palpate {
+
+/// The heat of the winding follows the square of its current with one time constant. The heat limit
+/// is that of the command which the motor can hold for ever (`continuous`). While the motor is cool
+/// it may have its peak. From the share kWarm of the heat limit on the allowed command falls
+/// (allowedByHeat); at the limit it is `continuous`. The heat never exceeds the limit, even if a
+/// command holds for kHold, until a guardian takes it off. A motor starts at the heat limit,
+/// because its earlier use is unknown.
+class MotorHeat {
+ public:
+  static constexpr double kHold = 0.02;  ///< [s]
+
+  /// @param continuous  Command that the motor can hold for ever, in any unit; 0: any command.
+  /// @param heating     Time constant of its winding [s]; > 0 if continuous is.
+  MotorHeat(double continuous, double heating) noexcept
+      : continuous_(continuous), heating_(heating), heat_(continuous * continuous) {}
+
+  /// Advances the heat by `dt` [s] with the last command. RT: no allocation.
+  void pass(double dt) noexcept PALPATE_NONBLOCKING;
+  /// Returns the largest command that is allowed now, up to `peak`. RT: no allocation.
+  [[nodiscard]] double allows(double peak) const noexcept PALPATE_NONBLOCKING;
+  void tell(double value) noexcept PALPATE_NONBLOCKING { told_ = value; }  ///< Until the next.
+
+ private:
+  double continuous_, heating_;
+  double heat_;  ///< Mean of the squares of the commands.
+  double told_ = 0.0;
+};
+
+}  // namespace palpate

@@ -1,0 +1,498 @@
+#include "palpate/devices/arm/self_test.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdio>
+#include <limits>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+
+namespace palpate {
+
+namespace {
+
+constexpr double kLetGo = 2.0;      // [s]
+constexpr double kRest = 1.0;       // [s]
+constexpr double kUneasy = 6.0;     // [s]: starts although the arm never rests
+constexpr double kFell = 0.01;      // [m]: a hand that holds the arm still moves it less
+constexpr double kCaught = 1.0;     // [s]
+constexpr double kGravity = 9.8;    // [m/s^2]
+constexpr double kRamp = 0.4;       // [N/s]
+constexpr double kMoved = 0.002;    // [m]
+constexpr double kBegun = 0.0003;   // [m]: more than encoder steps and trembling
+constexpr double kPushed = 0.012;   // [m] from where it stood
+constexpr double kLongest = 2.0;    // [s] for a phase
+constexpr double kStill = 0.002;    // [m/s]
+constexpr double kBack = 1.5;       // [s]
+constexpr double kSpring = 15.0;    // [N/m]
+constexpr double kDamper = 1.5;     // [N s/m]
+constexpr double kSmooth = 0.01;    // [s]
+constexpr double kStraight = 0.9;   // cosine: a spring that is turned farther gives energy
+constexpr double kLightest = 0.02;  // [kg]
+constexpr double kHeaviest = 2.0;
+constexpr double kAlike = 5.0;   // ratio of masses along the axes
+constexpr double kRuler = 0.1;   // a hand with a ruler errs by less
+constexpr double kAxis = 0.999;  // cosine: an axis turned by less keeps its name
+constexpr int kRuns = 6;
+constexpr std::int8_t kFall = -1;  // run number of samples before the pushes
+constexpr int kLatest = 20;        // largest delay of a force [samples]
+constexpr std::size_t kMostSamples = 60000;
+const char* const kAxes = "xyz";
+
+std::string inWords(double value) {
+  std::array<char, 32> out{};
+  std::snprintf(out.data(), out.size(), "%.3g", value);
+  return out.data();
+}
+
+std::string inWords(const Vec3& v) {
+  std::string words;
+  for (int a = 0; a < 3; ++a) {
+    words += (a == 0 ? "(" : ", ") + inWords(std::abs(v[a]) < 5e-4 ? 0.0 : v[a]);
+  }
+  return words + ")";
+}
+
+}  // namespace
+
+std::string ArmAxes::name(int axis) const {
+  std::string letter(1, kAxes[axis]);
+  if (along(axis, axis) > kAxis) return letter;
+  return letter + " " + inWords(along.col(axis));
+}
+
+ArmAxes axesWithin(const Mat3& projector) {
+  const Eigen::SelfAdjointEigenSolver<Mat3> solver(projector);  // ascending: 0s, then 1s
+  const auto rank = (solver.eigenvalues().array() > 0.5).count();
+  ArmAxes axes;
+  if (rank == 3) return axes;
+  // A plane is given by its normal, a line by itself. The nearest axis is turned onto this vector.
+  Vec3 one = solver.eigenvectors().col(rank == 2 ? 0 : 2);
+  Eigen::Index next = 0;
+  one.cwiseAbs().maxCoeff(&next);
+  if (one[next] < 0.0) one = -one;
+  if (rank > 0) {
+    axes.along = Eigen::Quaterniond::FromTwoVectors(Vec3::Unit(next), one).toRotationMatrix();
+  }
+  for (int a = 0; a < 3; ++a) {
+    axes.has[static_cast<std::size_t>(a)] = rank == 2 ? a != next : rank == 1 && a == next;
+  }
+  return axes;
+}
+
+SelfTest::SelfTest(const SelfTestParams& params) : params_(params) {
+  samples_.reserve(kMostSamples);
+}
+
+Vec3 SelfTest::axis() const noexcept {
+  return (run_ % 2 == 0 ? 1.0 : -1.0) * params_.axes.along.col(run_ / 2);
+}
+
+void SelfTest::enter(Phase phase, double now) noexcept {
+  phase_ = phase;
+  entered_ = now;
+}
+
+void SelfTest::nextRun(double now) noexcept {
+  do {
+    ++run_;
+  } while (run_ < kRuns && !params_.axes.has[static_cast<std::size_t>(run_ / 2)]);
+  enter(run_ < kRuns ? Phase::kRamp : Phase::kDone, now);
+  from_ = before_;
+  level_ = 0.0;
+}
+
+Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcept {
+  if (!started_) {
+    started_ = true;
+    began_ = entered_ = last_ = fresh_at_ = now;
+    home_ = from_ = before_ = hand.position;
+    still_since_ = now;
+  }
+  const double dt = std::max(now - last_, 1e-6);
+  last_ = now;
+  ++ticks_;
+  velocity_ += (1.0 - std::exp(-dt / kSmooth)) * ((hand.position - before_) / dt - velocity_);
+  before_ = hand.position;
+  // The age is measured a little after `now`.
+  constexpr double kApart = 1e-4;  // [s]
+  const double read_at = now - hand.age;
+  if (positions_ == 0 || read_at > read_at_ + kApart) {
+    read_at_ = read_at;
+    ++positions_;
+    slowest_ = std::max(slowest_, now - fresh_at_);
+    fresh_at_ = now;
+  }
+  if (phase_ != Phase::kDone && (hand.position - home_).norm() > params_.travel) {
+    far_ = true;
+    enter(Phase::kDone, now);
+  }
+
+  const bool rests = phase_ == Phase::kRest || phase_ == Phase::kCatch;
+  if ((rests || phase_ == Phase::kRamp || phase_ == Phase::kPush || phase_ == Phase::kOppose) &&
+      samples_.size() < kMostSamples) {
+    samples_.push_back({now - began_, hand.position - home_, sent,
+                        rests ? kFall : static_cast<std::int8_t>(run_)});
+  }
+  const double since = now - entered_;
+  const Vec3 ahead = axis();
+  const Vec3 moved = hand.position - from_;
+  const auto slot = static_cast<std::size_t>(run_);
+  Vec3 force = Vec3::Zero();
+  switch (phase_) {
+    case Phase::kRest:
+      // Starts again whenever the arm moves: the hand lets go.
+      if (moved.norm() > kBegun) {
+        from_ = hand.position;
+        still_since_ = now;
+        rest_ = 0;
+        sum_.setZero();
+        sum2_ = 0.0;
+      }
+      sum_ += hand.position - from_;
+      sum2_ += (hand.position - from_).squaredNorm();
+      ++rest_;
+      if (const Vec3 gone = hand.position - home_; gone.norm() > kFell) {
+        falls_ = gone.normalized();
+        enter(Phase::kCatch, now);
+      } else if ((since > kLetGo && now - still_since_ > kRest) || since > kUneasy) {
+        home_ = hand.position;
+        run_ = -1;
+        nextRun(now);
+      }
+      break;
+    case Phase::kCatch:
+      force = -params_.force * falls_;
+      // The arm is back, or held.
+      if (velocity_.dot(falls_) < kStill) caught_ = true;
+      if ((hand.position - home_).dot(falls_) < kMoved || since > kCaught) enter(Phase::kDone, now);
+      break;
+    case Phase::kRamp:
+      level_ = std::min(params_.force, kRamp * since);
+      if (moved.norm() > kBegun && breakaway_[slot] == 0.0) breakaway_[slot] = level_;
+      force = level_ * ahead;
+      if (moved.norm() > kMoved) {
+        went_[slot] = true;
+        along_[slot] = moved.dot(ahead) / moved.norm();
+        trusted_ = trusted_ && along_[slot] > kStraight;
+        enter(trusted_ ? Phase::kPush : Phase::kSettle, now);
+      } else if (since > params_.force / kRamp + 0.5) {
+        breakaway_[slot] = 0.0;  // the arm trembles, or is held
+        enter(Phase::kSettle, now);
+      }
+      break;
+    case Phase::kPush:
+      force = params_.force * ahead;
+      if (moved.dot(ahead) > kPushed || since > kLongest) enter(Phase::kOppose, now);
+      break;
+    case Phase::kOppose:
+      force = -params_.force * ahead;
+      if (velocity_.dot(ahead) < 0.0 || since > kLongest) enter(Phase::kSettle, now);
+      break;
+    case Phase::kSettle:
+      if ((velocity_.norm() < kStill && since > 0.1) || since > kLongest) {
+        // An arm that goes elsewhere is not brought back: the other axes show where they go.
+        if (trusted_) {
+          enter(Phase::kReturn, now);
+        } else {
+          nextRun(now);
+        }
+      }
+      break;
+    case Phase::kReturn:
+      // Along the axes that are known to go where they are pushed.
+      for (int a = 0; a < 3; ++a) {
+        if (!went_[2 * static_cast<std::size_t>(a)]) continue;
+        const Vec3 back = params_.axes.along.col(a);
+        force -= (kSpring * (hand.position - home_) + kDamper * velocity_).dot(back) * back;
+      }
+      if (force.norm() > params_.force) force *= params_.force / force.norm();
+      if (since > kBack) nextRun(now);
+      break;
+    case Phase::kDone:
+      break;
+  }
+  return phase_ == Phase::kDone ? Vec3(Vec3::Zero()) : force;
+}
+
+std::vector<SelfTest::Way> SelfTest::pushes(int axis) const {
+  std::vector<Way> ways;
+  const Vec3 along = params_.axes.along.col(axis);
+  for (int run = 2 * axis; run < 2 * axis + 2; ++run) {
+    if (breakaway_[static_cast<std::size_t>(run)] == 0.0) continue;
+    Way way;
+    for (const Sample& s : samples_) {
+      if (s.run == run) way.path.push_back({s.time, s.position.dot(along), s.force.dot(along)});
+    }
+    ways.push_back(std::move(way));
+  }
+  return ways;
+}
+
+std::vector<SelfTest::Way> SelfTest::fall() const {
+  Way way;
+  bool gone = false;
+  for (const Sample& s : samples_) {
+    if (s.run != kFall) continue;
+    way.path.push_back({s.time, s.position.dot(falls_), s.force.dot(falls_)});
+    // A hand that lets go moves the arm by less than kMoved before the fall.
+    gone = gone || s.position.norm() > kFell;
+    if (!gone && s.position.norm() < kMoved) way.start = way.path.size();
+  }
+  return {std::move(way)};
+}
+
+SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResult& result) const {
+  // Integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time ahead - time back) - bias
+  // t^2 / 2 = int impulse, one row per sample since the arm began to move. A velocity from two
+  // positions would multiply the encoders' error. x0 and v0 are unknown, with values of their own
+  // in each push.
+  constexpr int kUnknown = 8;
+  using Row = Eigen::Matrix<double, kUnknown, 1>;
+  Eigen::Matrix<double, kUnknown, kUnknown> normal =
+      Eigen::Matrix<double, kUnknown, kUnknown>::Zero();
+  Row right = Row::Zero();
+  double square = 0.0;
+  long rows = 0;
+  constexpr std::size_t kHalf = 4;  // samples on each side of a velocity
+  const double whole = std::floor(late);
+  const double part = late - whole;
+  const auto back = static_cast<std::size_t>(whole);
+  for (const Way& way : ways) {
+    const std::vector<Way::Point>& path = way.path;
+    if (path.size() < 8 * kHalf) continue;
+    const auto speed = [&](std::size_t i) {
+      return (path[i + kHalf].position - path[i - kHalf].position) /
+             (path[i + kHalf].time - path[i - kHalf].time);
+    };
+    // The same rows for every delay.
+    std::size_t start = std::max(way.start, kHalf + kLatest + 1);
+    while (start + kHalf < path.size() && std::abs(speed(start)) < 0.01) ++start;
+    if (start + kHalf >= path.size()) continue;
+
+    double impulse = 0.0;
+    double pushed = 0.0;  // integral of `impulse`
+    double sense = 0.0;
+    double turned = 0.0;
+    double area = 0.0;
+    for (std::size_t i = start + 1; i + kHalf < path.size(); ++i) {
+      const double dt = path[i].time - path[i - 1].time;
+      // The force changes after `part` of the sample.
+      const double older = path[i - back - 1].force;
+      const double newer = path[i - back].force;
+      pushed += impulse * dt +
+                (older * part * (2.0 - part) + newer * (1.0 - part) * (1.0 - part)) * 0.5 * dt * dt;
+      impulse += ((1.0 - part) * newer + part * older) * dt;
+      const double ahead = speed(i) > 0.0 ? 1.0 : -1.0;
+      turned += sense * dt + 0.5 * ahead * dt * dt;
+      sense += ahead * dt;
+      area += 0.5 * (path[i].position + path[i - 1].position - 2.0 * path[start].position) * dt;
+      const double t = path[i].time - path[start].time;
+      Row row = Row::Zero();
+      row.head<4>() << path[i].position - path[start].position, area, turned, -0.5 * t * t;
+      row.segment<2>(&way == &ways[0] ? 4 : 6) << t, 1.0;
+      normal += row * row.transpose();
+      right += pushed * row;
+      square += pushed * pushed;
+      ++rows;
+    }
+  }
+  const long freedom = rows - kUnknown;
+  constexpr long kFew = 30;
+  if (freedom < kFew) return {};
+  // The ridge splits terms that the data cannot separate: friction and weight if the arm only
+  // falls; the unknowns of a path that is missing.
+  constexpr double kRidge = 1e-9;
+  for (int i = 0; i < kUnknown; ++i) {
+    normal(i, i) = normal(i, i) > 0.0 ? (1.0 + kRidge) * normal(i, i) : 1.0;
+  }
+  const Eigen::LDLT<Eigen::Matrix<double, kUnknown, kUnknown>> solver(normal);
+  const Row found = solver.solve(right);
+  const Eigen::Matrix<double, kUnknown, kUnknown> inverse =
+      solver.solve(Eigen::Matrix<double, kUnknown, kUnknown>::Identity());
+  const double left = std::max(0.0, square - found.dot(right));
+  const double variance = left / static_cast<double>(freedom);
+  result.fitted = found.allFinite() && found[0] > 0.0;
+  result.mass = found[0];
+  result.viscous = found[1];
+  result.coulomb = found[2];
+  result.bias = found[3];
+  result.delay = late * period();
+  result.viscous_error = std::sqrt(std::max(0.0, variance * inverse(1, 1)));
+  result.coulomb_error = std::sqrt(std::max(0.0, variance * inverse(2, 2)));
+  return {left, freedom};
+}
+
+void SelfTest::fitDelay(const std::vector<Way>& ways, AxisResult& result) const {
+  const AxisResult plain = result;
+  const auto left = [&](double late) {
+    AxisResult tried = plain;
+    return fit(ways, late, tried).square;
+  };
+  double least = 0.0;
+  for (int late = 1; late <= kLatest; ++late) {
+    if (left(late) < left(least)) least = late;
+  }
+  // Fractions of a sample, by ternary search.
+  double most = std::min<double>(kLatest, least + 1.0);
+  least = std::max(0.0, least - 1.0);
+  for (int i = 0; i < 20; ++i) {
+    const double third = (most - least) / 3.0;
+    if (left(least + third) < left(most - third)) {
+      most -= third;
+    } else {
+      least += third;
+    }
+  }
+  const double best = 0.5 * (least + most);
+  const Left found = fit(ways, best, result);
+  if (found.freedom == 0) return;
+  // The sum of squares grows by its mean if the delay is off by one standard error.
+  constexpr double kFar = 1.0;  // samples
+  const double grows = left(best + kFar) - found.square;
+  const double mean = found.square / static_cast<double>(found.freedom);
+  const double errors = grows > 0.0 ? std::sqrt(mean / grows) : kLatest;
+  result.delay_error = kFar * errors * period();
+}
+
+std::string SelfTest::weigh(SelfTestResult& result) const {
+  AxisResult fell;
+  fitDelay(fall(), fell);
+  // If the arm only falls, friction and weight cannot be separated, but their difference is known.
+  result.held = caught_ && !far_;
+  result.weight = result.held ? fell.bias : fell.bias - fell.coulomb;
+  std::string words = "let go of, it goes to " + inWords(result.falls) + " by itself";
+  if (!fell.fitted || !(result.weight > 0.0)) {
+    result.weight = 0.0;
+    return words + ": hold the tip still until you let go of it, and run it again";
+  }
+  const double mass = result.weight / kGravity;
+  words += result.held ? ", pushed by " + inWords(result.weight) + " N"
+                       : ", by " + inWords(result.weight) + " N more than its friction holds";
+  if (params_.down.isZero()) return words + ": counterweight it, or see what pulls it";
+  const double down = params_.down.dot(result.falls);
+  if (down > kStraight) {
+    return words + ": counterweight it, or have its motors carry it: add a mass of " +
+           inWords(mass) + " kg to gravity/masses of its profile, as {\"mass\": " + inWords(mass) +
+           "} at the tip, or links' masses and centres";
+  }
+  if (down < -kStraight) {
+    return words + ": that is up: its profile's gravity/masses are too heavy, by " + inWords(mass) +
+           " kg at the tip";
+  }
+  return words +
+         ": that is not down (gravity/down of its profile): see whether a spring, a cable or "
+         "a motor pulls it";
+}
+
+SelfTestResult SelfTest::result() const {
+  SelfTestResult result;
+  result.seconds = last_ - began_;
+  result.positions = positions_;
+  result.slowest = slowest_;
+  if (rest_ > 0) {
+    const double n = static_cast<double>(rest_);
+    result.noise = std::sqrt(std::max(0.0, sum2_ / n - (sum_ / n).squaredNorm()));
+  }
+  const auto say = [&](std::string words) { result.problems.push_back(std::move(words)); };
+  if (!done()) {
+    say("it was ended early: run it again");
+    return result;
+  }
+  result.falls = falls_;
+  if (result.falls.norm() > 0.0) {
+    say(weigh(result));
+    return result;
+  }
+  if (far_) {
+    say("it went farther than " + inWords(params_.travel) +
+        " m: hold nothing against it, and see whether it falls or runs away by itself");
+  }
+  const double rate = static_cast<double>(positions_) / std::max(result.seconds, 1e-9);
+  const double asked =
+      std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
+  if (rate < 0.5 * asked) {
+    say("it gives " + inWords(rate) + " positions a second where its profile says " +
+        inWords(params_.input_rate) + ": mend rate/input, or see to its firmware");
+  }
+  if (params_.stale > 0.0 && result.slowest > params_.stale) {
+    say("a pause of " + inWords(1e3 * result.slowest) +
+        " ms between two positions is longer than " + inWords(1e3 * params_.stale) +
+        " ms, when they are stale: see to its cable or firmware");
+  }
+  for (int a = 0; a < 3; ++a) {
+    AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
+    axis.driven = params_.axes.has[static_cast<std::size_t>(a)];
+    if (!axis.driven) continue;
+    const std::string name = params_.axes.name(a);
+    const std::size_t plus = 2 * static_cast<std::size_t>(a);
+    axis.moved = went_[plus] && went_[plus + 1];
+    axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
+    axis.along = std::min(along_[plus], along_[plus + 1]);
+    if (!axis.moved) {
+      if (!far_ && trusted_) {
+        say(name + ": " + inWords(params_.force) +
+            " N did not move it: let go of it, switch its motors on, or it has more friction "
+            "(--force)");
+      }
+    }
+    for (const std::size_t run : {plus, plus + 1}) {
+      if (!went_[run] || along_[run] > kStraight) continue;
+      const std::string where = (run == plus ? "+" : "-") + name;
+      if (along_[run] < -kStraight) {
+        say("pushed to " + where +
+            " it went the other way: exchange the sign of its motors' scale, or of its encoders'");
+      } else {
+        say("pushed to " + where + " it went elsewhere (cosine " + inWords(along_[run]) +
+            "): motors may be exchanged, or the geometry is another one");
+      }
+    }
+    if (!axis.moved || axis.along <= kStraight) continue;
+    fitDelay(pushes(a), axis);
+    // No real arm has these values: the scale of an encoder or motor differs from the profile.
+    if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
+      say(name + ": its friction cannot be told: let go of it, or its steps are too coarse");
+    } else if (axis.delay > (kLatest - 1) * period()) {
+      say(name + ": its force comes " + inWords(1e3 * axis.delay) +
+          " ms late or more: see to its firmware or its cable, or another program holds it");
+    } else if (axis.mass < kLightest || axis.mass > kHeaviest) {
+      say(name + ": it moves like " + inWords(axis.mass) +
+          " kg: the scale of its encoders or motors is another one");
+    }
+  }
+  double light = std::numeric_limits<double>::infinity();
+  double heavy = 0.0;
+  for (const AxisResult& axis : result.axes) {
+    if (!axis.driven) continue;
+    light = std::min(light, axis.mass);
+    heavy = std::max(heavy, axis.mass);
+  }
+  if (result.problems.empty() && heavy > kAlike * light) {
+    say("one way it moves like " + inWords(light) + " kg, another like " + inWords(heavy) +
+        ": the scale of a motor is another one");
+  }
+  return result;
+}
+
+std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes, int axis) {
+  const double gone = way.norm();
+  const std::string moved = "what was moved to +" + axes.name(axis);
+  if (!(std::abs(gone / length - 1.0) <= kRuler)) {  // true for NaN
+    return moved + " by 1 by the ruler is " + inWords(gone / length) +
+           " by the arm: the scale of its encoders, its gears or its lengths are others";
+  }
+  const double straight = way.dot(axes.along.col(axis)) / gone;
+  if (straight > kStraight) return {};
+  if (straight < -kStraight) {
+    return moved +
+           " went the other way by the arm: exchange the sign of an encoder's ratio, and of "
+           "its motor's scale, or mend mount";
+  }
+  return moved + " went to " + inWords(Vec3(way / gone)) +
+         " by the arm: encoders are exchanged, or the mount or the geometry is another one";
+}
+
+}  // namespace palpate

@@ -1,0 +1,43 @@
+#include "palpate/devices/arm/servo.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kSlowest = 10.0;  // [Hz]: at three periods the tick is late
+constexpr double kFastest = 1e5;
+constexpr double kStands = 0.01;  // of a period; in less no time passes
+
+double checkedRate(const DeviceInfo& arm, double rate) {
+  if (rate >= kSlowest && rate <= kFastest) return rate;
+  throw DeviceError(arm.name, "the servo's rate is none for a hand", "give 10 to 100000 Hz");
+}
+
+}  // namespace
+
+Servo::Servo(DeviceInfo arm, double rate)
+    : arm_(std::move(arm)), loop_(arm_, checkedRate(arm_.info(), rate)), period_(1.0 / rate) {}
+
+Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
+  const double passed = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
+  now_ += passed;
+  stood_ = passed > kStands * period_ ? 0.0 : stood_ + period_;
+  still_ = hand.position == arm_.hand.position ? still_ + passed : 0.0;
+  arm_.hand = hand;
+  if (arm_.info().hand) arm_.hand.still = std::max(still_, hand.still);  // also if that is NaN
+  TickTime time;
+  time.now = now_;
+  time.dt = dt;
+  time.late = std::max({0.0, dt - period_, stood_});
+  time.missed = time.late >= period_;
+  time.real = true;
+  loop_.tick(time);
+  return arm_.force;
+}
+
+}  // namespace palpate

@@ -1,0 +1,278 @@
+/// An arm on a HID device, described by a profile.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "palpate/devices/arm/arm.h"
+#include "palpate/devices/arm/motor_heat.h"
+#include "palpate/devices/hid/hid_port.h"
+#include "palpate/devices/hid/hid_profile.h"
+#include "palpate/engine/loop/mailbox.h"
+
+namespace palpate {
+
+/// The newest values that a device has sent. For one thread.
+class HidInput {
+ public:
+  explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
+
+  /// Takes all waiting reports. Returns kReport if all reports with a joint's field are new.
+  /// Returns kNothing also if the kernel's ring had overflowed, since its reports were old. RT: as
+  /// ReportPort::read.
+  [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
+  /// Whether this report has come since forget(), and no overflow has lost reports since.
+  [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
+  /// Whether the last takeNewest has taken this report.
+  [[nodiscard]] bool came(std::size_t report) const noexcept { return came_[report]; }
+  /// Returns the last raw value of a field. Before the first report it is 0, or with rate control
+  /// the value of a puck at rest. This holds for the fields of each report.
+  [[nodiscard]] double raw(const FieldRef& field) const noexcept {
+    return values_[first_[field.report] + field.field];
+  }
+
+  /// Returns to the state before the first report, but keeps the counts.
+  void forget() noexcept;
+  /// Takes over the values of another input of the same profile. RT: no allocation.
+  void adopt(const HidInput& other) noexcept;
+
+  /// Numbers of reports since the construction, by their use.
+  struct Counts {
+    std::int64_t reports = 0;    ///< Used.
+    std::int64_t taken = 0;      ///< Every kind that the profile has.
+    std::int64_t passed_by = 0;  ///< Not used, because a newer one waited.
+    std::int64_t dropped = 0;    ///< Discarded after an overflow of the ring.
+    std::int64_t strange = 0;    ///< Too short, or with a number that the profile does not have.
+    std::int64_t repeated = 0;   ///< Sent again, by HidReportSpec::sequence.
+  };
+  [[nodiscard]] const Counts& counts() const noexcept { return counts_; }  ///< Counts so far.
+
+ private:
+  enum class Taken : std::uint8_t { kUsed, kStrange, kRepeated };
+  [[nodiscard]] Taken take(std::span<const std::byte> report) noexcept;
+
+  const HidProfile& profile_;
+  std::size_t head_ = 0;            ///< Bytes of the number before a report: 1 if reports are
+                                    ///< numbered.
+  std::vector<std::size_t> first_;  ///< Index of each report's fields in values_.
+  std::vector<double> values_;
+  std::vector<bool> joints_in_;  ///< The report has a joint's field.
+  std::vector<bool> fresh_;      ///< The report has come since the last kReport.
+  std::vector<bool> came_;       ///< The report has come in the last takeNewest.
+  std::vector<bool> known_;      ///< The report has come since forget() and the last overflow.
+  Counts counts_;
+  std::array<std::byte, 2048> buffer_{};
+};
+
+/// Functions and settings that an arm on a HID device needs from its program. All may be empty.
+struct HidHost : ArmHost {
+  /// Finds the device again by its numbers; null while it is absent. Not called in a tick.
+  std::function<std::unique_ptr<ReportPort>()> find = nullptr;
+};
+
+/// Counts of writes.
+struct HidWrites {
+  std::int64_t count = 0;       ///< Reports given to the port, including refused ones.
+  std::int64_t weakened = 0;    ///< Forces that a motor's limit or heat has reduced, direction
+                                ///< kept.
+  std::int64_t longest_ns = 0;  ///< Longest time until the port had sent one [ns].
+};
+
+/// Reads and drives an arm. The haptic thread calls read() and write(). A second thread sends the
+/// newest force, one report a tick and at most output_rate a second, because sending waits for the
+/// wire. A third thread finds the device again after it was unplugged.
+///
+/// The kernel keeps the OLDEST 63 reports. If that many wait, all are old and are discarded. After
+/// a pause of more than HidLimits::stale without read(), the arm is not ready until a fresh report
+/// comes.
+///
+/// Faults: Fault::kGone while the device is absent. Fault::kMiscounted comes before it if counters
+/// may have wrapped unnoticed. Fault::kWrite if nothing was sent for 20 ms more than a period of
+/// output_rate while a force waits. An arm not homed, not enabled or out of reach is not ready.
+class HidDevice final : public Arm {
+ public:
+  /// Runs the profile's "open" and "home" on this thread (slow), and "close" if they fail. Throws
+  /// DeviceError with the problem in words.
+  ///
+  /// @param tested  The arm has passed `palpate devices --test`; else kUntestedForce and
+  ///                kUntestedStiffness hold.
+  HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
+  /// Sends zero force, then runs the profile's "close" (at most kLongestClose).
+  ~HidDevice() override;
+
+  /// Has the profile's limits, or those of an untested arm; never changes.
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override;
+  void write(const Vec3& force) noexcept override;
+  void carry(bool may) noexcept override {
+    carries_ = may;
+    if (!may) carried_share_ = 0.0;
+  }
+  [[nodiscard]] double given() const noexcept override { return given_; }
+  [[nodiscard]] ZeroForce zeroForce() const noexcept override;
+
+  /// Returns the profile as given.
+  [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
+  [[nodiscard]] const ArmTraits& traits() const noexcept override { return traits_; }
+  [[nodiscard]] std::string whyNotReady() const override;
+  [[nodiscard]] std::vector<double> steps() const override;
+  [[nodiscard]] ArmTraffic traffic() const override {
+    return {input_.counts().dropped, count_, longest_ns_};
+  }
+  /// Returns the tip's travel for one count of each joint, at the last reading [m].
+  [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
+  /// Call it on the thread that reads, or after that thread has ended.
+  [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
+  /// Counts since the opening, without those of the profile's steps. From any thread.
+  [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
+  /// Number of times that the device was plugged in since the opening, including the first.
+  [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
+
+ private:
+  static constexpr std::int64_t kNever = -1;
+  struct Outgoing {
+    std::array<std::byte, 1025> bytes{};
+  };
+  /// Keeps the port open while it is used.
+  class Using {
+   public:
+    Using(std::atomic<ReportPort*>& port, std::atomic<bool>& in) noexcept : in_(in) {
+      in_.store(true);
+      port_ = port.load();
+    }
+    Using(const Using&) = delete;
+    Using& operator=(const Using&) = delete;
+    ~Using() { in_.store(false); }
+    [[nodiscard]] ReportPort* operator->() const noexcept { return port_; }
+    [[nodiscard]] ReportPort& operator*() const noexcept { return *port_; }
+    explicit operator bool() const noexcept { return port_ != nullptr; }
+
+   private:
+    std::atomic<bool>& in_;
+    ReportPort* port_;
+  };
+
+  /// Completes the opening, once the arm is prepared.
+  void begin();
+  /// Dates the flags that came during the preparation to `now`.
+  void knowFlags(std::int64_t now) noexcept;
+  void endThreads() noexcept;
+  /// Opens and homes the arm. Throws DeviceError.
+  void prepare(ReportPort& port, HidInput& input);
+  /// Sends zero force and runs "close". Ignores failures, since the device may be gone.
+  void leave(ReportPort& port, HidInput& input) noexcept;
+  /// Runs the steps of a sequence. A step that waits for the user needs a new action; an earlier
+  /// one does not count.
+  ///
+  /// @param stop  Asked between two steps, and while a step waits.
+  void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
+                   const std::function<bool()>& stop);
+  /// Waits until a field has its value. Throws DeviceError if it does not get it.
+  void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
+               const std::function<bool()>& stop);
+  /// Reads buttons, orientation, gripper and joints.
+  void lookAtHandle() noexcept;
+  /// Checks the age of reports with flags. If one is too old, `hand` is stale; if one has not come,
+  /// it is not ready.
+  void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
+  /// Checks that no force waits too long, in the writer thread or in a write.
+  void lookAtWrites(std::int64_t now, HandState& hand) noexcept;
+  /// Returns the dissipation that the energy tank may rely on, in the current pose.
+  [[nodiscard]] ArmDissipation dissipation() const noexcept;
+  /// Whether the joints' counters can still be followed after a pause [s].
+  [[nodiscard]] bool countedOn(double pause) const noexcept;
+  void follow(double dt) noexcept;
+  void lookForMotion(std::int64_t now) noexcept;
+  /// Returns HandState::drives in the current pose.
+  [[nodiscard]] Mat3 drivesHere() const noexcept;
+  /// True for devices that send no reports while they rest.
+  [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
+  void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
+  /// Updates the motors' heat for the time since the last write; returns that time [s].
+  double heatMotors() noexcept;
+  /// Returns the motors' raw values that carry the arm's weight, within their limits.
+  [[nodiscard]] std::array<double, kMostJoints> carried() const noexcept;
+  void lost() noexcept;
+  void writeLoop() noexcept;
+  void mendLoop() noexcept;
+  void closePort() noexcept;
+
+  HidProfile profile_;
+  DeviceInfo info_;
+  ArmTraits traits_;
+  HidHost host_;
+  std::vector<std::byte> zero_;  ///< The report that drives no motor.
+
+  std::unique_ptr<ReportPort> port_;             ///< Changed by the repair thread only.
+  std::atomic<ReportPort*> open_port_{nullptr};  ///< Null while the device is absent.
+  std::atomic<bool> reading_{false};
+  std::atomic<bool> writing_{false};
+  std::atomic<bool> gone_{false};
+  std::atomic<bool> miscounted_{false};  ///< Treated as gone, because its counters cannot be
+                                         ///< followed.
+  std::atomic<bool> quit_{false};
+  std::atomic<int> guard_{-1};  ///< Keeps its descriptor number when the device changes.
+  std::atomic<std::uint32_t> plugging_{1};
+
+  // Used by the repair thread; read after it is done.
+  HidInput mended_;
+  bool homeless_ = false;  ///< Only the user can give its position.
+
+  // Used by the haptic thread.
+  HidInput input_;
+  std::vector<Unwrapped> counters_;     ///< One for each joint.
+  std::vector<double> about_;           ///< For counters that wrap: the raw value near which the
+                                        ///< first reading is placed, the middle of the hand's world
+                                        ///< or home.
+  bool ticked_ = false;                 ///< read() has been called.
+  std::vector<double> home_raw_;        ///< Raw values of joints in the home pose, if home_at_open.
+  std::vector<bool> flags_in_;          ///< The report has a flag.
+  std::vector<std::int64_t> flags_at_;  ///< Time of its last report [ns]; kNever: none since the
+                                        ///< opening.
+  bool heard_ = false;                  ///< A report has come since the last opening.
+  std::uint32_t plugging_seen_ = 1;
+  std::int64_t heard_at_ = 0;    ///< Time of the last report [ns].
+  std::int64_t counted_at_ = 0;  ///< Time of the last report that moved the joints [ns].
+  std::int64_t read_at_ = 0;     ///< Time of the last call of read() [ns].
+  bool numbered_ = false;        ///< A report that is sent again can be recognised.
+  std::vector<double> counts_;   ///< Raw values of joints at the last reading.
+  std::int64_t moved_at_ = 0;    ///< Time of their last change [ns].
+  Joints joints_{};
+  ArmPose pose_;
+  Mat3 drives_W_ = Mat3::Identity();   ///< ProfileFacts::drives.
+  std::vector<std::size_t> undriven_;  ///< Joints that move the tip and have no motor.
+  Vec3 position_W_ = Vec3::Zero();
+  Handle handle_;
+  double given_ = 1.0;
+  std::vector<MotorHeat> heat_;  ///< Heat of the joints' motors.
+  double cool_ = 1.0;            ///< Share of the force that the motors' heat permits.
+  std::int64_t told_at_ = 0;     ///< Time of the last call of write() [ns]; 0: none yet.
+  bool tested_;
+  bool carries_ = false;            ///< carry() permits it.
+  bool upright_ = false;            ///< The last reading permits it.
+  double carried_share_ = 0.0;      ///< Share of the weight that is carried so far.
+  std::uint32_t written_seen_ = 0;  ///< Last value of written_ that was seen.
+  std::int64_t written_at_ = 0;     ///< Since when it is unchanged while forces wait [ns].
+
+  Mailbox<Outgoing> out_;
+  std::atomic<bool> rests_{false};         ///< The last published report drives no motor.
+  std::atomic<std::uint32_t> sent_{0};     ///< Counts published reports.
+  std::atomic<std::uint32_t> written_{0};  ///< Value of sent_ that the writer has finished.
+  std::atomic<std::int64_t> count_{0}, weakened_{0}, longest_ns_{0};
+
+  std::thread writer_;
+  std::thread mender_;
+  std::mutex mend_mutex_;  ///< For the sleep of the repair thread; no tick locks it.
+  std::condition_variable mend_;
+};
+
+}  // namespace palpate

@@ -1,0 +1,215 @@
+/// The profile of an arm that speaks HID: its identification, the numbers in its reports, its
+/// geometry and its limits. A profile is a JSON file (devices/hid/hid_profile.schema.json);
+/// docs/profiles.md says how to write one.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "palpate/devices/arm/arm.h"
+#include "palpate/devices/hid/hid_report.h"
+#include "palpate/devices/hid/kinematics.h"
+
+namespace palpate {
+
+/// USB identification of a device of this profile. Members without a value match any device.
+struct HidMatch {
+  std::uint16_t vendor = 0;                 ///< USB's idVendor; always needed.
+  std::uint16_t product = 0;                ///< USB's idProduct; always needed.
+  std::optional<std::uint16_t> usage_page;  ///< Page of its top-level collection.
+  std::optional<std::uint16_t> usage;       ///< Usage of its top-level collection.
+};
+
+/// One kind of report, input or output.
+struct HidReportSpec {
+  std::optional<std::uint8_t> id;   ///< Number, if the device numbers its reports.
+  std::size_t size = 0;             ///< Bytes without the number.
+  std::vector<ReportField> fields;  ///< In the order of their names.
+  /// Input: the field that counts reports. A report with the same count is the last one, sent
+  /// again.
+  std::optional<std::size_t> sequence;
+  double stale = 0.0;  ///< Input: longest age of its flags [s]; 0: HidLimits::stale.
+};
+
+/// An input field, resolved from its name.
+struct FieldRef {
+  std::size_t report = 0;  ///< Index in HidProfile::input.
+  std::size_t field = 0;   ///< Index in HidReportSpec::fields.
+};
+
+/// A field that reports a state of the arm while it has a value.
+struct HidFlag {
+  /// The state while the flag is up, and its effect on the force.
+  enum class Means : std::uint8_t {
+    kHomed,      ///< The encoders know the arm's position; else no force.
+    kEnabled,    ///< The dead-man switch is held; else no force.
+    kHot,        ///< Fault::kTemperature.
+    kUnpowered,  ///< Fault::kPower.
+    kOpen,       ///< Fault::kSwitch.
+  };
+  FieldRef field;               ///< The field to compare.
+  double equals = 1.0;          ///< Its raw number while the flag is up.
+  Means means = Means::kHomed;  ///< The first two are conditions, the others faults.
+};
+
+/// A joint of the kinematics: joint = value / ratio + home. The motor's torque is the joint's over
+/// ratio. The number sent is the motor's torque over the torque constant.
+struct HidJoint {
+  FieldRef from;                  ///< Field of its encoder; no two joints share bits.
+  double ratio = 1.0;             ///< Field units per joint unit; the sign is the direction.
+  double home = 0.0;              ///< Joint position at field zero, or at home [rad or m].
+  std::optional<std::size_t> to;  ///< Output field of its motor; empty: only sensed.
+  double torque_constant = 1.0;   ///< [N m per unit of the output field]
+  double continuous = 0.0;  ///< Value that its motor can hold forever [unit of the output field];
+                            ///< 0: all that the field gives.
+  double heating = 0.0;     ///< Time constant of its winding's heat [s].
+};
+
+/// A mass that the arm's motors carry.
+struct HidMass {
+  double mass = 0.0;                ///< [kg]
+  std::optional<std::size_t> link;  ///< Link of the kinematics; empty: at the tip.
+  Vec3 centre = Vec3::Zero();       ///< Centre of mass in the link's frame (Kinematics::on) [m].
+};
+
+/// A button; it is pressed while its field has the value.
+struct HidButton {
+  std::string name;     ///< Name in HandleInfo::buttons.
+  FieldRef field;       ///< The field to compare.
+  double equals = 1.0;  ///< Its raw number while it is pressed.
+};
+
+/// An encoder of the handle, or a joint of the arm that turns it.
+struct HidTurn {
+  std::optional<std::size_t> joint;  ///< Index in HidProfile::joints; if set, `from` is unused.
+  FieldRef from;                     ///< Field of its encoder: angle = value / ratio + home.
+  double ratio = 1.0;                ///< As HidJoint::ratio.
+  double home = 0.0;                 ///< Angle at field zero [rad].
+  Vec3 axis = Vec3::UnitZ();         ///< Unit axis, in the frame after the turns before it.
+};
+
+/// The handle's sensors (Handle).
+struct HidHandle {
+  std::vector<HidButton> buttons;  ///< At most HandleInfo::kMostButtons.
+  /// Turns from the arm's frame to the handle's, in order: R_D = R(axis 1, angle 1) R(axis 2, angle
+  /// 2) ... Empty: the orientation is not measured.
+  std::vector<HidTurn> orientation;
+  std::optional<HidTurn> gripper;  ///< How far it is open; its axis is unused.
+};
+
+/// A step of a sequence that a device needs before or after use.
+struct HidStep {
+  /// Action: send a report, wait for a field, pause, send a feature report.
+  enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
+  Kind kind = Kind::kPause;  ///< Decides which of the members below are used.
+  std::vector<std::pair<std::size_t, double>> values;  ///< kSend: output fields, raw; others are at
+                                                       ///< rest.
+  FieldRef field;                                      ///< kWait: the field to wait for.
+  double equals = 0.0;                                 ///< kWait: its expected value.
+  double seconds = 0.0;                                ///< kWait: the longest wait; kPause: the
+                                                       ///< pause [s].
+  std::string words;                                   ///< kWait: instruction for the user.
+  std::vector<std::byte> bytes;                        ///< kFeature: the whole report.
+};
+
+inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};  ///< Names in profiles.
+
+/// An axis of a device of USB's PID class. Such a device reports neither metres nor newtons.
+struct PidAxisSpec {
+  int axis = 0;        ///< 0 is x: its usage in the device's descriptor, and the arm's axis.
+  double way = 0.0;    ///< Travel from least to most position [m]; < 0: in the other direction.
+  double force = 0.0;  ///< Force at full magnitude and gain [N]; < 0: in the other direction.
+};
+
+/// Limits of the arm. All [SI]; required if the arm has motors.
+struct HidLimits {
+  double force = 0.0;             ///< [N]
+  double slew = 2000.0;           ///< [N/s]
+  double stiffness = 0.0;         ///< [N/m]
+  double damping = 0.0;           ///< [N s/m]
+  double workspace_radius = 0.0;  ///< [m]
+  double stale = 0.05;            ///< [s]; a puck that stops reporting keeps its velocity as long.
+  double speed = 3.0;             ///< [m/s]
+  double continuous = 0.0;        ///< [N] at the tip; 0: the peak, or HidJoint::continuous.
+  double heating = 0.0;           ///< [s]
+};
+
+/// Longest total time of the waits and pauses in a profile's "close" [s]; the end of the program
+/// waits for them.
+inline constexpr double kLongestClose = 5.0;
+
+/// One arm, as read and checked by parseHidProfile.
+struct HidProfile {
+  std::string name;               ///< Name in `hid:NAME`.
+  std::string description;        ///< One line for people.
+  std::string firmware;           ///< The firmware that the arm needs, and whether it has its own
+                                  ///< watchdog.
+  std::string source;             ///< The file, for errors.
+  std::uint64_t fingerprint = 0;  ///< Hash of the whole profile; shows that the tested profile is
+                                  ///< in use.
+  std::vector<HidMatch> match;    ///< One match is enough.
+  double input_rate = 1000.0;     ///< [Hz], from the maker.
+  double output_rate = 1000.0;    ///< Most reports sent a second [Hz]; 0: there is no output.
+  std::vector<HidReportSpec> input;     ///< At least one; if several, each has its id.
+  std::optional<HidReportSpec> output;  ///< Empty: input only.
+  /// Axes of a device of USB's PID class, x before y; empty: not such a device. The device's own
+  /// descriptor gives the rest (describedBy). Until it is known, `input` and `output` are shares of
+  /// travel and force.
+  std::vector<PidAxisSpec> pid;
+  std::vector<HidFlag> flags;                    ///< Conditions for any force, and faults.
+  std::shared_ptr<const Kinematics> kinematics;  ///< Maps joints to the tip; not null.
+  std::vector<HidJoint> joints;                  ///< As many as the kinematics has.
+  bool home_at_open = false;  ///< When opened, the arm is in its home pose, `home` of every joint.
+  std::string home_words;     ///< Describes the home pose.
+  double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: off.
+  Mat3 world_from_device = Mat3::Identity();  ///< Pose of the arm in the hand's world:
+  Vec3 origin_D = Vec3::Zero();               ///< p_W = world_from_device (p_D - origin_D).
+  std::vector<HidMass> masses;                ///< Masses that its motors carry; may be empty.
+  Vec3 down_D = -Vec3::UnitZ();               ///< Direction of gravity.
+  HidHandle handle;                           ///< Buttons, orientation, gripper.
+  std::vector<HidStep> open,                  ///< Runs before the first report.
+      home,                                   ///< Runs after it, until the arm knows its position.
+      close;         ///< Runs at the end, or if opening or homing has failed.
+  HidLimits limits;  ///< Required in the file with an output.
+  std::map<std::string, std::string> sources;  ///< Sources of numbers, by JSON pointer.
+};
+
+/// Reads and checks a profile. Throws DeviceError (file and JSON path).
+[[nodiscard]] HidProfile parseHidProfile(const std::string& text, const std::string& source);
+/// Reads and checks a profile's file. Throws DeviceError also if it cannot be read.
+[[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
+
+/// Returns palpate's own profiles and the user's in `folder`, which replace palpate's of the same
+/// name. Problems of a user's file or its name are added to `notes`, one line each. If a user's
+/// file is invalid, the profile that it would have replaced, by its name or its file's, is left out
+/// too.
+[[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
+                                                  std::vector<std::string>& notes);
+/// Returns the folder of the user's profiles: $XDG_CONFIG_HOME/palpate/arms or
+/// ~/.config/palpate/arms.
+[[nodiscard]] std::filesystem::path hidProfileFolder();
+
+/// Returns the JSON Schema of profiles.
+[[nodiscard]] const std::string& hidProfileSchema();
+
+/// Published limits of a well-known arm.
+struct KnownArm {
+  std::string name;       ///< Common name; appears twice if two sources disagree.
+  double force,           ///< Peak force [N].
+      stiffness,          ///< Largest stiffness of a coupling [N/m].
+      damping,            ///< Largest damping of a coupling [N s/m].
+      workspace_radius;   ///< [m]
+  std::string transport;  ///< Interface by which it could be driven.
+  std::string source;     ///< Source of the numbers, and its file.
+};
+/// Reads devices/hid/known_arms.json.
+[[nodiscard]] std::vector<KnownArm> knownArms();
+
+}  // namespace palpate

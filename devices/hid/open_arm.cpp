@@ -1,0 +1,264 @@
+#include "palpate/devices/hid/open_arm.h"
+
+#include <algorithm>
+#include <string_view>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/arm/tested_arms.h"
+#include "palpate/devices/hid/hid_descriptor.h"
+#include "palpate/devices/hid/pid_descriptor.h"
+#include "palpate/devices/hid/pid_device.h"
+
+namespace palpate {
+namespace {
+
+constexpr std::string_view kEnding = ".json";
+
+bool matches(const HidMatch& match, const HidDeviceName& device) {
+  return match.vendor == device.vendor && match.product == device.product &&
+         (!match.usage_page || *match.usage_page == device.usage_page) &&
+         (!match.usage || *match.usage == device.usage);
+}
+
+/// Adds the fields of a device's own descriptor to a PID profile; returns other profiles unchanged.
+HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
+  const auto described = parseHidDescriptor(device.descriptor);
+  if (profile.pid.empty() || !described) return profile;
+  try {
+    return describedBy(readPidMap(*described, profile.source), profile);
+  } catch (const DeviceError&) {
+    return profile;  // FoundArm::against reports the problem
+  }
+}
+
+/// Returns the profile of a name. Throws DeviceError if there is none.
+const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile>& profiles,
+                           const std::vector<std::string>& notes) {
+  std::vector<std::string> names;
+  for (const HidProfile& profile : profiles) {
+    if (profile.name == name) return profile;
+    names.push_back(profile.name);
+  }
+  const bool refused = std::any_of(notes.begin(), notes.end(), [&](const std::string& note) {
+    return note.find("/" + name + ".json: ") != std::string::npos;
+  });
+  if (refused) {
+    throw DeviceError("hid:" + name, "its file cannot be used as that", "mend what was said of it");
+  }
+  std::string editions;
+  for (const std::string& one : names) {
+    if (one.rfind(name + "-", 0) == 0) editions += (editions.empty() ? "" : " or ") + one;
+  }
+  if (!editions.empty()) {
+    throw DeviceError("hid:" + name, "it may be " + editions + ", whose numbers differ",
+                      "name the one that is yours; palpate devices NAME says what it is");
+  }
+  const std::string near = nearestName(name, names);
+  throw DeviceError("hid:" + name, "there is no profile \"" + name + "\"",
+                    near.empty() ? "palpate devices lists them; a file ends in .json"
+                                 : "did you mean \"" + near + "\"?");
+}
+
+}  // namespace
+
+std::string FoundArm::serial() const {
+  return device.serial == "0123456789" ? "" : device.serial;
+}
+
+std::string FoundArm::identity() const {
+  const std::string own = serial();
+  return own.empty() ? device.port : own;
+}
+
+std::optional<DeviceError> FoundArm::against(const HidProfile& profile) const {
+  const auto described = parseHidDescriptor(device.descriptor);
+  if (!profile.pid.empty()) {
+    try {
+      if (described) (void)describedBy(readPidMap(*described, profile.source), profile);
+    } catch (const DeviceError& error) {
+      return error;
+    }
+    return std::nullopt;
+  }
+  const auto complaint = described ? complaintAbout(profile, *described) : std::nullopt;
+  if (!complaint) return std::nullopt;
+  return DeviceError(profile.source + ": " + complaint->path, complaint->what, complaint->remedy);
+}
+
+std::string FoundArm::nameAs(const HidProfile& profile) const {
+  const std::string own = identity();
+  return "hid:" + profile.name + (own.empty() ? "" : "@" + own);
+}
+
+bool ArmName::isFile() const {
+  return profile.size() > kEnding.size() &&
+         profile.compare(profile.size() - kEnding.size(), kEnding.size(), kEnding) == 0;
+}
+
+std::optional<ArmName> parseArmName(const std::string& name) {
+  if (name == "hid") return ArmName{};
+  if (name.rfind("hid:", 0) != 0) return std::nullopt;
+  const std::string text = name.substr(4);
+  // A path or a serial number may have any character; a profile's name has no @.
+  std::size_t end = text.find('@');
+  for (std::size_t at = text.find(kEnding); at != std::string::npos;
+       at = text.find(kEnding, at + 1)) {
+    const std::size_t after = at + kEnding.size();
+    if (after != text.size() && text[after] != '@') continue;
+    end = after;
+    break;
+  }
+  ArmName parsed;
+  parsed.profile = text.substr(0, end);
+  if (end < text.size()) parsed.serial = text.substr(end + 1);
+  return parsed;
+}
+
+std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
+  std::vector<FoundArm> arms;
+  for (const HidDeviceName& device : listHid()) {
+    // hidapi lists a device once for each of its top-level usages.
+    const auto same = std::find_if(arms.begin(), arms.end(), [&](const FoundArm& arm) {
+      return arm.device.path == device.path;
+    });
+    FoundArm found;
+    found.device = device;
+    FoundArm& arm = same != arms.end() ? *same : found;
+    for (const HidProfile& profile : profiles) {
+      const bool known = std::any_of(arm.profiles.begin(), arm.profiles.end(),
+                                     [&](const HidProfile& p) { return p.name == profile.name; });
+      if (!known && std::any_of(profile.match.begin(), profile.match.end(),
+                                [&](const HidMatch& m) { return matches(m, device); })) {
+        arm.profiles.push_back(asDescribed(profile, device));
+      }
+    }
+    if (same != arms.end() || arm.profiles.empty()) continue;
+    arm.may_open = access(device.path.c_str(), R_OK | W_OK) == 0;
+    arms.push_back(std::move(found));
+  }
+  return arms;
+}
+
+HidProfile namedProfile(const ArmName& name, const std::function<void(const std::string&)>& say) {
+  if (name.isFile()) return readHidProfile(name.profile);
+  std::vector<std::string> notes;
+  const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
+  if (say) {
+    for (const std::string& note : notes) say(note);
+  }
+  return oneNamed(name.profile, profiles, notes);
+}
+
+ChosenArm findArm(const std::string& name, const std::function<void(const std::string&)>& say) {
+  const std::optional<ArmName> parsed = parseArmName(name);
+  if (!parsed) {
+    throw DeviceError(name, "it is no arm", "write hid, hid:PROFILE or hid:PROFILE@SERIAL");
+  }
+  std::string wanted = parsed->profile;
+  const std::string& serial = parsed->serial;
+  std::vector<HidProfile> profiles;
+  if (parsed->isFile()) {
+    profiles.push_back(readHidProfile(wanted));
+    wanted = profiles.back().name;
+  } else {
+    std::vector<std::string> notes;
+    profiles = hidProfiles(hidProfileFolder(), notes);
+    if (say) {
+      for (const std::string& note : notes) say(note);
+    }
+    if (!wanted.empty()) (void)oneNamed(wanted, profiles, notes);
+  }
+
+  std::vector<std::pair<const FoundArm*, const HidProfile*>> choices;
+  std::vector<FoundArm> arms = findArms(profiles);
+  const auto ours = std::partition(
+      arms.begin(), arms.end(), [](const FoundArm& arm) { return !isOpenHere(arm.device.path); });
+  const bool all_ours = ours == arms.begin() && !arms.empty();
+  arms.erase(ours, arms.end());
+  if (all_ours) {
+    throw DeviceError(name, "every arm that is plugged in is another hand's", "plug in another");
+  }
+  for (const FoundArm& arm : arms) {
+    if (!serial.empty() && arm.identity() != serial) continue;
+    for (const HidProfile& profile : arm.profiles) {
+      if (wanted.empty() || profile.name == wanted) choices.emplace_back(&arm, &profile);
+    }
+  }
+  if (choices.empty()) {
+    std::string there;
+    for (const FoundArm& arm : arms)
+      there += (there.empty() ? "" : ", ") + arm.nameAs(arm.profiles[0]);
+    throw DeviceError(
+        name, "no such arm is plugged in",
+        there.empty() ? "plug it in; palpate devices shows what is there" : "there is " + there);
+  }
+  if (choices.size() > 1) {
+    std::string which;
+    for (const auto& [arm, profile] : choices)
+      which += (which.empty() ? "" : ", ") + arm->nameAs(*profile);
+    throw DeviceError(name, "that may be several", "name one of " + which);
+  }
+  return {*choices[0].first, *choices[0].second};
+}
+
+ArmIdentity identityOf(const HidProfile& profile, const std::string& own, bool numbered) {
+  return {profile.name, own, profile.fingerprint, numbered};
+}
+
+OpenedArm openArm(const std::string& name, const ArmHost& asked) {
+  const ChosenArm chosen = findArm(name, asked.say);
+  const HidProfile& profile = chosen.profile;
+  if (const auto wrong = chosen.arm.against(profile)) throw *wrong;
+  const HidDeviceName device = chosen.arm.device;
+  const std::string own = chosen.arm.identity();
+  const ArmIdentity identity = identityOf(profile, own, !chosen.arm.serial().empty());
+  if (const auto others = whoHas(device.path); !others.empty() && asked.say) {
+    asked.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
+  }
+  HidHost host{asked};
+  // The path changes when the arm comes back. Without a serial number, the device at the same port
+  // is taken for the arm.
+  host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
+    for (const FoundArm& arm : findArms({profile})) {
+      const bool same = arm.device.vendor == device.vendor &&
+                        arm.device.product == device.product && arm.identity() == own;
+      const bool another = !profile.pid.empty() && arm.device.descriptor != device.descriptor;
+      if (same && !another && !isOpenHere(arm.device.path) && !arm.against(profile)) {
+        return openHid(arm.device.path);
+      }
+    }
+    return nullptr;
+  };
+  const bool good = isTested(identity);
+  host.measured = measuredArm(identity);
+  if (!profile.pid.empty()) refuseEffects(device.path, effectNodes(device.path));
+  auto port = openHid(device.path, host.say);
+  OpenedArm arm;
+  arm.identity = identity;
+  if (profile.pid.empty()) {
+    arm.device = std::make_unique<HidDevice>(profile, std::move(port), good, host);
+  } else {
+    arm.device =
+        std::make_unique<PidDevice>(profile, device.descriptor, std::move(port), good, host);
+  }
+  // The limits of a PID device follow from the time that its reports take.
+  if (asked.say && !profile.pid.empty()) {
+    asked.say(fmt::format("{}: {}", arm.device->info().name, arm.device->info().source));
+  }
+  if (asked.say && !good && profile.output) {
+    asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
+                          arm.device->info().name, kUntestedForce, kUntestedStiffness,
+                          chosen.arm.nameAs(profile)));
+  }
+  if (asked.say && good && !identity.numbered) {
+    asked.say(
+        fmt::format("{}: it has no serial number: it is taken for the arm that was tested at {}",
+                    arm.device->info().name, own));
+  }
+  return arm;
+}
+
+}  // namespace palpate

@@ -1,0 +1,564 @@
+#include "palpate/devices/hid/profile_table.h"
+
+#include <charconv>
+#include <utility>
+
+#include "palpate/devices/hid/kinematics.h"
+
+namespace palpate {
+namespace {
+
+// No desktop arm is larger, stronger or faster: larger numbers are in another unit.
+constexpr double kMostLength = 2.0;     // [m]
+constexpr double kMostAngle = 6.2832;   // [rad]
+constexpr double kMostForce = 100.0;    // [N]
+constexpr double kMostSlew = 1e5;       // [N/s]
+constexpr double kMostStiffness = 1e5;  // [N/m]
+constexpr double kMostDamping = 500.0;  // [N s/m]
+constexpr double kMostMass = 5.0;       // [kg]
+constexpr double kMostHeating = 1e4;    // [s]
+constexpr double kLeastHeating = 0.1;   // [s]
+constexpr double kMostStale = 2.0;      // [s]: an older switch state is not reliable
+constexpr double kLongestStep = 600.0;  // [s]
+constexpr int kMostBytes = 1024;        // of a report
+constexpr std::size_t kMostFlags = 1024;
+constexpr std::size_t kMostReports = 16;
+constexpr std::size_t kMostSteps = 64;
+constexpr std::size_t kMostMasses = 16;
+
+/// True for the norm of a vector that has a direction and a finite square.
+bool isLength(double norm) {
+  return norm > 1e-6 && norm < 1e6;
+}
+
+JsonType<double> lengthType() {
+  return jsonPositiveUpTo(kMostLength, "metres");
+}
+
+/// A position in metres.
+JsonType<Vec3> placeType() {
+  return jsonNumbers<3>(jsonUpTo(kMostLength, "metres")).as<Vec3>([](const auto& v) {
+    return Vec3(v[0], v[1], v[2]);
+  });
+}
+
+/// Numbers of a device are written in hexadecimal, as is usual: "16C0".
+JsonType<std::uint16_t> hexType() {
+  return jsonMatching("^(0[xX])?[0-9A-Fa-f]{1,4}$", "it is not a hexadecimal number of 16 bits",
+                      "write it as lsusb does, as \"16C0\"")
+      .as<std::uint16_t>([](const std::string& text) {
+        const std::size_t begin = text.size() > 2 && (text[1] == 'x' || text[1] == 'X') ? 2 : 0;
+        std::uint16_t value = 0;
+        std::from_chars(text.data() + begin, text.data() + text.size(), value, 16);
+        return value;
+      });
+}
+
+JsonType<HidMatch> matchType() {
+  return JsonObject<HidMatch>()
+      .need("vendor", hexType(), &HidMatch::vendor)
+      .need("product", hexType(), &HidMatch::product)
+      .may("usage_page", hexType(), &HidMatch::usage_page)
+      .may("usage", hexType(), &HidMatch::usage)
+      .type();
+}
+
+JsonType<FileField> fieldType() {
+  using Type = ReportField::Type;
+  return JsonObject<FileField>()
+      .need("bit",
+            jsonWhole(0, 8 * kMostBytes - 1)
+                .says("Its lowest bit, from the first byte after the report's number."),
+            &FileField::bit)
+      .need("bits", jsonWhole(1, 32), &FileField::bits)
+      .may("type",
+           jsonWord<Type>(
+               {{"unsigned", Type::kUnsigned}, {"signed", Type::kSigned}, {"float", Type::kFloat}})
+               .says("Default signed; of one bit unsigned."),
+           &FileField::type)
+      .may("big_endian", jsonFlag(), &FileField::big_endian)
+      .may("scale",
+           jsonNumber()
+               .where([](double scale) { return scale != 0.0; }, "it is 0",
+                      "write what one count is")
+               .also({{"not", {{"const", 0}}}})
+               .says("value = scale * raw + offset; of what is sent, raw = scale * value + "
+                     "offset."),
+           &FileField::scale)
+      .may("offset", jsonNumber(), &FileField::offset)
+      .may("least", jsonNumber().says("Raw, of what is sent."), &FileField::least)
+      .may("most", jsonNumber(), &FileField::most)
+      .may("wraps", jsonFlag().says("A counter that begins anew beyond its bits."),
+           &FileField::wraps)
+      .may("rest",
+           jsonNumber().says("Raw, of what is sent and no motor's: what stands in it where no step "
+                             "sends anything else. Default 0."),
+           &FileField::rest)
+      .type();
+}
+
+JsonObject<FileReport> reportRows(const JsonType<FileField>& field) {
+  return JsonObject<FileReport>()
+      .may("id", jsonWhole(1, 255), &FileReport::id)
+      .need("size", jsonWhole(1, kMostBytes), &FileReport::size)
+      .need("fields", jsonMap(field, 0, "it is not an object", "write { \"name\": {...} }"),
+            &FileReport::fields);
+}
+
+JsonType<FileReport> inputType(const JsonType<FileField>& field) {
+  return reportRows(field)
+      .may("sequence",
+           jsonText().says("The field that counts readings of the encoders; one that has the same "
+                           "number again is the last report, sent again."),
+           &FileReport::sequence)
+      .may("stale",
+           jsonPositiveUpTo(kMostStale, "seconds")
+               .says("For so long the flags in it are believed [s]. Default: as limits/stale."),
+           &FileReport::stale)
+      .type();
+}
+
+JsonType<FileFlag> flagType() {
+  using Means = HidFlag::Means;
+  return JsonObject<FileFlag>()
+      .need("field", jsonName(), &FileFlag::field)
+      .may("equals", jsonNumber(), [](FileFlag& to, double equals) { to.flag.equals = equals; })
+      .need("means",
+            jsonWord<Means>({{"homed", Means::kHomed},
+                             {"enabled", Means::kEnabled},
+                             {"hot", Means::kHot},
+                             {"unpowered", Means::kUnpowered},
+                             {"open", Means::kOpen}}),
+            [](FileFlag& to, Means means) { to.flag.means = means; })
+      .type();
+}
+
+/// Returns a setter for a number of a FileJoint.
+auto to(double HidJoint::*member) {
+  return [member](FileJoint& joint, double value) { joint.joint.*member = value; };
+}
+
+JsonType<FileJoint> jointType() {
+  constexpr const char* kMotor = "a motor and its torque constant belong together";
+  constexpr const char* kHeat = "what a motor holds for ever and its heating time belong together";
+  constexpr const char* kBoth = "give both or none";
+  const JsonType<double> heating =
+      jsonPositiveUpTo(kMostHeating, "seconds")
+          .where([](double value) { return value >= kLeastHeating; },
+                 "less than 0.1 s: no winding heats as fast", "write it in seconds")
+          .also({{"minimum", kLeastHeating}});
+  return JsonObject<FileJoint>()
+      .need("from", jsonName(), &FileJoint::from)
+      .may("ratio",
+           jsonNumber()
+               .where([](double ratio) { return ratio != 0.0; }, "it is 0",
+                      "write the encoder's radians a joint radian, 1 without gear")
+               .also({{"not", {{"const", 0}}}})
+               .says("Encoder radians a joint radian; negative where it turns the other way."),
+           to(&HidJoint::ratio))
+      .may("home",
+           jsonUpTo(kMostAngle, "radians")
+               .says("The joint where the field is zero, or the arm at home [rad]; of a slide "
+                     "[m]."),
+           to(&HidJoint::home))
+      .may("motor", jsonName(), &FileJoint::motor)
+      .may("torque_constant", jsonPositive().says("[N m] a unit of the output: an ampere."),
+           to(&HidJoint::torque_constant))
+      .may("continuous",
+           jsonPositive().says("What the motor holds for ever, in units of the output: amperes."),
+           to(&HidJoint::continuous))
+      .may("heating", heating.says("[s], the time constant of its winding's heat."),
+           to(&HidJoint::heating))
+      .needs("motor", "torque_constant", kMotor, kBoth)
+      .needs("torque_constant", "motor", kMotor, kBoth)
+      .needs("continuous", "heating", kHeat, kBoth)
+      .needs("heating", "continuous", kHeat, kBoth)
+      .needs("continuous", "motor", "the joint has no motor", "name it, or remove this")
+      .type();
+}
+
+JsonType<ChainLink> linkType() {
+  const JsonType<double> angle = jsonUpTo(kMostAngle, "radians");
+  const JsonType<double> length = jsonUpTo(kMostLength, "metres");
+  return JsonObject<ChainLink>()
+      .may("turn", angle.says("About z, added to the joint [rad]."), &ChainLink::turn)
+      .may("along", length.says("Along z [m]."), &ChainLink::along)
+      .may("across", length.says("Along the new x [m]."), &ChainLink::across)
+      .may("twist", angle.says("About it [rad]."), &ChainLink::twist)
+      .type();
+}
+
+using Rows = JsonObject<ProfileFile>;
+
+/// Returns a setter for a value of the geometry.
+template <class T>
+auto to(T FileGeometry::*member) {
+  return [member](ProfileFile& file, T value) { file.geometry.*member = std::move(value); };
+}
+
+/// One row per model: its lengths, its number of joints and its factory function.
+Rows kinematicsRows(const JsonType<FileJoint>& joint) {
+  const auto model = [&](std::size_t least, std::size_t most, const char* why, const char* says,
+                         auto make) {
+    return Rows()
+        .always([make](ProfileFile& file) { file.model = make; })
+        .need("joints", jsonList(joint, least, most, why, "give each of the model's").says(says),
+              [](ProfileFile& file, std::vector<FileJoint> joints) {
+                file.joints = std::move(joints);
+              });
+  };
+  constexpr const char* kThree = "it is not a list of 3 joints";
+  const JsonType<double> length = lengthType().says("[m]");
+  using G = FileGeometry;
+  return Rows()
+      .choose(
+          "model",
+          {{"cartesian", model(3, 3, kThree, "Three slides: x, y, z [m].",
+                               [](const G&) { return makeCartesian(); })},
+           {"chain",
+            model(3, kMostJoints, "it is not a list of 3 to 6 joints", "In the order of the links.",
+                  [](const G& g) { return makeChain(g.links, g.tip); })
+                .need("links",
+                      jsonList(linkType(), 3, kMostJoints, "it is not a list of 3 to 6 links",
+                               "write [{...}, ...]")
+                          .says("Of turning joints, by Denavit and Hartenberg."),
+                      to(&G::links))
+                .may("tip", placeType().says("In the last link's frame [m]."), to(&G::tip))},
+           {"capstan-arm",
+            model(3, 3, kThree,
+                  "A, B, C: x = cos A (b sin B + c sin C), y = sin A (b sin B + c sin C), z = "
+                  "a + b cos B - c cos C.",
+                  [](const G& g) { return makeCapstanArm(g.a, g.b, g.c); })
+                .need("a", jsonUpTo(kMostLength, "metres").says("[m]"), to(&G::a))
+                .need("b", length, to(&G::b))
+                .need("c", length, to(&G::c))},
+           {"pantograph",
+            model(2, 2, "it is not a list of 2 joints",
+                  "Five bars in a plane: motors at (0, 0) and (-base, 0).",
+                  [](const G& g) { return makePantograph(g.lengths, g.base); })
+                .need("lengths",
+                      jsonNumbers<4>(lengthType())
+                          .says("[m], in turn from the motor at (0, 0) round to that at "
+                                "(-base, 0)."),
+                      to(&G::lengths))
+                .need("base", jsonNotNegativeUpTo(kMostLength, "metres").says("[m]"),
+                      to(&G::base))},
+           {"delta", model(3, 3, kThree, "Clavel's: three motors on a circle, the tip below.",
+                           [](const G& g) { return makeDelta(g.base, g.plate, g.upper, g.fore); })
+                         .need("base", length, to(&G::base))
+                         .need("plate", length, to(&G::plate))
+                         .need("upper", length, to(&G::upper))
+                         .need("fore", length, to(&G::fore))}})
+      .may("home_at_open", jsonFlag(),
+           [](ProfileFile& file, bool flag) { file.profile.home_at_open = flag; })
+      .may("home_words", jsonText(),
+           [](ProfileFile& file, std::string words) { file.profile.home_words = std::move(words); })
+      .may("rate_control", jsonPositive().says("[m/s] at 1: the arm's position is a velocity."),
+           [](ProfileFile& file, double speed) { file.profile.rate_control = speed; });
+}
+
+JsonType<HidMass> massType() {
+  return JsonObject<HidMass>()
+      .need("mass", jsonPositiveUpTo(kMostMass, "kilograms").says("[kg]"), &HidMass::mass)
+      .may("link",
+           jsonWhole(0, static_cast<int>(kMostJoints) - 1)
+               .says("The link that it is fixed to, from the base, 0 the first; none: it is at the "
+                     "tip."),
+           &HidMass::link)
+      .may("centre", placeType().says("In the link's frame [m]: docs/profiles.md."),
+           &HidMass::centre)
+      .needs("centre", "link", "of no link", "add \"link\"; without both it is at the tip")
+      .type();
+}
+
+/// `down` is a direction and is normalised.
+Rows gravityRows() {
+  return Rows()
+      .may("down",
+           jsonNumbers<3>()
+               .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
+               .where([](const Vec3& down) { return isLength(down.norm()); }, "it is no direction",
+                      "write [0, 0, -1]")
+               .says("Where masses fall to, in the arm's frame; [0, 0, -1] where nothing is "
+                     "said."),
+           [](ProfileFile& file, const Vec3& down) { file.profile.down_D = down.normalized(); })
+      .need("masses",
+            jsonList(massType(), 0, kMostMasses, "it is not a list of at most 16 masses",
+                     "write [{\"mass\": 0.1}]"),
+            [](ProfileFile& file, std::vector<HidMass> masses) {
+              file.profile.masses = std::move(masses);
+            });
+}
+
+/// Returns a setter for a number of a FileTurn.
+auto to(double HidTurn::*member) {
+  return [member](FileTurn& turn, double value) { turn.turn.*member = value; };
+}
+
+JsonObject<FileTurn> encoderRows(const char* unit) {
+  return JsonObject<FileTurn>()
+      .need("from", jsonName(), &FileTurn::from)
+      .may("ratio",
+           jsonNumber()
+               .where([](double ratio) { return ratio != 0.0; }, "it is 0",
+                      "write the encoder's radians a radian, 1 without gear")
+               .also({{"not", {{"const", 0}}}})
+               .says("Encoder radians a radian; negative where it turns the other way."),
+           to(&HidTurn::ratio))
+      .may("home", jsonUpTo(kMostAngle, "radians").says(unit), to(&HidTurn::home));
+}
+
+JsonObject<FileTurn> jointRows() {
+  return JsonObject<FileTurn>().need(
+      "joint",
+      jsonWhole(0, static_cast<int>(kMostJoints) - 1)
+          .says("One of the kinematics' joints that turns it, 0 the first."),
+      [](FileTurn& turn, int joint) { turn.turn.joint = static_cast<std::size_t>(joint); });
+}
+
+JsonObject<FileTurn> axisRows(JsonObject<FileTurn> rows) {
+  return rows.need("axis",
+                   jsonNumbers<3>()
+                       .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
+                       .where([](const Vec3& axis) { return isLength(axis.norm()); },
+                              "it is no direction", "write [0, 0, 1]")
+                       .says("It turns about this, in the frame that the turns before it leave; "
+                             "the first in the arm's."),
+                   [](FileTurn& turn, const Vec3& axis) { turn.turn.axis = axis.normalized(); });
+}
+
+Rows handleRows() {
+  const JsonType<FileButton> button =
+      JsonObject<FileButton>()
+          .need("name", jsonName(),
+                [](FileButton& to, std::string name) { to.button.name = std::move(name); })
+          .need("field", jsonName(), &FileButton::field)
+          .may("equals", jsonNumber().says("Raw, while it is pressed; default 1."),
+               [](FileButton& to, double equals) { to.button.equals = equals; })
+          .type();
+  const JsonType<FileTurn> turn =
+      JsonObject<FileTurn>()
+          .chooseByKey(
+              {axisRows(jointRows()), axisRows(encoderRows("[rad] where the field is 0."))})
+          .type();
+  return Rows()
+      .may("buttons",
+           jsonList(button, 0, HandleInfo::kMostButtons, "it is not a list of at most 32 buttons",
+                    "write [{\"name\": \"dark\", \"field\": ...}]"),
+           &ProfileFile::buttons)
+      .may("orientation",
+           jsonList(turn, 1, 2 * kMostJoints, "it is not a list of 1 to 12 turns",
+                    "write [{\"joint\": 0, \"axis\": [0, 0, 1]}, ...]")
+               .says("How the handle is held: turns from the arm's frame to its own, in turn."),
+           &ProfileFile::orientation)
+      .may("gripper", encoderRows("How far it is open where the field is 0 [rad].").type(),
+           &ProfileFile::gripper);
+}
+
+Rows mountRows() {
+  return Rows()
+      .may("origin",
+           placeType().says("Of the arm's frame, the point that is the middle of the hand's world "
+                            "[m]."),
+           [](ProfileFile& file, const Vec3& origin) { file.profile.origin_D = origin; })
+      .may("rotation_wxyz",
+           jsonNumbers<4>()
+               .where([](const auto& q) { return isLength(Eigen::Vector4d(q.data()).norm()); },
+                      "it is no rotation", "give w, x, y, z, as [1, 0, 0, 0]")
+               .says("A quaternion that turns the arm's frame into the world's."),
+           &ProfileFile::rotation_wxyz);
+}
+
+JsonType<FileStep> stepType() {
+  using Kind = HidStep::Kind;
+  const auto kind = [](Kind value) { return [value](FileStep& step) { step.step.kind = value; }; };
+  const JsonType<double> seconds =
+      jsonPositiveUpTo(kLongestStep, "it is longer than 600 s", "use less");
+  const auto put_seconds = [](FileStep& step, double value) { step.step.seconds = value; };
+  const JsonObject<FileStep> wait =
+      JsonObject<FileStep>()
+          .need("field", jsonName(), &FileStep::field)
+          .need("equals", jsonNumber(),
+                [](FileStep& step, double value) { step.step.equals = value; })
+          .need("seconds", seconds, put_seconds)
+          .may("words", jsonText(),
+               [](FileStep& step, std::string words) { step.step.words = std::move(words); });
+  const JsonType<std::vector<int>> bytes =
+      jsonList(jsonWhole(0, 255), 1, kMostBytes, "it is not a list of bytes",
+               "write its number first, as [3, 0, 1]");
+  return JsonObject<FileStep>()
+      .chooseByKey(
+          {JsonObject<FileStep>()
+               .always(kind(Kind::kSend))
+               .need("send",
+                     jsonMap(jsonNumber(), 0, "it is not an object", "write {\"field\": number}")
+                         .says("Output fields, raw, for this report; the others rest."),
+                     &FileStep::send),
+           JsonObject<FileStep>()
+               .always(kind(Kind::kWait))
+               .mustHold("wait", wait, "Until an input field has this value, at most so long [s]."),
+           JsonObject<FileStep>().always(kind(Kind::kPause)).need("pause", seconds, put_seconds),
+           JsonObject<FileStep>()
+               .always(kind(Kind::kFeature))
+               .need("feature", bytes,
+                     [](FileStep& step, const std::vector<int>& values) {
+                       for (const int byte : values) {
+                         step.step.bytes.push_back(static_cast<std::byte>(byte));
+                       }
+                     })})
+      .type();
+}
+
+JsonObject<HidLimits> limitsRows() {
+  constexpr const char* kHeat = "a continuous force and its heating time belong together";
+  constexpr const char* kBoth = "give both or none";
+  return JsonObject<HidLimits>()
+      .need("force", jsonPositiveUpTo(kMostForce, "newtons").says("[N]"), &HidLimits::force)
+      .need("stiffness", jsonPositiveUpTo(kMostStiffness, "N/m").says("[N/m]"),
+            &HidLimits::stiffness)
+      .need("damping", jsonNotNegativeUpTo(kMostDamping, "N s/m").says("[N s/m]"),
+            &HidLimits::damping)
+      .need("workspace_radius",
+            lengthType().says("[m], about the middle of the hand's world: scenes are fitted into "
+                              "it."),
+            &HidLimits::workspace_radius)
+      .may("slew", jsonPositiveUpTo(kMostSlew, "N/s").says("[N/s], default 2000."),
+           &HidLimits::slew)
+      .may("stale", jsonPositive().says("[s], default 0.05: an older position cuts the force."),
+           &HidLimits::stale)
+      .may("speed", jsonPositive().says("[m/s], default 3: braked above, cut where it stays so."),
+           &HidLimits::speed)
+      .may("continuous", jsonPositive().says("[N] that the motors hold for ever."),
+           &HidLimits::continuous)
+      .may("heating", jsonPositive().says("[s], the time constant of their heat."),
+           &HidLimits::heating)
+      .needs("continuous", "heating", kHeat, kBoth)
+      .needs("heating", "continuous", kHeat, kBoth);
+}
+
+/// An axis of a PID device.
+JsonType<PidAxisSpec> pidAxisType() {
+  const auto not_zero = [](double value) { return value != 0.0; };
+  const JsonSchema no_zero = {{"not", {{"const", 0}}}};
+  return JsonObject<PidAxisSpec>()
+      .need("axis",
+            jsonWord<int>({{"x", 0}, {"y", 1}, {"z", 2}})
+                .says("Its usage in the device's own descriptor, and the arm's axis."),
+            &PidAxisSpec::axis)
+      .need("way",
+            jsonUpTo(kMostLength, "metres")
+                .where(not_zero, "it is 0", "measure how far the grip goes")
+                .also(no_zero)
+                .says("How far the grip goes from the least position to the most [m]; negative "
+                      "where it goes the other way."),
+            &PidAxisSpec::way)
+      .need("force",
+            jsonUpTo(kMostForce, "newtons")
+                .where(not_zero, "it is 0", "measure its force at the grip")
+                .also(no_zero)
+                .says("At the grip at full magnitude and gain [N]; negative where it pushes the "
+                      "other way."),
+            &PidAxisSpec::force)
+      .type();
+}
+
+struct Table {
+  JsonSchema definitions;
+  Rows profile;
+};
+
+const Table& table() {
+  static const Table made = [] {
+    Table t;
+    const auto field = fieldType().defined("field", t.definitions);
+    const auto step = stepType().defined("step", t.definitions);
+    const auto steps = [&] {
+      return jsonList(step, 0, kMostSteps, "it is not a list of at most 64 steps",
+                      "write [{\"pause\": 0.1}]");
+    };
+    const auto limits = [](ProfileFile& file, const HidLimits& of) { file.profile.limits = of; };
+    const Rows raw =
+        Rows()
+            .need("input",
+                  jsonList(inputType(field).defined("input", t.definitions), 1, kMostReports,
+                           "it is not a list of 1 to 16 reports",
+                           "write [{\"size\": ..., \"fields\": ...}]"),
+                  &ProfileFile::input)
+            .may("output", reportRows(field).type().defined("output", t.definitions),
+                 &ProfileFile::output)
+            .may(
+                "flags",
+                jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
+                &ProfileFile::flags)
+            .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
+                      "From joints to the tip.")
+            .mayHold("gravity", gravityRows(), "What the arm's motors carry of its own weight.")
+            .mayHold("handle", handleRows(),
+                     "What the application is told beside where the tip is.")
+            .may("open", steps(), &ProfileFile::open)
+            .may("home", steps(), &ProfileFile::home)
+            .may("close", steps(), &ProfileFile::close)
+            .may("limits", limitsRows().type(), limits)
+            .needs("output", "limits", "an arm with an output has limits", "add \"limits\"");
+    const Rows pid_rows =
+        Rows().need("axes",
+                    jsonList(pidAxisType(), 1, 3, "it is not a list of 1 to 3 axes",
+                             "write [{\"axis\": \"x\", \"way\": 0.1, \"force\": 5}]"),
+                    [](ProfileFile& file, std::vector<PidAxisSpec> axes) {
+                      file.profile.pid = std::move(axes);
+                    });
+    const Rows pid =
+        Rows()
+            .mustHold("pid", pid_rows,
+                      "A device of USB's PID class, which describes its reports itself.")
+            .need("limits", limitsRows().type(), limits);
+    t.profile.remark("$schema")
+        .version("palpate_arm", 1, "Version of this format.")
+        .need("name",
+              jsonMatching("^[A-Za-z0-9_.-]{1,64}$", "it has other characters",
+                           "use letters, digits, - and _, at most 64"),
+              [](ProfileFile& file, std::string name) { file.profile.name = std::move(name); })
+        .may(
+            "description", jsonText(),
+            [](ProfileFile& file, std::string text) { file.profile.description = std::move(text); })
+        .may("firmware", jsonText(),
+             [](ProfileFile& file, std::string text) { file.profile.firmware = std::move(text); })
+        .need("match",
+              jsonList(matchType(), "it is not a list of devices",
+                       "write [{\"vendor\": \"16C0\", \"product\": \"0486\"}]"),
+              [](ProfileFile& file, std::vector<HidMatch> match) {
+                file.profile.match = std::move(match);
+              })
+        .mustHold("rate",
+                  Rows()
+                      .always([](ProfileFile& file) { file.profile.output_rate = 0.0; })
+                      .need("input", jsonPositive(),
+                            [](ProfileFile& file, double rate) { file.profile.input_rate = rate; })
+                      .may("output", jsonPositive(),
+                           [](ProfileFile& file, double rate) { file.profile.output_rate = rate; }),
+                  "Reports a second, as the maker says.")
+        .mayHold("mount", mountRows(), "How the arm's frame lies in the hand's world.")
+        .may("sources", jsonMap(jsonText(), 0, "it is not an object", "write {\"/limits\": ...}"),
+             [](ProfileFile& file, std::map<std::string, std::string> sources) {
+               file.profile.sources = std::move(sources);
+             })
+        .chooseByKey({raw, pid});
+    return t;
+  }();
+  return made;
+}
+
+}  // namespace
+
+const JsonObject<ProfileFile>& profileTable() {
+  return table().profile;
+}
+
+JsonSchema profileTableSchema() {
+  return jsonFileSchema("palpate arm, version 1",
+                        "A force-feedback arm that speaks HID: how it is found, its reports, "
+                        "geometry and limits. docs/profiles.md.",
+                        table().profile.schema(), table().definitions);
+}
+
+}  // namespace palpate

@@ -1,0 +1,88 @@
+/// Private to devices and scenes: reads JSON files that people write. Checks every value, and
+/// reports each error in one line with the value's path.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+namespace palpate {
+
+using Json = nlohmann::json;
+
+/// Throws an error in a file.
+using JsonRaise = void (*)(const std::string& where, const std::string& why,
+                           const std::string& remedy);
+
+/// Throws a SceneError, a DeviceError, or another error of this form.
+template <class Trouble>
+[[noreturn]] void raiseAs(const std::string& where, const std::string& why,
+                          const std::string& remedy) {
+  throw Trouble(where, why, remedy);
+}
+
+/// A value of a file and its path. Every function that reads the value checks it and names the
+/// error.
+class JsonNode {
+ public:
+  /// @param source  The file, named in errors. The value and `raise` have to outlive the node.
+  JsonNode(const Json& json, std::string source, std::string path, JsonRaise raise)
+      : json_(&json), source_(std::move(source)), path_(std::move(path)), raise_(raise) {}
+
+  [[noreturn]] void fail(const std::string& why, const std::string& remedy) const;
+  [[nodiscard]] bool has(const std::string& key) const { return json_->contains(key); }
+  [[nodiscard]] const Json& json() const { return *json_; }
+
+  [[nodiscard]] JsonNode child(const std::string& key) const;
+  [[nodiscard]] JsonNode need(const std::string& key) const;
+  [[nodiscard]] JsonNode element(std::size_t i) const;
+
+  /// Checks that this is an object with keys only from `keys` and `also`. Errors do not mention
+  /// `also`.
+  const JsonNode& object(const std::vector<std::string>& keys,
+                         const std::vector<std::string>& also = {}) const;
+  [[nodiscard]] double number() const;
+  [[nodiscard]] double positive() const;
+  [[nodiscard]] double notNegative() const;
+  /// Reads a number of at most this size; detects values in millimetres or degrees.
+  [[nodiscard]] double sized(double most, const char* unit) const;
+  [[nodiscard]] std::string text() const;
+  [[nodiscard]] std::string name() const;
+  [[nodiscard]] bool flag() const;
+  [[nodiscard]] int whole(int least, int most) const;
+  template <std::size_t N>
+  [[nodiscard]] std::array<double, N> numbers() const {
+    if (!json_->is_array() || json_->size() != N) {
+      fail(fmt::format("it is not a list of {} numbers", N), "write [ ... ]");
+    }
+    std::array<double, N> values{};
+    for (std::size_t i = 0; i < N; ++i) values[i] = element(i).number();
+    return values;
+  }
+  /// Returns the index of the value in this list.
+  [[nodiscard]] std::size_t wordAmong(const std::vector<std::string>& words) const;
+  /// Returns the value that belongs to the word.
+  template <class T>
+  [[nodiscard]] T word(const std::vector<std::pair<const char*, T>>& words) const {
+    std::vector<std::string> names;
+    names.reserve(words.size());
+    for (const auto& [name, value] : words) names.emplace_back(name);
+    return words[wordAmong(names)].second;
+  }
+
+ private:
+  const Json* json_;
+  std::string source_;
+  std::string path_;
+  JsonRaise raise_;
+};
+
+/// Parses text as JSON. Reports a syntax error in one line, and rejects a repeated key.
+[[nodiscard]] Json parseJson(const std::string& text, const std::string& source, JsonRaise raise);
+
+}  // namespace palpate

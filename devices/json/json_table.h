@@ -1,0 +1,457 @@
+/// Private to devices and scenes: tables of the allowed content of a JSON file. One table reads the
+/// file, rejects unknown content, and prints the file's JSON Schema, so that the three always
+/// agree. Slow: for reading files.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cstddef>
+#include <functional>
+#include <initializer_list>
+#include <limits>
+#include <map>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "palpate/devices/json/json_node.h"
+
+namespace palpate {
+
+/// A JSON Schema, draft 7, with keys in the order in which they were given.
+using JsonSchema = nlohmann::ordered_json;
+
+/// The type of a value: the schema that describes the value, and the function that reads it. `read`
+/// rejects all that the schema rejects, and may reject more.
+template <class T>
+struct JsonType {
+  JsonSchema schema;
+  std::function<T(const JsonNode&)> read;
+
+  /// Returns the same type with a description in its schema.
+  [[nodiscard]] JsonType says(const char* description) const {
+    JsonType type = *this;
+    type.schema["description"] = description;
+    return type;
+  }
+  /// Returns the same type with more keys in its schema.
+  [[nodiscard]] JsonType also(const JsonSchema& more) const {
+    JsonType type = *this;
+    type.schema.update(more);
+    return type;
+  }
+  /// Returns a type that converts the value by `make`.
+  template <class U, class Make>
+  [[nodiscard]] JsonType<U> as(Make make) const {
+    return {schema, [read = read, make](const JsonNode& node) -> U { return make(read(node)); }};
+  }
+  /// Returns a type that rejects values unless `good` holds, which a schema cannot express.
+  template <class Good>
+  [[nodiscard]] JsonType where(Good good, const char* why, const char* remedy) const {
+    return {schema, [read = read, good, why, remedy](const JsonNode& node) {
+              T value = read(node);
+              if (!good(value)) node.fail(why, remedy);
+              return value;
+            }};
+  }
+  /// Adds the schema to "definitions" by a name, and returns a type that refers to it.
+  [[nodiscard]] JsonType defined(const char* name, JsonSchema& definitions) const {
+    definitions[name] = schema;
+    return {{{"$ref", std::string("#/definitions/") + name}}, read};
+  }
+};
+
+// Types of single values. Their ranges are inclusive, except for jsonPositive().
+
+[[nodiscard]] JsonType<double> jsonNumber();
+[[nodiscard]] JsonType<double> jsonPositive();
+[[nodiscard]] JsonType<double> jsonNotNegative();
+[[nodiscard]] JsonType<int> jsonWhole(int least, int most);
+[[nodiscard]] JsonType<bool> jsonFlag();
+[[nodiscard]] JsonType<std::string> jsonText();
+[[nodiscard]] JsonType<std::string> jsonName();  ///< A text that is not empty.
+
+/// A number > 0 and at most `most`.
+[[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* why, const char* remedy);
+/// A number > 0 and at most `most` in `unit`; detects values in millimetres or degrees.
+[[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* unit);
+/// A number >= 0 and at most `most` in `unit`.
+[[nodiscard]] JsonType<double> jsonNotNegativeUpTo(double most, const char* unit);
+/// A number of at most this size in `unit`, positive or negative.
+[[nodiscard]] JsonType<double> jsonUpTo(double most, const char* unit);
+/// A text that matches a regular expression of ECMAScript. Its repetitions have to be bounded: the
+/// library matches them by recursion.
+[[nodiscard]] JsonType<std::string> jsonMatching(const char* pattern, const char* why,
+                                                 const char* remedy);
+
+/// N numbers, each of its own type.
+template <std::size_t N>
+[[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
+    const std::array<JsonType<double>, N>& each) {
+  JsonSchema items = JsonSchema::array();
+  for (const JsonType<double>& number : each) items.push_back(number.schema);
+  return {{{"type", "array"}, {"items", items}, {"minItems", N}, {"maxItems", N}},
+          [each](const JsonNode& node) {
+            std::array<double, N> values = node.numbers<N>();
+            for (std::size_t i = 0; i < N; ++i) values[i] = each[i].read(node.element(i));
+            return values;
+          }};
+}
+/// N numbers of one type.
+template <std::size_t N>
+[[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
+    const JsonType<double>& number = jsonNumber()) {
+  std::array<JsonType<double>, N> each;
+  each.fill(number);
+  JsonType<std::array<double, N>> type = jsonNumbers(each);
+  type.schema["items"] = number.schema;
+  return type;
+}
+
+/// One of these words.
+template <class T>
+[[nodiscard]] JsonType<T> jsonWord(std::vector<std::pair<const char*, T>> words) {
+  JsonSchema names = JsonSchema::array();
+  for (const auto& [name, value] : words) names.push_back(name);
+  return {{{"enum", names}},
+          [words = std::move(words)](const JsonNode& node) { return node.word<T>(words); }};
+}
+/// One of these values, by the words of wordFor().
+template <class T>
+[[nodiscard]] JsonType<T> jsonWordOf(std::initializer_list<T> values) {
+  std::vector<std::pair<const char*, T>> words;
+  for (const T value : values) words.emplace_back(wordFor(value), value);
+  return jsonWord<T>(std::move(words));
+}
+
+/// A list of `least` to `most` elements; `why` and `remedy` are the error for all other values.
+template <class T>
+[[nodiscard]] JsonType<std::vector<T>> jsonList(const JsonType<T>& element, std::size_t least,
+                                                std::size_t most, const char* why,
+                                                const char* remedy) {
+  return {{{"type", "array"}, {"minItems", least}, {"maxItems", most}, {"items", element.schema}},
+          [read = element.read, least, most, why, remedy](const JsonNode& node) {
+            const std::size_t size = node.json().is_array() ? node.json().size() : most + 1;
+            if (size < least || size > most) node.fail(why, remedy);
+            std::vector<T> values;
+            values.reserve(size);
+            for (std::size_t i = 0; i < size; ++i) values.push_back(read(node.element(i)));
+            return values;
+          }};
+}
+/// A list of at least one element.
+template <class T>
+[[nodiscard]] JsonType<std::vector<T>> jsonList(const JsonType<T>& element, const char* why,
+                                                const char* remedy) {
+  JsonType<std::vector<T>> list =
+      jsonList(element, 1, std::numeric_limits<std::size_t>::max() - 1, why, remedy);
+  list.schema.erase("maxItems");
+  return list;
+}
+
+/// Values by names that the file's author chooses; `why` and `remedy` are the error if there are
+/// fewer than `least`.
+template <class T>
+[[nodiscard]] JsonType<std::map<std::string, T>> jsonMap(const JsonType<T>& value,
+                                                         std::size_t least, const char* why,
+                                                         const char* remedy) {
+  return {{{"type", "object"}, {"minProperties", least}, {"additionalProperties", value.schema}},
+          [read = value.read, least, why, remedy](const JsonNode& node) {
+            if (!node.json().is_object() || node.json().size() < least) node.fail(why, remedy);
+            std::map<std::string, T> values;
+            for (const auto& [name, ignored] : node.json().items())
+              values[name] = read(node.child(name));
+            return values;
+          }};
+}
+
+/// A number, or an object.
+template <class T>
+[[nodiscard]] JsonType<T> jsonNumberOr(const JsonType<T>& number, const JsonType<T>& other) {
+  return {{{"oneOf", JsonSchema::array({number.schema, other.schema})}},
+          [number = number.read, other = other.read](const JsonNode& node) {
+            if (node.json().is_number()) return number(node);
+            if (node.json().is_object()) return other(node);
+            node.fail(node.json().dump() + " is neither a number nor an object",
+                      "write a number or { ... }");
+          }};
+}
+
+/// Returns the schema of a whole file with the keys of `object`.
+[[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
+                                        const JsonSchema& object, const JsonSchema& definitions);
+
+/// The keys that an object may have, row by row, and their places in a Spec. Rows are read in their
+/// order, rows of a choice after the rows beside it.
+template <class Spec>
+class JsonObject {
+ public:
+  /// Adds a key that is required (need) or optional (may). `put`: a member of Spec, or a function
+  /// of the Spec and the value.
+  template <class T, class Put>
+  JsonObject& need(const char* key, const JsonType<T>& type, Put put) {
+    return add(key, type, put, true);
+  }
+  template <class T, class Put>
+  JsonObject& may(const char* key, const JsonType<T>& type, Put put) {
+    return add(key, type, put, false);
+  }
+  /// Adds a text for people, which is not used.
+  JsonObject& remark(const char* key) {
+    return may(key, jsonText(), [](Spec&, const std::string&) {});
+  }
+  /// Adds the format's version.
+  JsonObject& version(const char* key, int number, const char* description) {
+    rows_.push_back({key,
+                     {{"const", number}, {"description", description}},
+                     true,
+                     [number](const JsonNode& node, Spec&) {
+                       if (node.number() == number) return;
+                       node.fail(node.json().dump() + " is a version this program does not know",
+                                 "write " + std::to_string(number));
+                     }});
+    return *this;
+  }
+  /// Adds an object with rows for the same Spec, optional (mayHold) or required (mustHold).
+  JsonObject& mayHold(const char* key, const JsonObject& object, const char* description) {
+    return hold(key, object, description, false);
+  }
+  JsonObject& mustHold(const char* key, const JsonObject& object, const char* description) {
+    return hold(key, object, description, true);
+  }
+  /// Rejects keys that are probably a mistake, with a message of their own.
+  JsonObject& refuse(std::vector<const char*> keys, const char* why, const char* remedy) {
+    for (const char* key : keys) refusals_.push_back({key, why, remedy});
+    return *this;
+  }
+  /// Rejects `key` without `other`.
+  JsonObject& needs(const char* key, const char* other, const char* why, const char* remedy) {
+    relations_.push_back({key, other, true, why, remedy});
+    return *this;
+  }
+  /// Rejects `key` together with `other`.
+  JsonObject& either(const char* key, const char* other, const char* why, const char* remedy) {
+    relations_.push_back({key, other, false, why, remedy});
+    return *this;
+  }
+  /// Calls `set` wherever these rows apply, before they are read.
+  JsonObject& always(std::function<void(Spec&)> set) {
+    set_.push_back(std::move(set));
+    return *this;
+  }
+
+  /// Adds several sets of further rows; the word of `key` selects one set.
+  JsonObject& choose(const char* key, std::vector<std::pair<const char*, JsonObject>> objects) {
+    key_ = key;
+    for (auto& [word, object] : objects) choices_.push_back({word, std::move(object)});
+    return *this;
+  }
+  /// Adds several sets of further rows; the set applies that has its first key in the file.
+  JsonObject& chooseByKey(std::vector<JsonObject> objects) {
+    for (JsonObject& object : objects) {
+      std::string first = object.rows_.front().key;
+      choices_.push_back({std::move(first), std::move(object)});
+    }
+    return *this;
+  }
+
+  /// Adds all content of another object, which has no choices.
+  JsonObject& with(const JsonObject& other) {
+    assert(other.choices_.empty());
+    rows_.insert(rows_.end(), other.rows_.begin(), other.rows_.end());
+    refusals_.insert(refusals_.end(), other.refusals_.begin(), other.refusals_.end());
+    set_.insert(set_.end(), other.set_.begin(), other.set_.end());
+    relations_.insert(relations_.end(), other.relations_.begin(), other.relations_.end());
+    return *this;
+  }
+
+  void read(const JsonNode& node, Spec& spec) const {
+    std::vector<std::string> all;
+    addKeys(all);
+    node.object(all, refused());
+    std::vector<const JsonObject*> chosen{this};
+    std::string words;  // words of the choices, for messages
+    refuseKeys(node);
+    while (const Choice* choice = chosen.back()->choiceOf(node)) {
+      words += (words.empty() ? "" : ", ") + chosen.back()->named(*choice);
+      chosen.push_back(&choice->object);
+      choice->object.refuseKeys(node);
+    }
+    for (const auto& [key, value] : node.json().items()) {
+      const bool known =
+          std::any_of(chosen.begin(), chosen.end(),
+                      [&key = key](const auto* object) { return object->holds(key); });
+      if (!known) node.child(key).fail(words + " has no such key", "remove it");
+    }
+    for (const JsonObject* object : chosen) object->readRows(node, spec);
+  }
+  /// Returns a type that reads this object into a Spec with default values.
+  [[nodiscard]] JsonType<Spec> type() const {
+    return {schema(), [object = *this](const JsonNode& node) {
+              Spec spec;
+              object.read(node, spec);
+              return spec;
+            }};
+  }
+  /// Returns the schema: one closed object for each choice.
+  [[nodiscard]] JsonSchema schema() const {
+    std::vector<JsonSchema> closed;
+    addSchemas({{"type", "object"},
+                {"required", JsonSchema::array()},
+                {"additionalProperties", false},
+                {"properties", JsonSchema::object()}},
+               closed);
+    if (closed.size() == 1) return closed.front();
+    return {{"oneOf", closed}};
+  }
+
+ private:
+  struct Row {
+    std::string key;
+    JsonSchema schema;
+    bool needed = false;
+    std::function<void(const JsonNode&, Spec&)> read;
+  };
+  struct Refusal {
+    std::string key;
+    const char* why;
+    const char* remedy;
+  };
+  struct Relation {
+    std::string key;
+    std::string other;
+    bool needed;  ///< False: excluded.
+    const char* why;
+    const char* remedy;
+  };
+  struct Choice;
+
+  template <class T, class Put>
+  JsonObject& add(const char* key, const JsonType<T>& type, Put put, bool needed) {
+    rows_.push_back(
+        {key, type.schema, needed, [read = type.read, put](const JsonNode& node, Spec& spec) {
+           if constexpr (std::is_member_object_pointer_v<Put>) {
+             spec.*put = read(node);
+           } else {
+             put(spec, read(node));
+           }
+         }});
+    return *this;
+  }
+
+  JsonObject& hold(const char* key, const JsonObject& object, const char* description,
+                   bool needed) {
+    JsonSchema schema = object.schema();
+    schema["description"] = description;
+    rows_.push_back({key, std::move(schema), needed,
+                     [object](const JsonNode& node, Spec& spec) { object.read(node, spec); }});
+    return *this;
+  }
+
+  [[nodiscard]] bool holds(const std::string& key) const {
+    return key == key_ ||
+           std::any_of(rows_.begin(), rows_.end(), [&](const Row& row) { return row.key == key; });
+  }
+
+  /// Adds every key that this object or a choice of it knows.
+  void addKeys(std::vector<std::string>& all) const {
+    const auto add = [&](const std::string& key) {
+      if (std::find(all.begin(), all.end(), key) == all.end()) all.push_back(key);
+    };
+    for (const Row& row : rows_) add(row.key);
+    if (!key_.empty()) add(key_);
+    for (const Choice& choice : choices_) choice.object.addKeys(all);
+  }
+  /// Returns every key that this object or a choice of it rejects with a message of its own.
+  [[nodiscard]] std::vector<std::string> refused() const {
+    std::vector<std::string> keys;
+    for (const Refusal& refusal : refusals_) keys.push_back(refusal.key);
+    for (const Choice& choice : choices_) {
+      const std::vector<std::string> more = choice.object.refused();
+      keys.insert(keys.end(), more.begin(), more.end());
+    }
+    return keys;
+  }
+
+  /// Returns null if the object has no choices.
+  [[nodiscard]] const Choice* choiceOf(const JsonNode& node) const {
+    if (choices_.empty()) return nullptr;
+    std::vector<std::string> words;
+    for (const Choice& choice : choices_) words.push_back(choice.word);
+    if (!key_.empty()) return &choices_[node.need(key_).wordAmong(words)];
+    const Choice* found = nullptr;
+    std::size_t count = 0;
+    std::string listed;
+    for (const Choice& choice : choices_) {
+      listed += (listed.empty() ? "" : ", ") + choice.word;
+      if (!node.has(choice.word)) continue;
+      found = &choice;
+      ++count;
+    }
+    if (count != 1) node.fail("it has none or several of its kinds", "give one of " + listed);
+    return found;
+  }
+  [[nodiscard]] std::string named(const Choice& choice) const {
+    return key_.empty() ? "\"" + choice.word + "\"" : key_ + " " + choice.word;
+  }
+
+  void refuseKeys(const JsonNode& node) const {
+    for (const Refusal& refusal : refusals_) {
+      if (node.has(refusal.key)) node.child(refusal.key).fail(refusal.why, refusal.remedy);
+    }
+  }
+
+  void readRows(const JsonNode& node, Spec& spec) const {
+    for (const Row& row : rows_) {
+      if (row.needed) (void)node.need(row.key);
+    }
+    for (const Relation& relation : relations_) {
+      if (!node.has(relation.key) || node.has(relation.other) == relation.needed) continue;
+      node.child(relation.key).fail(relation.why, relation.remedy);
+    }
+    for (const auto& set : set_) set(spec);
+    for (const Row& row : rows_) {
+      if (node.has(row.key)) row.read(node.child(row.key), spec);
+    }
+  }
+
+  void addSchemas(JsonSchema schema, std::vector<JsonSchema>& closed) const {
+    for (const Row& row : rows_) {
+      schema["properties"][row.key] = row.schema;
+      if (row.needed) schema["required"].push_back(row.key);
+    }
+    for (const Relation& relation : relations_) {
+      if (relation.needed) {
+        schema["dependencies"][relation.key].push_back(relation.other);
+      } else {
+        schema["allOf"].push_back({{"not", {{"required", {relation.key, relation.other}}}}});
+      }
+    }
+    if (choices_.empty()) closed.push_back(schema);
+    for (const Choice& choice : choices_) {
+      JsonSchema one = schema;
+      if (!key_.empty()) {
+        one["properties"][key_] = {{"const", choice.word}};
+        one["required"].push_back(key_);
+      }
+      choice.object.addSchemas(std::move(one), closed);
+    }
+  }
+
+  std::vector<Row> rows_;
+  std::vector<Refusal> refusals_;
+  std::vector<Relation> relations_;
+  std::vector<std::function<void(Spec&)>> set_;
+  std::string key_;  ///< Key that selects a choice; empty: their first keys do.
+  std::vector<Choice> choices_;
+};
+
+template <class Spec>
+struct JsonObject<Spec>::Choice {
+  std::string word;
+  JsonObject object;
+};
+
+}  // namespace palpate

@@ -1,0 +1,304 @@
+#include "palpate/devices/plugins/plugin_library.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <dlfcn.h>
+#include <mutex>
+#include <set>
+#include <sstream>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+#include <utility>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/loop/realtime.h"
+
+namespace palpate {
+namespace {
+
+constexpr std::size_t kErrorRoom = 1024;
+constexpr const char* kEnding = ".so";
+
+/// The plug-in's host, for the C functions below. If several plug-ins are loaded, the newest one's.
+PluginHost& hostNow() {
+  static PluginHost host;
+  return host;
+}
+
+extern "C" void sayToUser(const char* words) {
+  if (words != nullptr && hostNow().say) hostNow().say(words);
+}
+extern "C" int askWhetherEnds() {
+  return hostNow().ends && hostNow().ends() ? 1 : 0;
+}
+extern "C" int64_t tellTime() {
+  return nowNs();
+}
+extern "C" const void* tellExtension(const char* /*name*/) {
+  return nullptr;
+}
+
+constexpr palpate_plugin_host kHost{sizeof(palpate_plugin_host), sayToUser, askWhetherEnds,
+                                    tellTime, tellExtension};
+
+/// The loaded plug-ins; each file at most once.
+class Loaded {
+ public:
+  /// Returns false if it is loaded already.
+  static bool add(const std::string& name) {
+    const std::lock_guard lock(mutex());
+    return names().insert(name).second;
+  }
+  static void remove(const std::string& name) {
+    const std::lock_guard lock(mutex());
+    names().erase(name);
+  }
+
+ private:
+  static std::mutex& mutex() {
+    static std::mutex own;
+    return own;
+  }
+  static std::set<std::string>& names() {
+    static std::set<std::string> own;
+    return own;
+  }
+};
+
+/// Returns true if a struct is large enough for the member that ends at `end`.
+template <class Struct>
+bool reaches(const Struct* what, std::size_t end) {
+  return what != nullptr && what->size >= end;
+}
+#define PALPATE_REACHES(what, type, member) \
+  reaches(what, offsetof(type, member) + sizeof(type::member))
+
+std::string orNone(const char* text) {
+  return text != nullptr ? text : "";
+}
+
+/// Returns true if a name can be that of a file: not a path, not an option.
+bool plain(const std::string& name) {
+  return !name.empty() && name.size() <= 64 && name[0] != '-' &&
+         std::all_of(name.begin(), name.end(),
+                     [](unsigned char c) { return std::isalnum(c) != 0 || c == '_' || c == '-'; });
+}
+
+}  // namespace
+
+std::vector<std::filesystem::path> pluginFolders() {
+  std::vector<std::filesystem::path> folders;
+  if (const char* given = secure_getenv("PALPATE_PLUGINS")) {
+    std::istringstream parts(given);
+    for (std::string part; std::getline(parts, part, ':');) {
+      if (part[0] == '/') folders.emplace_back(part);
+    }
+  }
+  const char* data = std::getenv("XDG_DATA_HOME");
+  const char* home = std::getenv("HOME");
+  if (data != nullptr && *data == '/') {
+    folders.push_back(std::filesystem::path(data) / "palpate/plugins");
+  } else if (home != nullptr && *home == '/') {
+    folders.push_back(std::filesystem::path(home) / ".local/share/palpate/plugins");
+  }
+  std::error_code error;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (!error) folders.push_back(self.parent_path().parent_path() / "lib/palpate/plugins");
+  return folders;
+}
+
+std::vector<std::string> pluginNames() {
+  std::vector<std::string> names;
+  for (const auto& folder : pluginFolders()) {
+    std::error_code error;
+    for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+      if (entry.path().extension() != kEnding) continue;
+      const std::string name = entry.path().stem();
+      if (plain(name)) names.push_back(name);
+    }
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  return names;
+}
+
+std::filesystem::path pluginFile(const std::string& name) {
+  for (const auto& folder : pluginFolders()) {
+    const std::filesystem::path file = folder / (name + kEnding);
+    std::error_code error;
+    if (!plain(name) || !std::filesystem::is_regular_file(file, error)) continue;
+    // The target of a link is the file that is loaded.
+    std::filesystem::path real = std::filesystem::canonical(file, error);
+    for (const auto& what : {real, real.parent_path()}) {
+      struct stat facts {};
+      const bool known = !error && stat(what.c_str(), &facts) == 0;
+      const bool ours = known && (facts.st_uid == geteuid() || facts.st_uid == 0);
+      if (!ours || (facts.st_mode & (S_IWOTH | S_IWGRP)) != 0) {
+        throw DeviceError("plugin:" + name, "others may write " + what.string(),
+                          "make it yours: chown, chmod go-w " + what.string());
+      }
+    }
+    return real;
+  }
+  std::string there;
+  for (const std::string& one : pluginNames()) there += (there.empty() ? "" : ", ") + one;
+  std::string where;
+  for (const auto& folder : pluginFolders())
+    where += (where.empty() ? "" : " or ") + folder.string();
+  throw DeviceError("plugin:" + name, "there is no such plug-in",
+                    there.empty() ? "put it into " + where : "there is " + there);
+}
+
+PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
+    : name_("plugin:" + file.stem().string()) {
+  if (!Loaded::add(name_)) {
+    throw DeviceError(name_, "another hand of this program has it inside",
+                      "name this one plugin:NAME, in a process of its own");
+  }
+  try {
+    handle_ = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (handle_ == nullptr) {
+      throw DeviceError(name_, orNone(dlerror()), "install what it needs, or build it again");
+    }
+    entry_ = static_cast<const palpate_plugin_entry*>(dlsym(handle_, "palpate_plugin"));
+    if (!PALPATE_REACHES(entry_, palpate_plugin_entry, factory)) {
+      throw DeviceError(name_, file.string() + " is no plug-in: it has no symbol palpate_plugin",
+                        "see docs/plugins.md");
+    }
+    if (entry_->major != PALPATE_PLUGIN_MAJOR || entry_->minor > PALPATE_PLUGIN_MINOR) {
+      throw DeviceError(name_,
+                        "it is of version " + std::to_string(entry_->major) + "." +
+                            std::to_string(entry_->minor) + " of plugin.h, and this is " +
+                            std::to_string(PALPATE_PLUGIN_MAJOR) + "." +
+                            std::to_string(PALPATE_PLUGIN_MINOR),
+                        "build it again with this palpate's");
+    }
+    hostNow() = std::move(host);
+    if (entry_->init == nullptr || entry_->init(&kHost) != 0) {
+      throw DeviceError(name_, "it does not begin", "see what it has said");
+    }
+    const void* factory =
+        entry_->factory != nullptr ? entry_->factory(PALPATE_PLUGIN_ARMS) : nullptr;
+    factory_ = static_cast<const palpate_plugin_factory*>(factory);
+    if (!PALPATE_REACHES(factory_, palpate_plugin_factory, open) || factory_->find == nullptr ||
+        factory_->open == nullptr) {
+      if (entry_->end != nullptr) entry_->end();
+      throw DeviceError(name_, "it makes no arms", "see docs/plugins.md");
+    }
+  } catch (...) {
+    if (handle_ != nullptr) dlclose(handle_);
+    hostNow() = {};
+    Loaded::remove(name_);
+    throw;
+  }
+}
+
+PluginLibrary::~PluginLibrary() {
+  if (entry_->end != nullptr) entry_->end();
+  dlclose(handle_);
+  hostNow() = {};
+  Loaded::remove(name_);
+}
+
+std::string PluginLibrary::what() const {
+  return orNone(entry_->name);
+}
+std::string PluginLibrary::version() const {
+  return orNone(entry_->version);
+}
+std::string PluginLibrary::licence() const {
+  return orNone(entry_->licence);
+}
+
+std::vector<palpate_plugin_found> PluginLibrary::find() const {
+  std::vector<palpate_plugin_found> found(kMostFound);
+  for (palpate_plugin_found& one : found) one = {sizeof(palpate_plugin_found), {}, {}};
+  const int count = factory_->find(found.data(), static_cast<int>(kMostFound));
+  if (count < 0) throw DeviceError(name_, "it cannot look for arms", "see what it has said");
+  found.resize(std::min(static_cast<std::size_t>(count), kMostFound));
+  for (palpate_plugin_found& one : found) {
+    one.serial[sizeof(one.serial) - 1] = one.model[sizeof(one.model) - 1] = '\0';
+  }
+  return found;
+}
+
+std::string PluginLibrary::only(const std::string& serial) const {
+  const std::vector<palpate_plugin_found> found = find();
+  std::string which;
+  for (const palpate_plugin_found& one : found) {
+    if (!serial.empty() && serial == one.serial) return serial;
+    which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
+  }
+  // If find() does not list the name, it is not the arm's serial number.
+  if (!serial.empty()) return {};
+  if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
+  if (found.size() > 1) throw DeviceError(name_, "that may be several", "name one of " + which);
+  return found[0].serial;
+}
+
+PluginDevice PluginLibrary::open(const std::string& serial) const {
+  std::array<char, kErrorRoom> error{};
+  palpate_plugin_device* device = factory_->open(serial.c_str(), error.data(), error.size() - 1);
+  const std::string arm = name_ + (serial.empty() ? "" : "@" + serial);
+  if (device == nullptr) {
+    throw DeviceError(arm, error[0] != '\0' ? error.data() : "it does not open",
+                      "see what the plug-in needs");
+  }
+  const bool whole = PALPATE_REACHES(device, palpate_plugin_device, extension) &&
+                     device->facts != nullptr && device->prepare != nullptr &&
+                     device->read != nullptr && device->write != nullptr &&
+                     device->stop != nullptr && device->close != nullptr;
+  if (!whole) {
+    throw DeviceError(arm, "a function of its device is missing", "mend the plug-in");
+  }
+  return PluginDevice(device, arm);
+}
+
+PluginDevice::PluginDevice(palpate_plugin_device* device, std::string name)
+    : device_(device), name_(std::move(name)) {
+  if (device_->extension == nullptr) return;
+  const auto* weight =
+      static_cast<const palpate_plugin_weight*>(device_->extension(device_, PALPATE_PLUGIN_WEIGHT));
+  const auto* heat =
+      static_cast<const palpate_plugin_heat*>(device_->extension(device_, PALPATE_PLUGIN_HEAT));
+  if (PALPATE_REACHES(weight, palpate_plugin_weight, most) && weight->carry != nullptr) {
+    weight_ = weight;
+  }
+  if (PALPATE_REACHES(heat, palpate_plugin_heat, given) && heat->given != nullptr) heat_ = heat;
+}
+
+PluginDevice::PluginDevice(PluginDevice&& other) noexcept
+    : device_(std::exchange(other.device_, nullptr)),
+      name_(std::move(other.name_)),
+      weight_(other.weight_),
+      heat_(other.heat_) {}
+
+PluginDevice::~PluginDevice() {
+  if (device_ == nullptr) return;
+  device_->stop(device_);
+  device_->close(device_);
+}
+
+palpate_plugin_facts PluginDevice::facts() const {
+  palpate_plugin_facts facts{};
+  facts.size = sizeof(facts);
+  if (device_->facts(device_, &facts) != PALPATE_PLUGIN_OK) {
+    throw DeviceError(name_, "it does not say what it is", "see what the plug-in has said");
+  }
+  facts.size = sizeof(facts);
+  facts.source[sizeof(facts.source) - 1] = '\0';
+  for (auto& name : facts.button) name[sizeof(name) - 1] = '\0';
+  return facts;
+}
+
+void PluginDevice::prepare() const {
+  std::array<char, kErrorRoom> error{};
+  if (device_->prepare(device_, error.data(), error.size() - 1) != PALPATE_PLUGIN_OK) {
+    throw DeviceError(name_, error[0] != '\0' ? error.data() : "it cannot be made ready",
+                      "see what the plug-in needs");
+  }
+}
+
+}  // namespace palpate

@@ -1,0 +1,66 @@
+/// Opens plug-ins, in a process of their own or in this process.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "palpate/devices/hid/open_arm.h"
+#include "palpate/devices/plugins/plugin_arm.h"
+
+namespace palpate {
+
+/// The parts of `plugin:NAME`, `plugin:NAME@SERIAL`, or the same with `plugin-inside`.
+struct PluginName {
+  std::string name;     ///< NAME of the file NAME.so.
+  std::string serial;   ///< Empty: any arm.
+  bool inside = false;  ///< The plug-in runs in the program's own process.
+};
+/// Parses a device's name. Returns nullopt if it does not name a plug-in.
+[[nodiscard]] std::optional<PluginName> parsePluginName(const std::string& name);
+
+/// An arm that a plug-in has found.
+struct FoundPluginArm {
+  std::string serial;                         ///< May be empty.
+  std::string model;                          ///< Text for the user.
+  std::optional<palpate_plugin_facts> facts;  ///< Present if the arm could be opened.
+  double carries = 0.0;                       ///< PluginPort::carries.
+  std::string trouble;                        ///< Why it could not be opened, in one line.
+};
+/// An installed plug-in and the arms that it has found.
+struct FoundPlugin {
+  std::string name;                  ///< NAME in `plugin:NAME`.
+  std::filesystem::path file;        ///< File that is loaded.
+  std::string what;                  ///< Purpose, in the plug-in's words.
+  std::string version;               ///< Version, in the plug-in's words.
+  std::string licence;               ///< Licence, in the plug-in's words.
+  std::vector<FoundPluginArm> arms;  ///< Arms that are plugged in.
+  std::string trouble;               ///< Why it cannot be used, in one line; empty: it can.
+};
+/// Queries all installed plug-ins, each in a process of its own and for at most `patience` [s].
+/// Does not open an arm that a program holds already.
+[[nodiscard]] std::vector<FoundPlugin> findPlugins(double patience = 5.0);
+
+/// Opens an arm of a plug-in. palpate-plugin loads the plug-in in a process of its own. If the
+/// plug-in crashes or hangs, its force is taken off, and the process is started again. Throws
+/// DeviceError with the cause in one line. May take minutes, because an arm may home itself.
+///
+/// @param program  palpate-plugin; empty: the one in this program's folder.
+[[nodiscard]] std::unique_ptr<PluginPort> openPluginProcess(
+    const std::filesystem::path& file, const std::string& serial, const ArmHost& host,
+    const std::filesystem::path& program = {});
+
+/// Opens an arm in this process. An error of the plug-in is then an error of the program, and no
+/// other process takes the force off when the program dies. Throws DeviceError, also if the arm has
+/// motors but no watchdog of its own that takes the force off within kLongestWatchdog.
+[[nodiscard]] std::unique_ptr<PluginPort> openPluginInside(const std::filesystem::path& file,
+                                                           const std::string& serial,
+                                                           const ArmHost& host);
+inline constexpr double kLongestWatchdog = 0.05;  ///< [s]
+
+/// Opens an arm by its name, tested or not, like openArm. Throws DeviceError.
+[[nodiscard]] OpenedArm openPluginArm(const std::string& name, const ArmHost& host);
+
+}  // namespace palpate

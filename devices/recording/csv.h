@@ -1,0 +1,30 @@
+/// Reads small CSV tables of numbers strictly, from a file or standard input.
+#pragma once
+
+#include <cstddef>
+#include <fstream>
+#include <istream>
+#include <string>
+#include <vector>
+
+namespace palpate {
+
+/// Opens a file, or standard input for "-". Errors of standard input are visible only if iostreams
+/// read it directly (std::ios::sync_with_stdio(false)). Throws Error if the file cannot be read.
+///
+/// @param holder  Owns the file; must outlive the returned stream.
+[[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
+
+/// A row of a table read by readCsv.
+struct CsvRow {
+  std::size_t line = 0;        ///< Line in the file, from 1.
+  std::vector<double> values;  ///< One per column, in the header's order; finite.
+};
+
+/// Reads a table whose header is exactly `columns` and whose fields are all finite numbers. Skips
+/// blank lines; accepts CRLF and blanks around a field. Throws DeviceError that names `name` and
+/// the line.
+[[nodiscard]] std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
+                                          const std::string& name);
+
+}  // namespace palpate

@@ -1,0 +1,79 @@
+/// Writes a recording (recording.h) while the loop runs.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "palpate/devices/recording/recording.h"
+
+namespace palpate {
+
+/// A ring and a thread that writes its contents. If the program is killed, at most kWritten is
+/// lost; if the machine loses power, kSynced.
+///
+/// Two other threads use it: the haptic thread and the scene thread.
+class Recorder {
+ public:
+  static constexpr double kWritten = 0.05;  ///< Longest time until a tick is in the file, visible
+                                            ///< to other programs [s].
+  static constexpr double kSynced = 1.0;    ///< Longest time until a tick is on the disk [s].
+
+  /// Creates a temporary file beside `file`, with its header. Throws Error if it cannot be written.
+  Recorder(std::filesystem::path file, const RecordedSetting& setting);
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+  ~Recorder();
+
+  /// Moves the file to its place and replaces an existing one. Call it before the first tick. A
+  /// recorder that never begins leaves the existing file unchanged. Throws Error if the move fails.
+  void begin();
+
+  // Called by the haptic thread.
+  /// Records a tick. If there is no room, the tick is lost and counted. RT: no allocation, no lock,
+  /// no system call. Cost: some 0.1 us.
+  void take(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
+
+  // Called by the scene thread.
+  /// Adds a scene. Call it before the scene is published.
+  void expect(RecordedScene scene);
+  /// Waits until there is room for many more ticks. For virtual time.
+  void wait() const;
+  /// Returns the number of ticks lost for lack of room.
+  [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+  /// Returns why writing has stopped, such as a full disk; empty if it continues. The data written
+  /// before is complete.
+  [[nodiscard]] std::string trouble() const;
+  /// Writes the remaining ticks and closes the file.
+  void end();
+
+ private:
+  struct Ring;
+  void run();
+  void writeNew();
+  void write(const std::string& chunk);
+  void fail(const std::string& why);
+
+  static constexpr std::size_t kRoom = 65536;  // 6 s at 10 kHz, while a disk is busy
+
+  std::filesystem::path file_;
+  std::filesystem::path beside_;  ///< The temporary file; empty after begin().
+  int descriptor_ = -1;
+  std::uint64_t whole_ = 0;  ///< Bytes up to the last whole chunk.
+  std::unique_ptr<Ring> ring_;
+  std::atomic<std::int64_t> lost_{0};
+  std::atomic<bool> off_{false};  ///< Writing has failed.
+  std::atomic<bool> ends_{false};
+  mutable std::mutex mutex_;  ///< Guards the next two members.
+  std::vector<RecordedScene> scenes_;
+  std::string trouble_;
+  std::vector<RecordedTick> rows_;
+  std::thread thread_;
+};
+
+}  // namespace palpate

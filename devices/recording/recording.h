@@ -1,0 +1,172 @@
+/// A recording: the inputs and results of a hand's ticks, in a file that stays readable if the
+/// program is killed.
+///
+/// The file is a sequence of little-endian records of one size. First comes a header: one line of
+/// JSON, padded with blanks. The header describes the fields of a record (`dtype`, as in numpy),
+/// their units, and the program, device and machine.
+///
+/// Then come chunks. Each is a record of its own (ChunkMark) and the records that it announces:
+/// rows, or a scene as text. A record that is not a row has a `tick` below zero. Files only grow.
+/// In a truncated or damaged file, the complete chunks are valid.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "palpate/engine/loop/telemetry.h"
+#include "palpate/engine/safety/device.h"
+
+namespace palpate {
+
+/// One tick. Its fields cover every byte.
+struct RecordedTick {
+  std::int64_t tick;                        ///< Telemetry::tick.
+  std::uint64_t scene;                      ///< Telemetry::scene.
+  std::int64_t tick_ns;                     ///< Time that the tick took [ns].
+  std::int64_t wake_ns;                     ///< Delay of its start [ns].
+  std::int64_t late_ticks;                  ///< Missed ticks up to now.
+  double time;                              ///< Time since the start [s].
+  double dt;                                ///< TickInput::dt [s].
+  double play;                              ///< TickInput::play [s].
+  double play_rate;                         ///< TickInput::play_rate [s/s].
+  std::array<double, 3> pull;               ///< TickInput::pull [N].
+  std::array<double, 3> hand;               ///< HandState::position [m].
+  std::array<double, 3> velocity;           ///< HandState::velocity [m/s].
+  std::array<double, 9> drives;             ///< HandState::drives, by columns.
+  double age;                               ///< HandState::age [s].
+  double still;                             ///< HandState::still [s].
+  double max_speed;                         ///< HandState::max_speed [m/s].
+  std::array<double, 4> orientation;        ///< Handle::orientation; the next three are from Handle
+                                            ///< too.
+  std::array<double, 3> measured_velocity;  ///< [m/s]
+  double gripper;                           ///< [rad]
+  std::array<double, kMostJoints> joints;   ///< [rad]
+  double given;                             ///< TickInput::given.
+  std::array<double, 3> force;              ///< StepReport::force [N].
+  std::array<double, 3> wanted;             ///< StepReport::wanted [N].
+  std::array<double, 3> proxy;              ///< StepReport::proxy [m].
+  std::array<double, 3> waiting;            ///< StepReport::waiting [m].
+  double stiffness;                         ///< StepReport::stiffness [N/m].
+  double error_bound;                       ///< StepReport::error_bound [m].
+  double injected;                          ///< StepReport::injected [J].
+  double missing;                           ///< StepReport::missing [N].
+  double moving;                            ///< StepReport::moving.
+  double share;                             ///< StepReport::share.
+  double energy;                            ///< StepReport::energy [J].
+  double left;                              ///< StepReport::left.
+  std::int32_t iterations;                  ///< From StepReport, like the next seven.
+  std::int32_t substeps;                    ///< Readings of properties, each with a balance.
+  std::int32_t samples;                     ///< Field reads.
+  std::int32_t traced;                      ///< Reads along streams.
+  std::int32_t walked;                      ///< Cells.
+  std::int32_t primitives;                  ///< Primitives of the last balance.
+  std::int32_t parts;                       ///< Parts that were near.
+  std::int32_t left_out;                    ///< Parts that were near but had no room.
+  std::uint32_t buttons;                    ///< Handle::buttons.
+  std::uint8_t fresh;                       ///< StepReport::fresh.
+  std::uint8_t ready;                       ///< HandState::ready.
+  std::uint8_t reported;                    ///< HandState::fault.
+  std::uint8_t too_fast;                    ///< HandState::too_fast.
+  std::uint8_t cleared;                     ///< TickInput::cleared.
+  std::uint8_t wrong;                       ///< TickInput::wrong.
+  std::uint8_t order;                       ///< TickInput::order.
+  std::uint8_t unsent;                      ///< TickInput::unsent.
+  std::uint8_t solver;                      ///< StepReport::solver.
+  std::uint8_t status;                      ///< StepReport::status.
+  std::uint8_t limited;                     ///< StepReport::limited.
+  std::uint8_t missed;                      ///< Telemetry::missed.
+  std::uint8_t fault;                       ///< Telemetry::fault.
+  std::array<std::uint8_t, 7> zero;         ///< Zeros.
+};
+
+/// Returns the record of a tick. RT: no allocation.
+[[nodiscard]] RecordedTick recordedTick(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
+/// Returns the complete tick of a record.
+[[nodiscard]] Telemetry telemetryOf(const RecordedTick& tick) noexcept;
+
+/// Position and meaning of a field of a recorded tick.
+struct RecordedField {
+  const char* name;    ///< Name in RecordedTick.
+  const char* type;    ///< numpy's: <f8, <i8, <u8, <i4, u1.
+  std::size_t count;   ///< Numbers in it.
+  std::size_t offset;  ///< [bytes]
+  const char* unit;    ///< Empty: a number without a unit.
+  bool output;         ///< Determined by the inputs and the scenes.
+};
+/// Returns the size of a field [bytes].
+[[nodiscard]] constexpr std::size_t sizeOf(const RecordedField& field) noexcept {
+  return field.count * (field.type[0] == 'u' ? 1 : static_cast<std::size_t>(field.type[2] - '0'));
+}
+/// Returns all fields, in order and without a gap.
+[[nodiscard]] std::span<const RecordedField> recordedFields() noexcept;
+
+/// A scene that the hand received.
+struct RecordedScene {
+  std::uint64_t id = 0;  ///< RecordedTick::scene.
+  std::string text;      ///< JSON: its origin; scenes/apps/cli/recorded.h.
+};
+
+/// Contents of a recording's header; numbers are exact.
+struct RecordedSetting {
+  DeviceInfo device;     ///< Device of the hand; its `limits` as in the loop.
+  double rate = 1000.0;  ///< [Hz]
+  std::string about;     ///< JSON object: program, machine and other data; opaque here.
+};
+
+/// A recording's file, copied to memory; truncated or damaged parts are ignored.
+class Recording {
+ public:
+  /// Throws Error if the file cannot be read, or is not a recording of this version.
+  explicit Recording(const std::filesystem::path& file);
+  Recording(const Recording&) = delete;
+  Recording& operator=(const Recording&) = delete;
+  ~Recording();
+
+  /// Returns the contents of the header.
+  [[nodiscard]] const RecordedSetting& setting() const noexcept { return setting_; }
+  [[nodiscard]] std::int64_t size() const noexcept { return size_; }  ///< Ticks.
+  /// Returns the i-th tick, i < size(). Cost: a search among chunks.
+  [[nodiscard]] RecordedTick tick(std::int64_t i) const noexcept;
+  /// Returns the scenes in the order in which the hand received them.
+  [[nodiscard]] const std::vector<RecordedScene>& scenes() const noexcept { return scenes_; }
+  /// Returns the bytes of damaged chunks.
+  [[nodiscard]] std::size_t damaged() const noexcept { return damaged_; }
+  /// Returns the truncated bytes at the end.
+  [[nodiscard]] std::size_t torn() const noexcept { return torn_; }
+  /// Returns the ticks between the first and the last that are missing in the file.
+  [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+  /// Describes the missing parts; empty if the recording is complete.
+  [[nodiscard]] std::string incomplete() const;
+
+ private:
+  struct Chunk {
+    std::int64_t first = 0;  ///< Index of its first tick.
+    std::size_t at = 0;      ///< Its offset in the file [bytes].
+  };
+
+  std::span<const std::byte> bytes_;
+  RecordedSetting setting_;
+  std::vector<Chunk> chunks_;
+  std::vector<RecordedScene> scenes_;
+  std::int64_t size_ = 0;
+  std::size_t damaged_ = 0;
+  std::size_t torn_ = 0;
+  std::int64_t lost_ = 0;
+};
+
+/// True if the file begins like a recording.
+[[nodiscard]] bool isRecording(const std::filesystem::path& file) noexcept;
+
+/// Returns the header, for a writer of a recording.
+[[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
+/// Returns chunks of at most 1,024 ticks each. There is at least one tick, and their numbers rise.
+[[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
+/// Returns the chunk of a scene.
+[[nodiscard]] std::string recordingChunk(const RecordedScene& scene);
+
+}  // namespace palpate

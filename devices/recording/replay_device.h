@@ -1,0 +1,56 @@
+/// A recorded hand: `replay:FILE`.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "palpate/devices/recording/recording.h"
+#include "palpate/engine/safety/device.h"
+
+namespace palpate {
+
+/// Replays the recorded hand, one tick a write, whatever the force. Has the properties of the
+/// recorded arm, but no force reaches a hand. Does not replay commands (stops, lateness); HandTick
+/// replays those as well.
+class ReplayDevice final : public Device {
+ public:
+  /// Begins at the tick with index `begin`, below the recording's size.
+  explicit ReplayDevice(std::shared_ptr<const Recording> recording, std::int64_t begin = 0);
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override;
+  void write(const Vec3& force) noexcept override;
+  [[nodiscard]] double given() const noexcept override { return given_; }
+  [[nodiscard]] bool ended() const noexcept override { return at_ >= recording_->size(); }
+
+  /// Returns the recording.
+  [[nodiscard]] const Recording& recording() const noexcept { return *recording_; }
+  /// Returns the index of the first replayed tick.
+  [[nodiscard]] std::int64_t begin() const noexcept { return begin_; }
+
+ private:
+  std::shared_ptr<const Recording> recording_;
+  DeviceInfo info_;
+  std::int64_t begin_;
+  std::int64_t at_;
+  double given_ = 1.0;
+};
+
+/// The parts of a device's argument, such as `FILE@SECONDS`.
+struct NameAt {
+  std::string name;               ///< Text before the last @ if a time follows; else the whole
+                                  ///< text.
+  std::optional<double> seconds;  ///< The time, 0 or more [s].
+};
+/// Takes such an argument apart.
+[[nodiscard]] NameAt nameAt(const std::string& words);
+
+/// Returns FILE of `FILE` or `FILE@SECONDS`.
+[[nodiscard]] std::string fileOfReplay(const std::string& name);
+
+/// Opens `FILE` or `FILE@SECONDS`, which begins at that time. Throws Error if the file is not a
+/// recording, or ends before that time.
+[[nodiscard]] std::unique_ptr<ReplayDevice> openReplay(const std::string& name);
+
+}  // namespace palpate

@@ -1,0 +1,78 @@
+/// A device with a simulated defect (trouble), to test a loop's reaction without damage to an arm.
+#pragma once
+
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string_view>
+
+#include "palpate/engine/safety/device.h"
+
+namespace palpate {
+
+/// The kinds of trouble.
+enum class Trouble : std::uint8_t {
+  kLate,       ///< No new positions: the last one, with rising age.
+  kEarly,      ///< Positions with time stamps in the future.
+  kRepeated,   ///< Each position four times, as from a slower arm.
+  kFrozen,     ///< The last position again and again as if new; no counter moves.
+  kJumping,    ///< A lost count: all positions are shifted by kJump.
+  kNotFinite,  ///< Positions that are not finite.
+  kRunaway,    ///< The position runs away at kRun, whatever the hand does.
+  kUnwritten,  ///< Writes fail: the motors keep their force.
+  kBlocked,    ///< Writes take kHang.
+  kHung,       ///< Reads take kHang.
+  kGone,       ///< Unplugged: the motors keep their force.
+  kHot,        ///< Reports that it is too hot.
+  kUnpowered,  ///< Reports that it has no power.
+  kSwitch,     ///< Reports that its safety switch is open.
+  kReleased,   ///< Reports that its dead man's switch is released.
+};
+inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
+
+/// Returns a trouble's word, as in `simulated:nan`.
+[[nodiscard]] const char* wordFor(Trouble trouble) noexcept;
+/// Returns the trouble of a word; empty if the word is unknown.
+[[nodiscard]] std::optional<Trouble> troubleOf(std::string_view word) noexcept;
+/// True if the trouble shows only with a real clock.
+[[nodiscard]] bool needsClock(Trouble trouble) noexcept;
+
+/// Adds a trouble to another device, from a time on. Forwards all other calls to the wrapped
+/// device.
+class FaultyDevice final : public Device {
+ public:
+  static constexpr double kJump = 0.02;  ///< [m]
+  static constexpr double kRun = 4.5;    ///< [m/s]: faster than WatchLimits::max_speed, but not a
+                                         ///< jump.
+  static constexpr double kHang = 0.03;  ///< [s]: longer than any limit of the loop.
+
+  /// Has the trouble from `begin` until `end` [s], counted in ticks of `rate` [Hz]. Throws
+  /// DeviceError if a force could reach a real hand, as on a device with a ZeroForce.
+  FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, double rate, double begin,
+               double end = std::numeric_limits<double>::infinity());
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return device_->info(); }
+  [[nodiscard]] HandState read() noexcept override;
+  void write(const Vec3& force) noexcept override;
+  void carry(bool may) noexcept override { device_->carry(may); }
+  [[nodiscard]] double given() const noexcept override { return device_->given(); }
+  [[nodiscard]] bool ended() const noexcept override { return device_->ended(); }
+  [[nodiscard]] ZeroForce zeroForce() const noexcept override { return device_->zeroForce(); }
+
+ private:
+  [[nodiscard]] bool troubled() const noexcept;
+  /// Gives `hand` the position of the last good reading, `old` ticks ago.
+  void hold(HandState& hand, std::int64_t old) const noexcept;
+
+  std::unique_ptr<Device> device_;
+  Trouble trouble_;
+  double rate_;
+  double begin_;
+  double end_;
+  std::int64_t tick_ = 0;
+  std::int64_t since_ = 0;     ///< Readings since the trouble began.
+  Vec3 force_ = Vec3::Zero();  ///< The last force sent.
+  HandState whole_;            ///< The last reading before the trouble, or the last one passed on.
+};
+
+}  // namespace palpate

@@ -1,0 +1,74 @@
+/// Private to engine/balance: the duality gap, an upper bound on the distance from a guess to the
+/// balance.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "palpate/engine/balance/terms.h"
+
+namespace palpate::solver {
+
+/// A multiplier points along its displacement if their cosine is at least this.
+inline constexpr double kAlong = 1.0 - 1e-4;
+
+/// Returns an upper bound on |y - y*| by the duality gap, without cancellation: every term is >= 0.
+/// It tries two dual points: the multipliers; and d/|d| instead for those primitives whose
+/// multiplier points along d = P y - b. `by_multipliers` is true if the first is better.
+inline double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
+  constexpr double kLastDigits = 4.0 * kEpsilon;
+  const Terms& t = problem.terms;
+  const double x = at.x();
+  const double y = at.y();
+  const double z = at.z();
+  double gap = 0.0;
+  double mx = 0.0;
+  double my = 0.0;
+  double mz = 0.0;
+  double off_gap = 0.0;
+  double ox = 0.0;
+  double oy = 0.0;
+  double oz = 0.0;
+#pragma omp simd reduction(+ : gap, mx, my, mz, off_gap, ox, oy, oz)
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const auto [dx, dy, dz] = displacement(t, i, x, y, z);
+    const double zx = t.z[0][i];
+    const double zy = t.z[1][i];
+    const double zz = t.z[2][i];
+    const double sigma = t.sigma[i];
+    const double distance = std::sqrt(dx * dx + dy * dy + dz * dz);
+    const double held = zx * dx + zy * dy + zz * dz;
+    // The difference is rounded to the last digits of its terms: this possible error counts as
+    // well.
+    const double loss = sigma * (larger(distance - held, 0.0) + kLastDigits * distance);
+    const bool off = held > kAlong * distance;
+    const double per = 1.0 / larger(distance, std::numeric_limits<double>::min());
+    gap += loss;
+    mx += sigma * zx;
+    my += sigma * zy;
+    mz += sigma * zz;
+    off_gap += off ? 0.0 : loss;
+    ox += sigma * (off ? per * dx : zx);
+    oy += sigma * (off ? per * dy : zy);
+    oz += sigma * (off ? per * dz : zz);
+  }
+  const Vec3 stretch = at - problem.spring;
+  const double by_z = 2.0 * gap + (stretch + Vec3(mx, my, mz)).squaredNorm();
+  const double by_d = 2.0 * off_gap + (stretch + Vec3(ox, oy, oz)).squaredNorm();
+  by_multipliers = by_z <= by_d;
+  return std::sqrt(std::min(by_z, by_d));
+}
+
+/// Sets the multipliers to the second dual point of certify().
+inline void turnAlongDisplacements(Problem& problem, const Vec3& at) noexcept {
+  const Terms& t = problem.terms;
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const auto [x, y, z] = displacement(t, i, at.x(), at.y(), at.z());
+    const Vec3 d(x, y, z);
+    const double distance = d.norm();
+    if (get(t.z, i).dot(d) > kAlong * distance) set(t.z, i, d / distance);
+  }
+}
+
+}  // namespace palpate::solver

@@ -1,0 +1,211 @@
+#include "palpate/engine/balance/newton.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <Eigen/Dense>
+
+namespace palpate {
+
+namespace {
+
+/// Orthonormal directions, each with the length that a step must have along it [m].
+struct Rows {
+  std::array<Vec3, 3> direction;
+  std::array<double, 3> way{};
+  std::size_t count = 0;
+
+  /// Adds the condition q.step = length [m]. Returns false and changes nothing if the earlier rows
+  /// almost span q.
+  bool add(Vec3 q, double length) noexcept {
+    for (std::size_t i = 0; i < count; ++i) {
+      const double share = q.dot(direction[i]);
+      q -= share * direction[i];
+      length -= share * way[i];
+    }
+    constexpr double kAside = 0.02;
+    const double norm = q.norm();
+    if (count == 3 || !(norm > kAside)) return false;
+    direction[count] = q / norm;
+    way[count++] = length / norm;
+    return true;
+  }
+  /// Returns the shortest step that satisfies all rows [m].
+  [[nodiscard]] Vec3 step() const noexcept {
+    Vec3 sum = Vec3::Zero();
+    for (std::size_t i = 0; i < count; ++i) sum += way[i] * direction[i];
+    return sum;
+  }
+};
+
+/// Conditions of the primitives that hold: rows along their forces, and rows that keep the place on
+/// these primitives.
+struct Held {
+  Rows forces;
+  Rows places;
+
+  void take(const Vec3& q, const Vec3& across, double way, double way_of_balance) noexcept {
+    if (!forces.add(q, way_of_balance)) return;
+    if (!places.add(across, way)) (void)places.add(q, way_of_balance);
+  }
+};
+
+Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
+            std::span<const Vec3> forces, std::span<const Varying> varying) noexcept {
+  Held held;
+  auto varies = varying.begin();
+  const auto stays = [&](const Vec3& q) { held.take(q, q, q.dot(residual), q.dot(residual)); };
+  for (std::size_t i = 0; i < primitives.size() && held.forces.count < 3; ++i) {
+    while (varies != varying.end() && varies->index < i) ++varies;
+    const Primitive& primitive = primitives[i];
+    if (primitive.kind == PrimitiveKind::kForce) continue;
+    if (loadOf(primitive, forces[i]) != Load::kHeld) continue;
+    if (primitive.kind == PrimitiveKind::kPlane) {
+      const Vec3& n = primitive.direction;
+      if (varies != varying.end() && varies->index == i && !varies->across.isZero(0.0)) {
+        held.take(n, varies->across, -varies->height, n.dot(residual));
+      } else {
+        stays(n);
+      }
+    } else if (primitive.kind == PrimitiveKind::kLine) {
+      const Vec3 across = primitive.direction.unitOrthogonal();
+      stays(across);
+      stays(primitive.direction.cross(across));
+    } else {
+      for (int a = 0; a < 3; ++a) stays(Vec3::Unit(a));
+    }
+  }
+  if (held.places.count < held.forces.count) held.places = held.forces;
+  return held;
+}
+
+/// Returns x = S^-1 b if S is stable, else the step down from the ridge, by the magnitudes of the
+/// eigenvalues of S's symmetric part, each at least kFloor.
+constexpr double kFloor = 0.05;
+template <int N>
+Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
+                                      const Eigen::Matrix<double, N, 1>& b) noexcept {
+  using Vector = Eigen::Matrix<double, N, 1>;
+  if constexpr (N == 1) {
+    return b / std::max(std::abs(S(0, 0)), kFloor);
+  } else {
+    if constexpr (N == 2) {
+      const double det = S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
+      const double trace = S(0, 0) + S(1, 1);
+      // Both eigenvalues are above the floor.
+      if (trace > 2.0 * kFloor && det > kFloor * (trace - kFloor)) {
+        return Vector(S(1, 1) * b[0] - S(0, 1) * b[1], S(0, 0) * b[1] - S(1, 0) * b[0]) / det;
+      }
+    }
+    if constexpr (N == 3) {
+      // All eigenvalues are above the floor: leading minors are positive (Sylvester).
+      const Mat3 above = 0.5 * (S + S.transpose()) - kFloor * Mat3::Identity();
+      const bool stable = above(0, 0) > 0.0 &&
+                          above(0, 0) * above(1, 1) > above(0, 1) * above(1, 0) &&
+                          above.determinant() > 0.0;
+      if (stable) return S.inverse() * b;
+    }
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> ridges;
+    ridges.computeDirect(0.5 * (S + S.transpose()));
+    Vector x = Vector::Zero();
+    for (int i = 0; i < N; ++i) {
+      const Vector e = ridges.eigenvectors().col(i);
+      x += e * (e.dot(b) / std::max(std::abs(ridges.eigenvalues()[i]), kFloor));
+    }
+    return x;
+  }
+}
+
+using Basis = std::array<Vec3, 3>;
+
+/// Returns the step in N free directions [m]. `pulls` has to vanish along `forces`; A is the rate
+/// at which it falls as the place moves along `places`.
+template <int N>
+Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec3& pulls,
+              const Vec3& held) noexcept {
+  Eigen::Matrix<double, 3, N> Y;
+  Eigen::Matrix<double, 3, N> Z;
+  for (int i = 0; i < N; ++i) {
+    Y.col(i) = forces[static_cast<std::size_t>(i)];
+    Z.col(i) = places[static_cast<std::size_t>(i)];
+  }
+  const Eigen::Matrix<double, N, N> S = Y.transpose() * A * Z;
+  const Eigen::Matrix<double, N, 1> b = Y.transpose() * (pulls - A * held);
+  return held + Z * solveFree<N>(S, b);
+}
+
+/// Returns D, the derivative at the balance of the pulls of sliding lines and points, divided by k.
+Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primitive> primitives,
+                  std::span<const Vec3> forces) noexcept {
+  Mat3 D = Mat3::Zero();
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
+    const bool line = p.kind == PrimitiveKind::kLine;
+    if (!line && p.kind != PrimitiveKind::kPoint) continue;
+    if (loadOf(p, forces[i]) != Load::kYielding) continue;
+    const Mat3 free = line ? Mat3(Mat3::Identity() - p.direction * p.direction.transpose())
+                           : Mat3(Mat3::Identity());
+    const Vec3 d = free * (balance - p.position);
+    const double length = d.norm();
+    if (!(length > 0.0)) continue;
+    D += p.strength / (stiffness * length) * (free - d * d.transpose() / (length * length));
+  }
+  return D;
+}
+
+}  // namespace
+
+Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double stiffness,
+                std::span<const Primitive> primitives, std::span<const Vec3> forces,
+                std::span<const Varying> varying) noexcept {
+  Vec3 residual = balance - from;
+  Mat3 surfaces = Mat3::Zero();
+  Mat3 others = Mat3::Zero();
+  bool varies = false;
+  for (const Varying& one : varying) {
+    const Primitive& primitive = primitives[one.index];
+    const Vec3& force = forces[one.index];
+    const double load = force.norm();
+    if (!(load > 0.0)) continue;
+    Mat3& M = one.surface ? surfaces : others;
+    M += load / stiffness * one.turn;
+    const bool gives_all = primitive.kind == PrimitiveKind::kForce ||
+                           (!one.slope.isZero(0.0) && loadOf(primitive, force) == Load::kYielding);
+    if (gives_all) M += force / (load * stiffness) * one.slope.transpose();
+    varies = true;
+  }
+  if (!varies) return residual;
+  const Held held = heldBy(residual, primitives, forces, varying);
+  const Vec3 along = held.places.step();
+  const Mat3 slack = Mat3::Identity() + slidingTurns(balance, stiffness, primitives, forces);
+  const Mat3 A = slack - surfaces - others;
+  const Vec3 pulls = slack * residual + others * (from - read);
+  Basis free{Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()};
+  Basis places = free;
+  Vec3 step = along;
+  if (held.forces.count == 0) {
+    step = freeStep<3>(free, places, A, pulls, along);
+  } else if (held.forces.count == 1) {
+    // The directions of the place are those of the forces, turned by the angle between normal and
+    // slope.
+    const Vec3& n = held.forces.direction[0];
+    const Vec3& c = held.places.direction[0];
+    free[0] = n.unitOrthogonal();
+    free[1] = n.cross(free[0]);
+    const double over = 1.0 + n.dot(c);
+    constexpr double kOpposed = 0.1;
+    for (std::size_t i = 0; i < 2; ++i) {
+      places[i] = over > kOpposed ? Vec3(free[i] - (n + c) * (c.dot(free[i]) / over)) : free[i];
+    }
+    step = freeStep<2>(free, places, A, pulls, along);
+  } else if (held.forces.count == 2) {
+    free[0] = held.forces.direction[0].cross(held.forces.direction[1]);
+    places[0] = held.places.direction[0].cross(held.places.direction[1]);
+    if (places[0].dot(free[0]) < 0.0) places[0] = -places[0];
+    step = freeStep<1>(free, places, A, pulls, along);
+  }
+  return step.allFinite() ? step : residual;
+}
+
+}  // namespace palpate

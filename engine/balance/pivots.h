@@ -1,0 +1,229 @@
+/// Private to engine/balance: planes alone, by pivots between the cells that they divide space
+/// into.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "palpate/engine/balance/solver.h"
+#include "palpate/engine/balance/terms.h"
+
+namespace palpate::solver {
+
+/// Balances planes alone, by pivots. The planes divide space into cells, and the potential is
+/// quadratic in each cell. So it falls along a straight line to a plane that holds or to a cell's
+/// own minimum. A plane in the active set that would need more than its strength is released.
+/// Planes are not smoothed. In three dimensions at most three hold at once. A few pivots are
+/// enough, however many planes there are, unless many kinks meet in one point in which the proxy
+/// stays.
+class Pivots {
+ public:
+  explicit Pivots(Problem& problem) noexcept : problem_(problem), terms_(problem.terms) {}
+
+  /// Returns true if all terms are planes; lines and points do not form cells.
+  [[nodiscard]] static bool fits(const Terms& terms) noexcept {
+    return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
+  }
+
+  /// Moves y towards the balance and sets the multipliers there. Returns false if it did not reach
+  /// it.
+  bool solve(Vec3& y) noexcept {
+    place(y);
+    while (pivots_ < kMostPivots) {
+      ++pivots_;
+      const Vec3 g = gradient(y);
+      const Vec3 d = -across(g);
+      const double slope = d.squaredNorm();
+      if (held_ == 3 || slope <= square(8.0 * kEpsilon * (1.0 + g.norm()))) {
+        if (release(g)) continue;
+        setMultipliers(g);
+        return true;
+      }
+      y += lineSearch(d, slope) * d;
+    }
+    setMultipliers(gradient(y));
+    return false;
+  }
+  /// Returns the solution again, after the origin has been moved to it: heights there keep their
+  /// digits, and those of the planes that hold vanish. Sets the multipliers, too.
+  [[nodiscard]] Vec3 onHeld() noexcept {
+    Vec3 y = Vec3::Zero();
+    for (std::size_t k = 0; k < held_; ++k) {
+      const Vec3 q = get(terms_.q, holder_[k]);
+      y += q.dot(get(terms_.b, holder_[k]) - y) / q.dot(basis_[k]) * basis_[k];
+    }
+    setMultipliers(gradient(y));
+    return y;
+  }
+  [[nodiscard]] int pivots() const noexcept { return pivots_; }
+
+ private:
+  static double square(double x) noexcept { return x * x; }
+  /// Height q.y - q.b of term i; its rate along the step; its side, 0 if the plane holds.
+  [[nodiscard]] double& height(std::size_t i) const noexcept { return terms_.u[0][i]; }
+  [[nodiscard]] double& rate(std::size_t i) const noexcept { return terms_.u[1][i]; }
+  [[nodiscard]] double& side(std::size_t i) const noexcept { return terms_.u[2][i]; }
+
+  void place(const Vec3& y) noexcept {
+    for (std::size_t i = 0; i < terms_.count; ++i) {
+      const Vec3 q = get(terms_.q, i);
+      height(i) = q.dot(y - get(terms_.b, i));
+      side(i) = height(i) >= 0.0 ? 1.0 : -1.0;
+    }
+  }
+
+  /// Returns the gradient at y of the potential without the planes that hold.
+  [[nodiscard]] Vec3 gradient(const Vec3& y) const noexcept {
+    const Terms& t = terms_;
+    double gx = y.x() - problem_.spring.x();
+    double gy = y.y() - problem_.spring.y();
+    double gz = y.z() - problem_.spring.z();
+#pragma omp simd reduction(+ : gx, gy, gz)
+    for (std::size_t i = 0; i < t.count; ++i) {
+      const double push = t.sigma[i] * t.u[2][i];
+      gx += push * t.q[0][i];
+      gy += push * t.q[1][i];
+      gz += push * t.q[2][i];
+    }
+    return {gx, gy, gz};
+  }
+
+  /// Returns the component of v perpendicular to the normals that hold, projected twice as
+  /// Gram-Schmidt needs.
+  [[nodiscard]] Vec3 across(Vec3 v) const noexcept {
+    for (int twice = 0; twice < 2; ++twice) {
+      for (std::size_t k = 0; k < held_; ++k) v -= basis_[k].dot(v) * basis_[k];
+    }
+    return v;
+  }
+
+  void hold(std::size_t i) noexcept {
+    side(i) = 0.0;
+    height(i) = 0.0;
+    holder_[held_] = i;
+    basis_[held_] = across(get(terms_.q, i)).normalized();
+    ++held_;
+  }
+
+  /// Finds the lowest place along the step d and returns its share of d: past planes, at one that
+  /// stops the step, or where the slope vanishes by itself.
+  double lineSearch(const Vec3& d, double slope) noexcept {
+    const Terms& t = terms_;
+    const double dx = d.x();
+    const double dy = d.y();
+    const double dz = d.z();
+#pragma omp simd
+    for (std::size_t i = 0; i < t.count; ++i) {
+      t.u[1][i] = t.q[0][i] * dx + t.q[1][i] * dy + t.q[2][i] * dz;
+    }
+    // Finds the planes on the step, and those that it passes: a weighted median, by repeated
+    // partition about one plane.
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < t.count; ++i) {
+      const double toward = -side(i) * rate(i);
+      const double off = side(i) * height(i);
+      if (toward > 0.0 && off < toward) met_[count++] = {std::max(off, 0.0) / toward, i};
+    }
+    const auto less = [&](const Met& met) {
+      return 2.0 * t.sigma[met.plane] * std::abs(rate(met.plane)) / slope;
+    };
+    double way = 1.0;  // the share of d at which the slope would vanish
+    std::size_t stop = t.count;
+    Met* first = met_.data();
+    Met* last = first + count;
+    constexpr int kMostPartings = 64;  // six are enough on average
+    for (int parting = 0; first != last && parting < kMostPartings; ++parting) {
+      const double at = first[(last - first) / 2].way;
+      Met* const here = std::partition(first, last, [at](const Met& m) { return m.way < at; });
+      Met* const beyond = std::partition(here, last, [at](const Met& m) { return m.way == at; });
+      double before = 0.0;
+      for (const Met* m = first; m != here; ++m) before += less(*m);
+      if (way - before <= at) {
+        last = here;  // the step ends before
+        continue;
+      }
+      for (const Met* m = first; m != here; ++m) side(m->plane) = -side(m->plane);
+      way -= before;
+      for (first = here; first != beyond && stop == t.count; ++first) {
+        way -= less(*first);
+        if (way > at) {
+          side(first->plane) = -side(first->plane);
+        } else {
+          stop = first->plane;
+          way = at;
+        }
+      }
+      if (stop != t.count) break;
+    }
+    for (std::size_t i = 0; i < t.count; ++i) height(i) += way * rate(i);
+    for (std::size_t k = 0; k < held_; ++k) height(holder_[k]) = 0.0;
+    if (stop < t.count) hold(stop);
+    return way;
+  }
+
+  /// Returns the forces of the planes that hold: sum of push_k q_k = -g, solved from the last plane
+  /// on.
+  [[nodiscard]] std::array<double, 3> pushes(const Vec3& g) const noexcept {
+    std::array<double, 3> push{};
+    Vec3 left = -g;
+    for (std::size_t k = held_; k-- > 0;) {
+      const Vec3 q = get(terms_.q, holder_[k]);
+      push[k] = left.dot(basis_[k]) / q.dot(basis_[k]);
+      left -= push[k] * q;
+    }
+    return push;
+  }
+
+  /// Releases the plane of the active set whose force exceeds its strength most. Returns false if
+  /// no force exceeds its strength.
+  bool release(const Vec3& g) noexcept {
+    const std::array<double, 3> push = pushes(g);
+    double worst = 64.0 * kEpsilon;
+    std::size_t drop = held_;
+    for (std::size_t k = 0; k < held_; ++k) {
+      const double beyond = std::abs(push[k]) - terms_.sigma[holder_[k]];
+      if (beyond > worst) {
+        worst = beyond;
+        drop = k;
+      }
+    }
+    if (drop == held_) return false;
+    side(holder_[drop]) = push[drop] > 0.0 ? 1.0 : -1.0;
+    const std::array<std::size_t, 3> before = holder_;
+    const std::size_t count = std::exchange(held_, 0);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k != drop) hold(before[k]);
+    }
+    return true;
+  }
+
+  /// Sets the multipliers of the present place: from the sides, and from the forces of planes that
+  /// hold.
+  void setMultipliers(const Vec3& g) noexcept {
+    const std::array<double, 3> push = pushes(g);
+    for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));
+    for (std::size_t k = 0; k < held_; ++k) {
+      const double share = push[k] / terms_.sigma[holder_[k]];
+      set(terms_.z, holder_[k], std::clamp(share, -1.0, 1.0) * get(terms_.q, holder_[k]));
+    }
+  }
+
+  static constexpr int kMostPivots = 40;
+
+  Problem& problem_;
+  const Terms& terms_;
+  /// A plane on the step, and the share of the step at which the step reaches it.
+  struct Met {
+    double way;
+    std::size_t plane;
+  };
+  std::array<Met, kMaxPrimitives> met_;  ///< Scratch.
+  std::array<std::size_t, 3> holder_{};
+  std::array<Vec3, 3> basis_;  ///< The normals that hold, each made orthogonal to those before it.
+  std::size_t held_ = 0;
+  int pivots_ = 0;
+};
+
+}  // namespace palpate::solver

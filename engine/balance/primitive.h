@@ -1,0 +1,151 @@
+/// The haptic primitives of Lundin et al., section 4.1: eqs (8), (9), (11), (13).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "palpate/engine/types.h"
+
+namespace palpate {
+
+/// Kind of a primitive. The paper's list is complete: directed force, and constraints of three, two
+/// and one degrees of freedom. A fifth kind should cause a compiler warning in every `switch`.
+enum class PrimitiveKind : std::uint8_t {
+  kForce,  ///< eq. (8): constant force along `direction`; `position` is ignored.
+  kPoint,  ///< eq. (9): constant pull towards `position`; `direction` is ignored.
+  kLine,   ///< eq. (11): constant pull towards the line through `position` along `direction`.
+  kPlane,  ///< eq. (13): constant push along `direction`, only behind the plane (eq. 12).
+};
+
+/// Returns the paper's word for a kind of primitive.
+[[nodiscard]] const char* wordFor(PrimitiveKind kind) noexcept;
+
+/// One primitive in W.
+struct Primitive {
+  PrimitiveKind kind = PrimitiveKind::kForce;  ///< Decides the equation of its force.
+  Vec3 position = Vec3::Zero();                ///< x_i [m].
+  Vec3 direction = Vec3::UnitX();  ///< q_i, unit length to 1e-6: |q|^2 within 2e-6 of 1.
+  double strength = 0.0;           ///< s_i [N], >= 0.
+};
+
+/// Returns true if a balance can take the primitive: a kind that exists, finite numbers, a strength
+/// >= 0 and a direction of unit length. RT: no allocation.
+[[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
+
+/// Returns the distance of x from the places where the primitive exerts no force [m]: from its
+/// point or line, or behind its plane; 0 for a force. RT: no allocation.
+[[nodiscard]] double distanceTo(const Primitive& primitive,
+                                const Vec3& x) noexcept PALPATE_NONBLOCKING;
+
+/// State of a primitive in a balance: it bears no load, holds or yields.
+enum class Load : std::uint8_t {
+  kNone,      ///< load <= 1e-12 N: the primitive bears no load.
+  kHeld,      ///< 0 < load < strength: the balance is on the primitive.
+  kYielding,  ///< load = strength: the primitive cannot hold the proxy.
+};
+/// Returns the load of a primitive, given its force on the proxy [N]. RT: no allocation.
+[[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
+  constexpr double kLeast = 1e-12;  // [N]
+  constexpr double kAll = 1.0 - 1e-9;
+  const double load = force.norm();
+  if (!(load > kLeast)) return Load::kNone;
+  return load >= kAll * primitive.strength ? Load::kYielding : Load::kHeld;
+}
+
+/// Derivatives of a primitive by the place x where properties were read, for Newton's step
+/// (newton.h).
+struct Varying {
+  std::size_t index = 0;       ///< Index of the primitive that varies.
+  Mat3 turn = Mat3::Zero();    ///< dn/dx [1/m], n the direction of a force or a plane.
+  Vec3 slope = Vec3::Zero();   ///< ds/dx [N/m], s the strength.
+  Vec3 across = Vec3::Zero();  ///< For a plane: the place stays on it if across . step = -height.
+                               ///< For a surface: c, the slope of the interpolated value at x,
+                               ///< unit, outwards; in trilinear data it is not n.
+  double height = 0.0;         ///< Height of x above the plane, along `across` [m].
+  bool surface = false;        ///< True for the plane of a surface, false for all others.
+};
+
+/// Largest number of primitives in the balance of one tick.
+inline constexpr std::size_t kMaxPrimitives = 1024;
+
+/// Coulomb friction: a line through the old proxy along a plane's normal. Its strength is mu times
+/// the load that the plane bears in the same balance. See friction.h.
+struct FrictionLink {
+  std::size_t plane = 0;     ///< Index of the plane in its set.
+  std::size_t line = 0;      ///< Index of the friction's line in the same set.
+  double coefficient = 0.0;  ///< mu, >= 0.
+};
+
+/// The primitives of one tick. The constructor allocates all memory.
+class PrimitiveSet {
+ public:
+  PrimitiveSet() : items_(kMaxPrimitives), links_(kMaxPrimitives), varying_(kMaxPrimitives) {}
+
+  /// Appends one primitive. Returns false and changes nothing if the set is full. RT: no
+  /// allocation.
+  [[nodiscard]] bool tryAdd(const Primitive& primitive) noexcept {
+    if (count_ == items_.size()) return false;
+    items_[count_++] = primitive;
+    return true;
+  }
+  /// Appends friction at `position` [m] to the plane appended last. Returns false if the set is
+  /// full, the last primitive is not a plane, or the coefficient is not within 0 to 1e9. RT: no
+  /// allocation.
+  [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
+    const std::size_t plane = count_ - 1;
+    if (count_ == 0 || items_[plane].kind != PrimitiveKind::kPlane || !(coefficient >= 0.0) ||
+        !(coefficient <= 1e9)) {
+      return false;
+    }
+    if (!tryAdd({PrimitiveKind::kLine, position, items_[plane].direction, 0.0})) return false;
+    links_[link_count_++] = {plane, plane + 1, coefficient};
+    return true;
+  }
+  /// Returns the entry of the primitive appended last, for writing; a second call returns the same
+  /// entry. In an empty set the entry belongs to no primitive. RT: no allocation.
+  Varying& vary() noexcept {
+    if (count_ == 0) return varying_[0];
+    if (varying_count_ == 0 || varying_[varying_count_ - 1].index + 1 != count_) {
+      varying_[varying_count_] = {};
+      varying_[varying_count_++].index = count_ - 1;
+    }
+    return varying_[varying_count_ - 1];
+  }
+  /// Sets the strength of a friction's line [N]. RT: no allocation.
+  void setStrength(const FrictionLink& link, double strength) noexcept {
+    items_[link.line].strength = strength;
+  }
+
+  /// Moves primitive i to `position` [m]. RT: no allocation.
+  void setPosition(std::size_t i, const Vec3& position) noexcept { items_[i].position = position; }
+
+  /// Removes all primitives, friction links and entries; keeps the memory. RT: no allocation.
+  void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
+  [[nodiscard]] std::size_t size() const noexcept { return count_; }  ///< Friction lines included.
+  /// Returns the primitives in the order of adding, friction lines included.
+  [[nodiscard]] std::span<const Primitive> items() const noexcept {
+    return {items_.data(), count_};
+  }
+  /// Returns the friction links in the order of adding, by indices into items().
+  [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
+    return {links_.data(), link_count_};
+  }
+  /// Returns the entries of the primitives that vary, in the primitives' order.
+  [[nodiscard]] std::span<const Varying> varying() const noexcept {
+    return {varying_.data(), varying_count_};
+  }
+  /// Returns the same entries, for writing.
+  [[nodiscard]] std::span<Varying> varying() noexcept { return {varying_.data(), varying_count_}; }
+
+ private:
+  std::vector<Primitive> items_;
+  std::vector<FrictionLink> links_;
+  std::vector<Varying> varying_;
+  std::size_t count_ = 0;
+  std::size_t link_count_ = 0;
+  std::size_t varying_count_ = 0;
+};
+
+}  // namespace palpate

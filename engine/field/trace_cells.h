@@ -1,0 +1,411 @@
+/// Traces a stream by RK4 with two estimates of its error, one cell of the grid at a time. A
+/// trilinear field has kinks at the faces of its cells, and over a kink every method is of second
+/// order. A step that is cut at the face keeps the fourth order. A short step within a cell, such
+/// as a hand's path in a tick, is made by the midpoint rule.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "palpate/engine/field/trace.h"
+#include "palpate/engine/types.h"
+
+namespace palpate {
+
+/// Traces through a `Flow`, which knows cells:
+///
+///     bool enter(const Vec3& u, const Vec3& direction)  enters the cell that holds u; on a
+///         face, the one that the direction leads into; false without data
+///     bool pass(int axis, int side)     enters the neighbour: side +1 or -1
+///     Vec3 lower()                      the cell is [lower, lower + 1] in u, or
+///     constexpr bool kCells             false: one smooth piece without faces
+///     Vec3 value(const Vec3& u)         v by the cell's own polynomial, a little outside as well
+///     Vec3 rate(const Vec3& v)          du / ds of a unit vector of W, s in voxels
+///
+/// u, the direction of `enter` and the result's position are in the cells' own coordinates, the
+/// result's direction in W; `length`, order.length and order.hand are in voxels. The trace ends
+/// where v has no direction.
+///
+/// A trace to the hand minimises E(s) = d.Md / 2, d = hand - x(s), M = order.metric, down the slope
+/// from its start:
+///
+///     g = -E' = x'.Md,   -g' = E'' = x'.Mx' - x''.Md,   Newton's step g / max(E'', 0.1 x'.Mx')
+///
+/// If E'' <= 0, beyond the centre of curvature, the trace walks on: the distance falls while g > 0.
+/// The first root of g is the end. A step past it is shortened to g = 0 on the step's own cubic.
+template <class Flow>
+class CellTrace {
+ public:
+  /// Begins at `start`, in the cells' own coordinates; `flow` and `order` must outlive it. The step
+  /// to try first is order.stride, limited to 0.05 to 1 voxel.
+  CellTrace(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept
+      : flow_(flow),
+        order_(order),
+        sense_(order.length < 0.0 ? -1.0 : 1.0),
+        u_(start),
+        way_(sense_ * order.along),
+        left_(std::abs(order.length)),
+        wanted_(left_),
+        stride_(std::clamp(order.stride, kLeast, kLongest)),
+        turn_(order.bend) {}
+
+  /// Traces until it reaches the length or, if requested, the place nearest to the hand. Also ends
+  /// when the steps are used up, and where v has no direction or no data. Call it once.
+  [[nodiscard]] Trace run() noexcept {
+    bool capped = false;
+    if (begin()) {
+      way_ = k1_;
+      int steps = 0;
+      const int most = 4 * order_.max_steps;  // steps that were too long included
+      for (int tries = 0; left_ > kEnough; ++tries) {
+        if (order_.to_hand && atHand()) break;
+        capped = steps >= order_.max_steps || tries >= most;
+        if (capped) break;
+        const Tried tried = tryStep();
+        if (tried == Tried::kEnds || (tried == Tried::kMade && !goOn())) break;
+        steps += tried == Tried::kMade ? 1 : 0;
+      }
+    }
+    const bool arrived = order_.to_hand && atHand();
+    return {u_,      sense_ * way_, sense_ * (wanted_ - left_), stride_, samples_, capped, hairpin_,
+            arrived, turn_};
+  }
+
+ private:
+  static constexpr double kLeast = 0.05;      // shortest step [voxels]
+  static constexpr double kLongest = 1.0;     // longest step [voxels]
+  static constexpr double kPast = 1.03;       // factor on the length of a step to reach a face
+  static constexpr double kMostGrowth = 4.0;  // growth of a step without error, before the clamps
+  static constexpr double kRough =
+      1.0 / 75.0;                           // share of the rougher estimate that counts: measured
+  static constexpr double kEnough = 1e-12;  // [voxels] left at which a trace has arrived
+  static constexpr double kNudge = 0.02;    // longest step by the bend alone [voxels]
+  static constexpr double kShort = 0.1;     // longest midpoint step [voxels]
+  static constexpr double kShare = 0.35;    // error of a midpoint step, as a share of tolerance x
+                                            // its length
+  static constexpr double kSteepest = 0.1;  // least E'' of Newton's step, as a share of x'.Mx'
+  static constexpr double kStuck = 1e-6;    // [voxels]: two faces nearer than this are one
+  enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
+
+  /// Enters the first cell in the direction of the trace. Returns false without data or direction.
+  [[nodiscard]] bool begin() noexcept {
+    const Vec3 pull = order_.metric * order_.hand;
+    if (order_.to_hand && way_.dot(pull) < 0.0) turnRound();
+    if (!flow_.enter(u_, flow_.rate(way_)) || !direction(u_, way_, k1_)) return false;
+    if (!order_.to_hand || !(k1_.dot(pull) < 0.0)) return true;
+    way_ = k1_;
+    turnRound();
+    return flow_.enter(u_, flow_.rate(way_)) && direction(u_, way_, k1_);
+  }
+
+  void turnRound() noexcept {
+    sense_ = -sense_;
+    way_ = -way_;
+  }
+
+  /// Writes v/|v| to `d`, turned to the side of `like`. Returns false where v has no direction.
+  bool direction(const Vec3& u, const Vec3& like, Vec3& d) noexcept {
+    ++samples_;
+    const Vec3 v = flow_.value(u);
+    const double length = std::sqrt(v.x() * v.x() + v.y() * v.y() + v.z() * v.z());
+    if (!(length > 1e-300) || !std::isfinite(length)) return false;
+    const double sign = v.x() * like.x() + v.y() * like.y() + v.z() * like.z() < 0.0 ? -1.0 : 1.0;
+    const double f = sign / length;
+    d = Vec3(f * v.x(), f * v.y(), f * v.z());
+    return true;
+  }
+
+  /// Returns the distance to the face ahead, on the parabola of the last bend [voxels].
+  [[nodiscard]] double toFace() const noexcept {
+    double face = 1e9;
+    for (int a = 0; a < 3; ++a) {
+      const double t = u_[a] - flow_.lower()[a];
+      for (const double side : {-1.0, 1.0}) {
+        const double gap = std::max(side > 0.0 ? 1.0 - t : t, 0.0);
+        const double speed = side * r1_[a];
+        const double turn = 0.5 * side * bend_[a];
+        const double root = speed * speed + 4.0 * turn * gap;
+        if (root < 0.0) continue;
+        const double sum = speed + std::sqrt(root);
+        if (sum > 1e-12) face = std::min(face, 2.0 * gap / sum);
+      }
+    }
+    return face;
+  }
+
+  /// Reads the direction k2_ in the middle of a straight step of length h_, once for both rules.
+  [[nodiscard]] bool middle() noexcept {
+    if (h_ == middle_of_) return true;
+    middle_of_ = 0.0;
+    if (!direction(u_ + 0.5 * h_ * r1_, k1_, k2_)) return false;
+    middle_of_ = h_;
+    return true;
+  }
+
+  /// Makes a step of length h_ by the midpoint rule, with one value of v instead of four. Its error
+  /// is at most h^3 x''' / 6. x''' is estimated by the change of the bend since the last step, as
+  /// if that step was as long. If it was shorter, and v is smooth, the estimate can be too low.
+  /// Returns false and makes no step if the estimate is too large or the step leaves its cell.
+  [[nodiscard]] bool shortStep() noexcept {
+    if (!middle()) return false;
+    const Vec3 change = 2.0 * (k2_ - k1_);
+    const double error = h_ / 6.0 * (change - h_ * turn_).norm();
+    if (!(error <= kShare * order_.tolerance * h_)) return false;
+    end_ = u_ + h_ * flow_.rate(k2_);
+    if constexpr (Flow::kCells) {
+      const Vec3 t = end_ - flow_.lower();
+      if (!(t.minCoeff() >= 0.0 && t.maxCoeff() <= 1.0)) return false;
+    }
+    chord_ = h_ * k2_;
+    k5_ = (k1_ + change).normalized();
+    return true;
+  }
+
+  /// Computes the stages of an RK4 step of length h_, and its end. Returns false where v has no
+  /// direction.
+  [[nodiscard]] bool stages() noexcept {
+    if (!middle()) return false;
+    const Vec3 r2 = flow_.rate(k2_);
+    if (!direction(u_ + 0.5 * h_ * r2, k1_, k3_)) return false;
+    const Vec3 r3 = flow_.rate(k3_);
+    if (!direction(u_ + h_ * r3, k1_, k4_)) return false;
+    const Vec3 r4 = flow_.rate(k4_);
+    end_ = u_ + (h_ / 6.0) * (r1_ + 2.0 * r2 + 2.0 * r3 + r4);
+    chord_ = (h_ / 6.0) * (k1_ + 2.0 * k2_ + 2.0 * k3_ + k4_);
+    return direction(end_, k1_, k5_);
+  }
+
+  /// Tries a step to the trace's end, as far as the error estimates allow, or to the face ahead.
+  [[nodiscard]] Tried tryStep() noexcept {
+    const double wanted = order_.to_hand ? std::min(left_, aim_) : left_;
+    h_ = std::min(wanted, stride_);
+    bool to_face = false;
+    r1_ = flow_.rate(k1_);
+    middle_of_ = 0.0;
+    // Longer traces need the stride that RK4 finds.
+    if (wanted <= kShort && shortStep())
+      return !order_.to_hand || backToHand() ? Tried::kMade : Tried::kEnds;
+    if constexpr (Flow::kCells) {
+      const double reach = kPast * toFace() + 0.01;
+      to_face = reach < h_;
+      h_ = std::min(h_, reach);
+    }
+    if (!stages()) {
+      // A place without a direction is near.
+      if (h_ <= kLeast) return Tried::kEnds;
+      stride_ = std::max(0.5 * std::min(h_, stride_), kLeast);
+      return Tried::kTooLong;
+    }
+    // One estimate is by the derivative at the end, of fourth order in h; it sometimes vanishes
+    // where the error does not. The other is the trapezoidal rule less the midpoint rule, of third
+    // order.
+    const double error = h_ / 6.0 * (k4_ - k5_).norm();
+    const double rough = kRough * h_ / 2.0 * (k1_ - k2_ - k3_ + k4_).norm();
+    double grow = kMostGrowth;
+    if (error > 0.0) grow = 0.9 * std::sqrt(std::sqrt(order_.tolerance / error));
+    if (rough > 0.0) grow = std::min(grow, 0.9 * std::cbrt(order_.tolerance / rough));
+    if (std::max(error, rough) > order_.tolerance && h_ > 1.2 * kLeast) {
+      stride_ = std::clamp(h_ * std::clamp(grow, 0.3, 0.9), kLeast, kLongest);
+      return Tried::kTooLong;
+    }
+    // A step cut short by a face shows only that longer steps may be as long as before.
+    const double next = h_ * std::clamp(grow, 0.5, 2.0);
+    const bool cut = to_face || h_ >= wanted;
+    stride_ = std::clamp(cut && grow >= 1.0 ? std::max(stride_, next) : next, kLeast, kLongest);
+    return !order_.to_hand || backToHand() ? Tried::kMade : Tried::kEnds;
+  }
+
+  /// Goes where the step led, or to the face that it passes. Returns false where the trace ends
+  /// there.
+  [[nodiscard]] bool goOn() noexcept {
+    const Vec3 r5 = flow_.rate(k5_);
+    // E'' < 0 half-way along the step.
+    const Vec3 pull = order_.metric * (order_.hand - gone_ - 0.5 * chord_);
+    if ((k5_ - k1_).dot(pull) * h_ > chord_.dot(order_.metric * chord_)) hairpin_ = true;
+    bend_ = (r5 - r1_) / h_;
+    turn_ = (k5_ - k1_) / h_;
+    if constexpr (Flow::kCells) {
+      const Face face = faceAhead(r5);
+      if (face.axis >= 0) return crossOver(face, r5);
+    }
+    gone_ += chord_;
+    u_ = end_;
+    k1_ = way_ = k5_;
+    left_ -= h_;
+    return true;
+  }
+
+  /// Returns g / max(E'', 0.1 x'.Mx') for a curve with the direction `way` and the second
+  /// derivative `turn`; `pull` is Md there.
+  [[nodiscard]] double newtonStep(double g, const Vec3& way, const Vec3& turn,
+                                  const Vec3& pull) const noexcept {
+    const double straight = way.dot(order_.metric * way);
+    return g / std::max(straight - turn.dot(pull), kSteepest * straight);
+  }
+
+  /// Returns true at a place nearest to the hand, where g <= near. Else Newton's step to that place
+  /// is `aim_`.
+  [[nodiscard]] bool atHand() noexcept {
+    const Vec3 pull = order_.metric * (order_.hand - gone_);
+    const double g = way_.dot(pull);
+    aim_ = newtonStep(g, way_, turn_, pull);
+    return g <= order_.near;
+  }
+
+  /// Moves the end of a step that passes the place nearest to the hand to that place. Returns false
+  /// where v has no direction. Cost: four values of v if the step passes it, one for the last bit.
+  [[nodiscard]] bool backToHand() noexcept {
+    constexpr int kMost = 4;
+    for (int i = 0; i < kMost; ++i) {
+      const Vec3 pull = order_.metric * (order_.hand - gone_ - chord_);
+      const double g = k5_.dot(pull);
+      if (std::abs(g) <= order_.near) return true;
+      const Vec3 turn = (k5_ - k1_) / h_;
+      const double rest = newtonStep(g, k5_, turn, pull);
+      if (std::abs(rest) <= kNudge && rest > -0.5 * h_) {
+        // x(s + rest) = x + rest x' + rest^2 / 2 x'', to third order.
+        const Vec3 way = rest * k5_ + 0.5 * rest * rest * turn;
+        end_ += flow_.rate(way);
+        chord_ += way;
+        h_ += rest;
+        if (!direction(end_, k5_, k5_)) return false;
+        continue;
+      }
+      if (g > 0.0) return true;
+      h_ *= shareToHand(g);
+      if (!(h_ <= kShort && shortStep()) && !stages()) return false;
+    }
+    return true;
+  }
+
+  /// Returns the share of the step at which g = 0 on its cubic, by regula falsi (Illinois).
+  /// `g_end`: g at the step's end, < 0.
+  [[nodiscard]] double shareToHand(double g_end) const noexcept {
+    const Vec3 d = order_.hand - gone_;
+    constexpr int kMost = 8;
+    constexpr double kExact = 0.1;  // share of `near` that may be left
+    double low = 0.0;
+    double high = 1.0;
+    double g_low = k1_.dot(order_.metric * d);
+    double g_high = g_end;
+    double t = 1.0;
+    int moved = 0;  // the end that the last pass moved: -1 low, 1 high
+    for (int i = 0; i < kMost; ++i) {
+      t = (low * g_high - high * g_low) / (g_high - g_low);
+      const double g = directionAt(t).dot(order_.metric * (d - goneAt(t)));
+      if (std::abs(g) < kExact * order_.near) break;
+      const int side = g > 0.0 ? -1 : 1;
+      (side < 0 ? low : high) = t;
+      (side < 0 ? g_low : g_high) = g;
+      if (side == moved) (side < 0 ? g_high : g_low) *= 0.5;
+      moved = side;
+    }
+    return t;
+  }
+
+  /// Returns the displacement at share t of the step, on the cubic through both of its ends, in W.
+  [[nodiscard]] Vec3 goneAt(double t) const noexcept {
+    const double t2 = t * t;
+    const double t3 = t2 * t;
+    return (t3 - 2.0 * t2 + t) * h_ * k1_ + (3.0 * t2 - 2.0 * t3) * chord_ + (t3 - t2) * h_ * k5_;
+  }
+
+  /// Returns the unit direction at share t of the step, on the same cubic.
+  [[nodiscard]] Vec3 directionAt(double t) const noexcept {
+    const double t2 = t * t;
+    return Vec3((3.0 * t2 - 4.0 * t + 1.0) * h_ * k1_ + 6.0 * (t - t2) * chord_ +
+                (3.0 * t2 - 2.0 * t) * h_ * k5_)
+        .normalized();
+  }
+
+  /// Face at which the step leaves its cell.
+  struct Face {
+    int axis = -1;  ///< Axis of the face; -1: the step stays in its cell.
+    int side = 0;
+    double share = 2.0;  ///< Share of the step at which it leaves.
+  };
+
+  /// Returns coordinate `a` at share t of the step, on the cubic through both of its ends, in u.
+  [[nodiscard]] double cubic(double t, int a, const Vec3& r5) const noexcept {
+    const double t2 = t * t;
+    const double t3 = t2 * t;
+    return (2.0 * t3 - 3.0 * t2 + 1.0) * u_[a] + (t3 - 2.0 * t2 + t) * h_ * r1_[a] +
+           (3.0 * t2 - 2.0 * t3) * end_[a] + (t3 - t2) * h_ * r5[a];
+  }
+
+  [[nodiscard]] double faceAt(int axis, int side) const noexcept {
+    return flow_.lower()[axis] + (side > 0 ? 1.0 : 0.0);
+  }
+
+  [[nodiscard]] Face faceAhead(const Vec3& r5) const noexcept {
+    Face first;
+    for (int a = 0; a < 3; ++a) {
+      for (const int s : {-1, 1}) {
+        const double face = faceAt(a, s);
+        if (!(s * (end_[a] - face) > 0.0)) continue;
+        double low = 0.0;
+        double high = 1.0;
+        for (int i = 0; i < 40; ++i) {
+          const double middle = 0.5 * (low + high);
+          (s * (cubic(middle, a, r5) - face) > 0.0 ? high : low) = middle;
+        }
+        if (high < first.share) first = {a, s, high};
+      }
+    }
+    return first;
+  }
+
+  [[nodiscard]] bool crossOver(const Face& face, const Vec3& r5) noexcept {
+    Vec3 at(cubic(face.share, 0, r5), cubic(face.share, 1, r5), cubic(face.share, 2, r5));
+    at[face.axis] = faceAt(face.axis, face.side);
+    u_ = at;
+    left_ -= face.share * h_;
+    gone_ += goneAt(face.share);
+    way_ = k1_ + face.share * (k5_ - k1_);
+    // Directions without a sign may point into a face from both sides: there the stream ends.
+    const bool back = face.axis == last_.axis && face.side == -last_.side;
+    if (back && face.share * h_ < kStuck) {
+      way_.normalize();
+      return false;
+    }
+    last_ = face;
+    if (!flow_.pass(face.axis, face.side) || !direction(u_, way_, k1_)) {
+      way_.normalize();
+      return false;
+    }
+    way_ = k1_;
+    return true;
+  }
+
+  Flow& flow_;
+  const TraceOrder& order_;
+  double sense_;
+  Vec3 u_;
+  Vec3 way_;  ///< Unit direction in which the trace goes, in W.
+  double left_;
+  double wanted_;  ///< Length requested, in all [voxels].
+  double stride_;
+  int samples_ = 0;
+  bool hairpin_ = false;
+  double aim_ = 0.0;          ///< Newton's step to the place nearest to the hand [voxels].
+  Vec3 turn_;                 ///< Second derivative of the curve, by the last step, in W [1/voxel].
+  Vec3 gone_ = Vec3::Zero();  ///< Displacement from the trace's start, in W [voxels].
+  Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
+  Face last_;                 ///< The face that was crossed last.
+  // The step that is tried: k are directions in W, r the same in u.
+  double h_ = 0.0;
+  double middle_of_ = 0.0;  ///< The length of the step for which k2_ was read.
+  Vec3 k1_, k2_, k3_, k4_, k5_, r1_;
+  Vec3 end_, chord_;  ///< The step's end in u; its chord in W.
+};
+
+/// Returns the trace of a CellTrace from `start`, in the cells' own coordinates. RT: no allocation,
+/// if the flow makes none. Cost: four values of v a step, five where it crosses a face; a trace
+/// below 0.1 voxel needs one, if that is enough. Rejected steps count.
+template <class Flow>
+[[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
+  return CellTrace<Flow>(flow, start, order).run();
+}
+
+}  // namespace palpate

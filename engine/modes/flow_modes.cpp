@@ -1,0 +1,128 @@
+/// The modes of a vector volume that are planes and lines along it: follow, front shape and vortex
+/// tube.
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "palpate/engine/modes/mode_place.h"
+
+namespace palpate {
+namespace {
+
+/// A flow that turns by less than this share of its speed over a voxel has no vortex: the turn is
+/// rounding.
+constexpr double kNoVortex = 1e-5;
+
+/// Returns the direction of a primitive at the proxy that has to hold up to `read`: the mean of
+/// those at both places (the trapezoidal rule), unit. `q`: the direction where properties were read
+/// last; `before`: the direction at the proxy.
+Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
+  const bool here = stand.foreseen || stand.read == stand.proxy;
+  if (here || !(before.dot(q) > 0.0)) before = q;
+  return here ? q : Vec3((before + q).normalized());
+}
+
+/// Adds no primitive, since there is no direction, and forgets the direction at the proxy.
+bool nothing(Vec3& before) noexcept {
+  before.setZero();
+  return true;
+}
+
+/// Returns how a plane through `position` varies. Its normal turns with the place x where
+/// properties are read, half as much as the direction from which it is made (midway). Newton's step
+/// solves n(x + step) . (x + step - position) = 0, so (n + turn^T w) . step = -n . w, w = x -
+/// position.
+Variation planeVaries(const EmitContext& place, const Vec3& position, const Vec3& normal,
+                      const Mat3& turn) noexcept {
+  Variation plane;
+  plane.turn = 0.5 * turn;
+  const Vec3 way = place.stand.read - position;
+  plane.across = normal + plane.turn.transpose() * way;
+  plane.height = normal.dot(way);
+  return plane;
+}
+
+Variation opposed(const Variation& plane) noexcept {
+  return {-plane.turn, Vec3::Zero(), -plane.across, -plane.height};
+}
+
+/// Adds two opposed planes, which hold the proxy in both directions along the normal.
+bool addSlab(const EmitContext& place, const Vec3& position, const Vec3& normal, double strength,
+             const Variation& plane) noexcept {
+  return place.add(PrimitiveKind::kPlane, position, normal, strength, plane) &&
+         place.add(PrimitiveKind::kPlane, position, -normal, strength, opposed(plane));
+}
+
+}  // namespace
+
+bool emit(const FollowMode& mode, const EmitContext& place, FollowMemory& memory) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  Vec3 q;
+  if (!v.inside || !unit(v.value, q)) return nothing(memory.before);
+  return place.add(PrimitiveKind::kLine, midway(place.stand, q, memory.before),
+                   mode.strength(place.at));
+}
+
+bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory& memory) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  Vec3 q;
+  if (!v.inside || !unit(v.value, q)) {
+    memory.placed = false;
+    return nothing(memory.before);
+  }
+  // Snap-drag: a proxy pulled away from its front is held by the remembered plane until it is
+  // farther away than `snap`, and then released until it rests. Otherwise the front is at p.
+  constexpr double kOn = 1e-3;  // share of the snap distance
+  const Vec3& p = place.stand.proxy;
+  const double off = memory.placed ? memory.normal.dot(p - memory.anchor) : 0.0;
+  const double away = mode.two_sided ? std::abs(off) : -off;
+  if (memory.placed && away > mode.snap) memory.let_go = true;
+  if (memory.let_go) {
+    memory.placed = false;
+    return true;
+  }
+  Mat3 turn = Mat3::Zero();
+  if (!memory.placed || away <= kOn * mode.snap) {
+    memory.anchor = p;
+    memory.normal = midway(place.stand, q, memory.before);
+    memory.placed = mode.snap > 0.0;
+    turn = turnOf(v.value, v.jacobian);
+  }
+  const double strength = mode.strength(place.at);
+  const Variation plane = planeVaries(place, memory.anchor, memory.normal, turn);
+  if (mode.two_sided) return addSlab(place, memory.anchor, memory.normal, strength, plane);
+  return place.add(PrimitiveKind::kPlane, memory.anchor, memory.normal, strength, plane);
+}
+
+void settle(const FrontShapeMode& /*mode*/, const Vec3& /*proxy*/, bool arrived,
+            FrontShapeMemory& memory) noexcept {
+  if (arrived) memory.let_go = false;
+}
+
+bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory& memory) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  const Vec3& curl = place.vector(mode.curl).value;
+  Vec3 core;
+  if (!v.inside || !unit(curl, core)) return nothing(memory.before);
+  // The flow's turn over a voxel, relative to its speed: a vortex within rounding has no strength.
+  const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
+  const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
+  const double strength =
+      v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
+  const Vec3 outwards = v.value.cross(core);
+  const double radius = 2.0 * outwards.norm() / spin;  // in voxels
+  // The core's line passes into the tube's planes over a voxel. The turn of the core is not read.
+  Vec3 radial;
+  const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
+  if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;
+  if (line >= 1.0) return nothing(memory.before);
+  Mat3 turned;  // d (v x core)/dx
+  for (int j = 0; j < 3; ++j) turned.col(j) = v.jacobian.col(j).cross(core);
+  const Vec3& p = place.stand.proxy;
+  const Vec3 normal = midway(place.stand, radial, memory.before);
+  const Variation plane = planeVaries(place, p, normal, turnOf(outwards, turned));
+  return addSlab(place, p, normal, (1.0 - line) * strength, plane);
+}
+
+}  // namespace palpate

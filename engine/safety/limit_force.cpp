@@ -1,0 +1,103 @@
+#include "palpate/engine/safety/limit_force.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "palpate/engine/safety/heat.h"
+
+namespace palpate {
+
+namespace {
+
+/// Returns |v|, finite if it can be. Uses stableNorm, which costs more, only near overflow and
+/// underflow.
+double lengthOf(const Vec3& v) noexcept {
+  const double square = v.squaredNorm();
+  const bool plain = (square > 1e-200 && square < 1e200) || v.isZero(0.0);
+  return plain ? std::sqrt(square) : v.stableNorm();
+}
+
+/// Advances an engagement by a time [s] and returns the share of the force that it lets through.
+double engaged(double asked, double time, LimiterState& state) noexcept {
+  if (state.waiting) {
+    state.waited += time;
+    state.waiting = !(asked < kEngageBelow) && state.waited < kEngageWait;
+    if (state.waiting) return 0.0;
+  }
+  if (state.share < 1.0) {
+    state.share = state.ramp > 0.0 ? std::min(1.0, state.share + time / state.ramp) : 1.0;
+  }
+  return state.share;
+}
+
+double passTank(const Vec3& force, const Vec3& hand, bool fresh, double dt,
+                const ForceLimits& limits, Tank& tank) noexcept {
+  const double most = limits.peak * limits.peak / (2.0 * limits.tank.soft);
+  return tank.pass(force, hand, fresh, dt, limits.tank, most);
+}
+
+}  // namespace
+
+LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const ForceLimits& limits,
+                        LimiterState& state, bool fresh) noexcept {
+  LimitedForce out;
+  const Vec3 previous = state.sent;
+  const double time = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
+  if (limits.heating > 0.0) {
+    // The force that was sent was within the peak, whichever force is remembered.
+    const double sent =
+        previous.allFinite() ? std::min(lengthOf(previous), std::max(limits.peak, 0.0)) : 0.0;
+    state.heat += (1.0 - std::exp(-time / limits.heating)) * (sent * sent - state.heat);
+  }
+  state.sent.setZero();
+
+  // Finite, else zero. Limits that are not positive numbers allow no force.
+  const double asked = lengthOf(wanted);
+  if (!wanted.allFinite() || !std::isfinite(asked)) {
+    out.finite = false;
+    (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
+    return out;
+  }
+  // Slightly below the peak, so that rounding cannot carry the result over it.
+  const double peak =
+      limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
+  double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;
+  if (state.gentle > 0.0) {
+    growth = std::min(growth, peak / kEngageEdit * time);
+    state.gentle -= time;
+  }
+
+  // Peak and continuous limit: the force is scaled, its direction kept.
+  Vec3 force = wanted;
+  const double most = allowedByHeat(limits.continuous, peak, state.heat);
+  out.peaked = asked > peak;
+  out.heated = asked > most && most < peak;
+  if (asked > most) force *= most / asked;
+
+  // Engagement: the force is scaled by the ramp.
+  const double share = engaged(asked, time, state);
+  out.ramped = share < 1.0 && asked > 0.0;
+  force *= share;
+
+  // Slew: the part of the last force that is still wanted stays; the rest grows by at most
+  // `growth`.
+  Vec3 kept = Vec3::Zero();
+  const double last = previous.allFinite() ? lengthOf(previous) : 0.0;
+  if (last > 0.0 && std::isfinite(last)) {
+    const Vec3 direction = previous / last;
+    kept = std::clamp(force.dot(direction), 0.0, last) * direction;
+  }
+  const Vec3 added = force - kept;
+  const double grown = added.norm();
+  out.slewed = grown > growth;
+  out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
+
+  // The energy tank is the last limit: no later step changes the force.
+  out.share = passTank(out.force, hand, fresh, dt, limits, state.tank);
+  out.drained = limits.tank.use == TankUse::kAct && out.share < 1.0;
+  if (out.drained) out.force *= out.share;
+  state.sent = out.force;
+  return out;
+}
+
+}  // namespace palpate

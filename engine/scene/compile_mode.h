@@ -1,0 +1,27 @@
+/// Private to engine: compiles a mode's spec into the mode that a tick runs. Include it in .cpp
+/// files only.
+#pragma once
+
+#include <string>
+
+#include "palpate/engine/scene/graph.h"
+#include "palpate/engine/scene/graph_reads.h"
+
+namespace palpate {
+
+/// A compiled mode, and the fields that must have data for it to act.
+struct CompiledMode {
+  Mode mode;         ///< Reads properties by their indices in GraphReads::graph.
+  FieldSet support;  ///< Becomes ModeFields::support.
+};
+
+/// Compiles one mode; `path` is its path in the scene file, for errors. Adds the fields that the
+/// mode reads to `reads`, and to `reads.current`. Throws SceneError.
+[[nodiscard]] CompiledMode compileMode(const ModeSpec& spec, const std::string& path,
+                                       GraphReads& reads);
+
+/// Compiles a coupling stiffness that depends on properties, "/coupling/stiffness". Throws
+/// SceneError.
+[[nodiscard]] Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads);
+
+}  // namespace palpate

@@ -1,0 +1,148 @@
+#include "palpate/engine/scene/graph.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/scene/compile_mode.h"
+#include "palpate/engine/scene/graph_names.h"
+#include "palpate/engine/scene/graph_reads.h"
+
+namespace palpate {
+namespace {
+
+void checkModes(const GraphSpec& spec) {
+  if (spec.modes.empty()) {
+    throw SceneError("/modes", "there is no mode, so nothing can be felt", "add one");
+  }
+  if (spec.modes.size() > kMaxModes) {
+    throw SceneError("/modes", std::to_string(spec.modes.size()) + " modes",
+                     "use at most " + std::to_string(kMaxModes));
+  }
+}
+
+void checkMotions(const GraphSpec& spec, const GraphNames& names) {
+  for (const auto& [name, motion] : spec.motions) {
+    const std::string path = "/volumes/" + name + "/place/keyframes";
+    if (names.volume(name) == nullptr) names.throwUnknown(path, name);
+    if (motion == nullptr) throw SceneError(path, "there is no motion", "remove it");
+  }
+}
+
+/// Rejects guides in volumes that deform. A warp is sampled only where properties are read, and a
+/// guide's place is elsewhere.
+void checkGuide(const GraphSpec& spec, const ModeSpec& mode, const std::string& path) {
+  const auto in = spec.motions.find(mode.in);
+  if (mode.kind != ModeKind::kGuide || in == spec.motions.end()) return;
+  if (in->second->warp() == nullptr) return;
+  throw SceneError(path + "/in", "\"" + mode.in + "\" deforms, and guides only move rigidly",
+                   "place the guide in the world, or in a volume that moves by keyframes");
+}
+
+/// Returns true if a mode can never act.
+bool isSilent(const ModeSpec& mode) {
+  return mode.kind != ModeKind::kUser && mode.strength.highest() == 0.0 &&
+         mode.viscosity.highest() == 0.0;
+}
+
+/// Returns the motion that carries a mode's primitives: that of its own volume. A user's mode is
+/// carried if all that it reads moves as one.
+int motionOf(const ModeSpec& mode, const FieldSet& support, GraphReads& reads) {
+  if (mode.kind == ModeKind::kGuide) return mode.in.empty() ? -1 : reads.motionOf(mode.in);
+  return reads.motionOf(mode.kind == ModeKind::kUser ? reads.current : support);
+}
+
+void addMode(const GraphSpec& spec, std::size_t index, GraphReads& reads) {
+  const ModeSpec& mode = spec.modes[index];
+  const std::size_t number = spec.mode_numbers.empty() ? index : spec.mode_numbers.at(index);
+  const std::string path = "/modes/" + std::to_string(number);
+  const std::string name = mode.name.empty() ? path : mode.name;
+  checkGuide(spec, mode, path);
+  if (isSilent(mode)) {
+    // A silent mode is checked like any other and then left out, without readings.
+    GraphReads unused = reads;
+    (void)compileMode(mode, path, unused);
+    reads.graph.silent.push_back(name);
+    return;
+  }
+  reads.current = {};
+  CompiledMode compiled = compileMode(mode, path, reads);
+  Graph& graph = reads.graph;
+  graph.mode_follows.push_back(followsValue(compiled.mode) ? 1 : 0);
+  graph.modes.push_back(std::move(compiled.mode));
+  graph.mode_fields.push_back({compiled.support, reads.current});
+  graph.mode_voxels.push_back(reads.frameOf(reads.current).voxel);
+  graph.mode_motions.push_back(motionOf(mode, compiled.support, reads));
+  graph.mode_sources.push_back(number);
+  graph.mode_names.push_back(name);
+}
+
+}  // namespace
+
+double TransferSpec::highest() const noexcept {
+  double product = 1.0;
+  for (const Factor& factor : factors) product *= factor.curve.highest();
+  return product;
+}
+
+double TransferSpec::lowest() const noexcept {
+  double product = 1.0;
+  for (const Factor& factor : factors) product *= factor.curve.lowest();
+  return product;
+}
+
+bool TransferSpec::isConstant() const noexcept {
+  return std::all_of(factors.begin(), factors.end(),
+                     [](const Factor& factor) { return factor.curve.isConstant(); });
+}
+
+Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields) {
+  const GraphNames names(spec, fields);
+  names.checkDerived();
+  checkModes(spec);
+  checkMotions(spec, names);
+  GraphReads reads(spec, names);
+  for (std::size_t i = 0; i < spec.modes.size(); ++i) addMode(spec, i, reads);
+  if (spec.stiffness) {
+    reads.current = {};
+    reads.graph.stiffness = compileStiffness(*spec.stiffness, reads);
+    reads.graph.stiffness_reads = reads.current;
+  }
+  Graph& graph = reads.graph;
+  for (std::size_t i = 0; i < graph.scalar_fields.size(); ++i) {
+    if (graph.scalar_fields[i]->attends()) graph.attentive.push_back(i);
+  }
+  for (std::size_t i = 0; i < graph.vector_fields.size(); ++i) {
+    if (graph.vector_fields[i]->attends())
+      graph.attentive.push_back(graph.scalar_fields.size() + i);
+  }
+  for (const auto& [name, field] : fields) {
+    if (!reads.isRead(name)) reads.graph.unused.push_back(name);
+  }
+  for (const auto& [name, derived] : spec.fields) {
+    if (!reads.isUsed(name)) reads.graph.unused.push_back(name);
+  }
+  return std::move(reads.graph);
+}
+
+const char* wordFor(Derivation derivation) noexcept {
+  switch (derivation) {
+    case Derivation::kMagnitude:
+      return "magnitude";
+    case Derivation::kGradient:
+      return "gradient";
+    case Derivation::kCurl:
+      return "curl";
+    case Derivation::kDivergence:
+      return "divergence";
+    case Derivation::kUnit:
+      return "unit";
+    case Derivation::kQ:
+      return "q";
+    case Derivation::kLambda2:
+      return "lambda2";
+  }
+  return "";
+}
+
+}  // namespace palpate

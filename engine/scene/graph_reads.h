@@ -1,0 +1,84 @@
+/// Private to engine: the properties that a graph reads from its volumes. Include it in .cpp files
+/// only.
+#pragma once
+
+#include <set>
+#include <string>
+
+#include "palpate/engine/scene/graph.h"
+#include "palpate/engine/scene/graph_names.h"
+
+namespace palpate {
+
+/// The property of a name.
+struct Slot {
+  bool vector = false;  ///< The property is a vector; false: a scalar.
+  int index = -1;       ///< Index into Properties::vectors or Properties::scalars.
+};
+
+/// The readings and properties of a graph that is being compiled. Each is made when the first mode
+/// needs it, and then shared. Throws SceneError if there is no room for more.
+class GraphReads {
+ public:
+  /// Begins without readings. `names` is that of `spec`; both must outlive it.
+  GraphReads(const GraphSpec& spec, const GraphNames& names) : spec_(&spec), names_(&names) {}
+
+  Graph graph;  ///< The graph so far: its fields, their readings, and the modes that were added.
+  FieldSet current;  ///< Fields that the mode being compiled has read so far.
+
+  /// Returns the names in the spec, with their checks.
+  [[nodiscard]] const GraphNames& names() const noexcept { return *names_; }
+  /// Returns the property of a name. Throws if the name is unknown.
+  [[nodiscard]] Slot resolve(const std::string& path, const std::string& name);
+
+  // Indices of properties of a volume, which must exist and be of that kind.
+  /// Returns the index of a scalar volume in Graph::scalar_fields.
+  [[nodiscard]] int scalarField(const std::string& name) { return scalarRead(name).field; }
+  /// Returns the index of a vector volume in Graph::vector_fields.
+  [[nodiscard]] int vectorField(const std::string& name) { return vectorRead(name).field; }
+  /// Returns the index of a scalar volume's value in Properties::scalars.
+  [[nodiscard]] int valueOf(const std::string& name);
+  /// Returns the index of a scalar volume's continuous gradient in Properties::vectors.
+  [[nodiscard]] int gradientOf(const std::string& name);
+  /// Returns the index of ScalarField::cellGradient of a scalar volume in Properties::vectors.
+  [[nodiscard]] int cellGradientOf(const std::string& name);
+  /// Returns the index of a vector volume's curl in Properties::vectors.
+  [[nodiscard]] int curlOf(const std::string& name);
+  /// Returns the index of |vectors[from]| in Properties::scalars.
+  [[nodiscard]] int magnitudeOf(int from);
+
+  /// Requests the slope of a scalar on which a strength depends, if it can be known: derivatives of
+  /// derivatives are not stored.
+  void followSlope(int scalar);
+  /// Requests the Jacobian of a vector that primitives are along.
+  void followTurn(int vector);
+
+  /// Returns the index of a volume's motion; -1 if the volume stands still.
+  [[nodiscard]] int motionOf(const std::string& name);
+  /// Returns the index of the one motion of all fields of a set; -1 if they have several, or no
+  /// motion.
+  [[nodiscard]] int motionOf(const FieldSet& set) const;
+  /// Returns the frame of the finest field of a set.
+  [[nodiscard]] FieldFrame frameOf(const FieldSet& set) const;
+
+  /// Returns true if the graph so far samples that volume.
+  [[nodiscard]] bool isRead(const std::string& volume) const { return read_.count(volume) != 0; }
+  /// Returns true if the graph so far reads that derived field, or one that is derived from it.
+  [[nodiscard]] bool isUsed(const std::string& derived) const { return used_.count(derived) != 0; }
+
+ private:
+  int newScalar(const std::string& name);
+  int newVector(const std::string& name);
+  int once(int& slot, bool vector, const std::string& name);
+  [[nodiscard]] int unitOf(int from);
+  /// Returns the reading of a volume, made at the first call.
+  ScalarRead& scalarRead(const std::string& name);
+  VectorRead& vectorRead(const std::string& name);
+
+  const GraphSpec* spec_;
+  const GraphNames* names_;
+  std::set<std::string> read_;  ///< Volumes that are sampled.
+  std::set<std::string> used_;  ///< Derived fields that are read.
+};
+
+}  // namespace palpate

@@ -1,0 +1,87 @@
+/// The graphs that a tick evaluates: the scene's own, and those of the parts near the proxy.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "palpate/engine/field/properties.h"
+#include "palpate/engine/modes/mode.h"
+#include "palpate/engine/scene/scene.h"
+
+namespace palpate {
+
+/// A graph that a tick evaluates, with its properties and the memories of its modes.
+struct Felt {
+  BoundGraph bound;                  ///< The graph, with the caches of the thread that reads it.
+  Properties* properties = nullptr;  ///< Properties read last for the graph.
+  ModeMemory* memories = nullptr;    ///< One memory for each of Graph::modes, in their order.
+
+  /// Returns the bound graph; there must be one.
+  [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
+};
+
+/// Calls `look` with each mode, its memory, its graph and its index in that graph, until a call
+/// returns true. Returns true if a call did.
+template <class Do>
+bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
+  for (const Felt& felt : all) {
+    const auto& modes = felt.graph().modes;
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      if (look(modes[i], felt.memories[i], felt, i)) return true;
+    }
+  }
+  return false;
+}
+/// Calls `look` with every mode, as anyMode does, and ignores its result.
+template <class Do>
+void eachMode(std::span<const Felt> all, Do&& look) noexcept {
+  (void)anyMode(all, [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+    look(mode, memory, felt, i);
+    return false;
+  });
+}
+
+/// Adds the primitives of mode i at `stand`. If properties were read there, also computes how the
+/// mode's plane turns with place. Returns false if the set was full. RT: no allocation.
+[[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const EvaluationPoint& stand,
+                                    std::span<const Body> bodies, PrimitiveSet& set) noexcept {
+  const Mode& mode = felt.graph().modes[i];
+  ModeMemory& memory = felt.memories[i];
+  const bool room = addPrimitives(mode, *felt.properties, stand, memory, set);
+  if (stand.foreseen) return room;
+  const ContactReference touch = touchOf(mode, memory);
+  if (touch.skin == nullptr || !touch.contact->placed) return room;
+  touch.contact->turn.setZero();
+  if (touch.contact->seen) {
+    readTurn(*touch.contact, *touch.skin, *felt.properties,
+             felt.bound.gradientJacobian(static_cast<std::size_t>(touch.skin->field), stand.read,
+                                         bodies),
+             stand.seam);
+  }
+  return room;
+}
+
+/// Calls `look` with the frame of every field and the index of its motion.
+template <class Do>
+void eachField(std::span<const Felt> all, Do&& look) noexcept {
+  for (const Felt& felt : all) {
+    const Graph& graph = felt.graph();
+    for (std::size_t i = 0; i < graph.scalar_frames.size(); ++i) {
+      look(graph.scalar_frames[i], graph.scalar_motions[i]);
+    }
+    for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
+      look(graph.vector_frames[i], graph.vector_motions[i]);
+    }
+  }
+}
+
+/// Returns true if a box [m] in a field's resting frame comes within kFrameMargin voxels of the
+/// field's bounds.
+[[nodiscard]] inline bool meets(const Box& way, const FieldFrame& frame) noexcept {
+  const double margin = kFrameMargin * frame.voxel;
+  const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||
+                     (way.upper.array() < frame.bounds.lower.array() - margin).any();
+  return !apart;
+}
+
+}  // namespace palpate

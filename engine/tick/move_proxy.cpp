@@ -1,0 +1,298 @@
+#include "palpate/engine/tick/move_proxy.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+#include "palpate/engine/tick/decide.h"
+#include "palpate/engine/tick/iteration.h"
+#include "palpate/engine/tick/trial.h"
+
+namespace palpate {
+namespace {
+
+/// Most choices of parts in a tick. The proxy advances at least 2 mm between two choices.
+constexpr int kMostStrays = 16;
+/// Most voxels that a waiting proxy is pulled through surfaces that cannot hold it.
+constexpr int kMostStrides = 4;
+constexpr double kFree = 1e-9;  ///< [m]: no primitive holds a proxy that is this near the probe.
+/// A reading that advances less than this share of the tolerance stalls; two in turn end the tick.
+constexpr double kStalls = 0.1;
+
+/// Returns true if a reading, displaced by `way` [m] from the last one, made no progress on a
+/// stream. A stream ends where axes point into a face from both sides, though the hand pulls along
+/// it.
+bool stalls(const Tick& tick, const Iteration& now, const Vec3& way) noexcept {
+  const double least = kStalls * tick.scene.step.tolerance_voxels * now.voxel;
+  return now.rail.of != nullptr && tick.balance.surfaces == 0 && way.norm() <= least;
+}
+
+/// How a slice of a tick ended.
+enum class Slice : std::uint8_t {
+  kSpoilt,   ///< A number was not finite.
+  kWaiting,  ///< Readings were used up; the rest of the step waits.
+  kArrived,
+};
+
+/// Adds the scene's parts that the proxy can reach on its path to the hand. A trial step that leads
+/// beyond them is cut.
+void meetParts(Tick& tick) noexcept {
+  Surroundings& around = tick.around;
+  around.near.meet(tick.scene, tick.reader, tick.proxy.position, tick.probe,
+                   tick.balance.primitives, tick.report);
+  around.count = 1 + around.near.bind(tick.scene, tick.reader, std::span(around.graphs).subspan(1));
+}
+
+/// Returns the place of the proxy for remembered primitives [m]. This place moves with the volume
+/// that carries it: the volume with the surface that holds the proxy, else the first one with
+/// primitives that act. `Proxy::beyond` turns with that volume.
+Vec3 carriedProxy(Tick& tick) noexcept {
+  const Body* by = nullptr;
+  (void)anyMode(tick.felt(),
+                [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+                  const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
+                  if (body == nullptr || !body->moved) return false;
+                  const ContactReference touch = touchOf(mode, memory);
+                  const bool holds = touch.skin != nullptr && touch.contact->placed;
+                  const bool acts = touch.skin == nullptr && memory.emitted > 0;
+                  if (holds || (acts && by == nullptr)) by = body;
+                  return holds;
+                });
+  if (by == nullptr) return tick.proxy.position;
+  tick.proxy.beyond = by->carry.vector(tick.proxy.beyond);
+  return by->carried;
+}
+
+/// Moves the proxy to the end of a trial step, and counts the work that primitives did on it. On a
+/// path along a lone stream the work is the rise of the spring's energy: the line's force is across
+/// the path everywhere, though not across its chord.
+void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
+  Proxy& proxy = tick.proxy;
+  const Vec3 before = proxy.offset;
+  proxy.position = trial.end;
+  proxy.beyond = trial.end - now.last_read;
+  proxy.offset = trial.complete ? now.to.target_offset : Vec3(trial.end - tick.probe);
+  tick.report.waiting = now.rail.waiting;
+  const bool lone = now.rail.of != nullptr && tick.balance.primitives.size() == 1;
+  const double work = lone ? 0.5 * (proxy.offset.squaredNorm() - before.squaredNorm())
+                           : proxy.offset.dot(proxy.offset - before);
+  tick.report.injected += std::max(0.0, tick.balance.stiffness * work);
+  tick.around.bodies.stand(proxy.position);
+}
+
+/// Records in the trace how far the proxy went from the last balance.
+void tell(const Tick& tick, const Trial& trial) noexcept {
+  if (tick.trace->count == 0) return;
+  StepTrace::Step& step = tick.trace->all[tick.trace->count - 1];
+  step.went = trial.end;
+  step.end = trial.complete  ? StepEnd::kFree
+             : trial.strays  ? StepEnd::kParts
+             : trial.met     ? StepEnd::kSurface
+             : trial.trusted ? StepEnd::kTrusted
+                             : StepEnd::kVoxel;
+}
+
+/// No primitive holds more than its strength. If more pulls a waiting proxy than all primitives can
+/// hold, moves the proxy on, as far as the reading holds. A stream lets go. A single plane that can
+/// bear its load stays, and the proxy follows the hand along it. Other surfaces are pushed through.
+void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
+  const BalanceMemory& b = tick.balance;
+  const bool on_rail = now.rail.of != nullptr;
+  if ((b.surfaces > 0) == on_rail) return;  // neither, or both
+  const double held = reachOfStrengths(tick);
+  const double enough = (1.0 + 1e-9) * held;
+  const auto pulled = [&] { return (trial.end - tick.probe).norm() > enough; };
+  const auto go = [&](const Vec3& offset) {
+    now.read_at = trial.end;
+    now.to.target_offset = offset;
+    now.to.target = tick.probe + offset;
+    now.trust.radius = std::numeric_limits<double>::infinity();
+    trial = advance(tick, now, false);
+    trial.end -= trial.lift;
+  };
+  if (!pulled()) return;
+  if (b.surfaces == 1) {
+    const auto varying = b.primitives.varying();
+    const auto one = std::find_if(varying.begin(), varying.end(),
+                                  [](const Varying& varies) { return varies.surface; });
+    const Primitive& plane = b.primitives.items()[one->index];
+    const Vec3 offset = trial.end - tick.probe;
+    const Vec3 pressed = std::max(offset.dot(plane.direction), 0.0) * plane.direction;
+    if (pressed.norm() * tick.balance.stiffness < plane.strength) {
+      const Vec3 along = offset - pressed;
+      const double left = std::sqrt(held * held - pressed.squaredNorm());
+      go(pressed + std::min(1.0, left / along.norm()) * along);
+    }
+  }
+  if (!pulled()) return;
+  if (!on_rail) {
+    eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+      followYielding(mode, memory);
+    });
+  }
+  // A reading holds for a voxel. A surface that is reached here is another one, and ends the loop.
+  bool met = false;
+  for (int i = 0; i < kMostStrides && !met && pulled(); ++i) {
+    const Vec3 offset = trial.end - tick.probe;
+    go(held / offset.norm() * offset);
+    met = trial.met;
+  }
+}
+
+/// Ends the iteration. The proxy goes to its answer or, at the cap, where the shortest of its steps
+/// leads; on a stream, where the curve led.
+Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
+  if (arrived) {
+    const Vec3 at = answer(tick, now);
+    now.to.target_offset = now.to.offset + (at - now.to.proxy);
+    now.to.target = trial.end = at;
+  }
+  const TrustRegion& trust = now.trust;
+  const bool best = trust.least < now.to.step.norm();
+  if (!arrived && now.rail.of == nullptr && (best || anchored(tick.balance))) {
+    now.read_at = trust.least_at;
+    now.to.target = trust.least_target;
+    now.to.target_offset = now.to.target - tick.probe;
+    trial = advance(tick, now, false);
+  }
+  trial.end -= trial.lift;
+  if (!arrived) {
+    now.rail.waiting.setZero();  // the balance has not been found
+    pressThrough(tick, now, trial);
+  }
+  if (tick.trace != nullptr) tell(tick, trial);
+  moveTo(tick, now, trial);
+  return arrived ? Slice::kArrived : Slice::kWaiting;
+}
+
+/// Puts a proxy that no primitive holds at the hand. Proxy::lost records a path that was not all
+/// swept.
+Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
+  tick.proxy.lost = tick.proxy.lost || !trial.complete || !trial.swept;
+  const Trial there{now.to.target};
+  if (tick.trace != nullptr) tell(tick, there);
+  moveTo(tick, now, there);
+  return Slice::kArrived;
+}
+
+/// Returns true if no reading is left for this slice: `later` readings are kept for later slices.
+/// `stalled`: consecutive readings without progress on a stream.
+bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexcept {
+  const StepParams& params = tick.scene.step;
+  return tick.held + later >= params.max_substeps ||
+         tick.report.substeps + later >= kMostSubsteps ||
+         tick.report.iterations >= params.max_iterations || stalled > 1 ||
+         (trial.strays && tick.strayed > kMostStrays);
+}
+
+/// Moves the proxy to the balance while volumes and hand stand still. It first balances the
+/// primitives of the last reading. Then it reads properties where that led, places new planes and
+/// balances again, until Newton's step is within the tolerance. At least `later` readings are left
+/// for later slices.
+Slice follow(Tick& tick, int later) noexcept {
+  Iteration now;
+  now.read_at = tick.proxy.position;
+  Vec3 from = carriedProxy(tick);  // where the last reading's primitives stand
+  bool cut = false;
+  bool met_free = false;
+  int stalled = 0;  // consecutive readings
+  if (!balance(tick, now, true, from)) return Slice::kSpoilt;
+  for (;;) {
+    Trial trial = advance(tick, now, false);
+    TrialState state;
+    state.read = now.read;
+    state.within = now.read && (trial.near || !cut) && trial.complete && steady(tick, now);
+    state.spent = isSpent(tick, trial, later, stalled);
+    state.held = tick.balance.primitives.size() > 0;
+    Next next = decide(state);
+    // A free proxy goes to the hand even if much of its path is still to be read. The rest is only
+    // swept, and properties are read where the sweep reaches a surface.
+    const bool free = next == Next::kRelease;
+    if (free) {
+      trial = advance(tick, now, true);
+      next = decide(SweepState{trial.complete, trial.strays, tick.strayed > kMostStrays, met_free});
+      met_free = met_free || (next == Next::kRead && !trial.strays);
+    }
+    if (next != Next::kRead) {
+      const bool arrived = next == Next::kArrive;
+      if (!arrived && (later == 0 || free)) worsen(tick.report, StepStatus::kSubstepLimit);
+      return free ? comeToHand(tick, now, trial) : stop(tick, now, trial, arrived);
+    }
+    if (tick.trace != nullptr) tell(tick, trial);
+    cut = trial.cut;
+    // The memory of other data does not show how far these data can be trusted.
+    const bool compared = now.read || !tick.changed;
+    read(tick, now, trial.end);
+    const Vec3 way = now.read_at - from;
+    from = now.read_at;
+    if (cut) {
+      moveTo(tick, now, trial);
+      now.trust.forgetLeast();
+      now.rail = {};
+      if (trial.strays) meetParts(tick);
+    }
+    if (!balance(tick, now, false, from)) return Slice::kSpoilt;
+    trust(tick, now, way, compared);
+    const bool lays = now.rail.any && !steady(tick, now);
+    if (lays) now.rail.laid = false;
+    stalled = lays && stalls(tick, now, way) ? stalled + 1 : 0;
+    const bool met = !trial.complete && !trial.cut && !trial.trusted;
+    if (met || now.to.offset.norm() > kFree) ++tick.held;
+  }
+}
+
+/// Returns the number of slices in which the hand moves if a stream holds the proxy. Each slice is
+/// at most a voxel long, but there are few enough slices for two readings each. In one slice, a
+/// fast hand would be farther from the line at the proxy than from the curve.
+int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
+  double most = std::numeric_limits<double>::infinity();
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    most = std::min(most, sliceOf(mode, memory));
+  });
+  const double slices = std::ceil((tick.probe - hand_before).norm() / most);
+  const int cap = std::max(1, tick.scene.step.max_substeps / 2);
+  return static_cast<int>(std::clamp<double>(slices, 1.0, cap));
+}
+
+/// Moves the volumes, and the state remembered with them, to their poses in a slice.
+void moveBodies(Tick& tick, int slice, int slices) noexcept {
+  const Graph& graph = tick.scene.graph;
+  Surroundings& around = tick.around;
+  tick.report.samples += around.bodies.move(graph, slice, slices, tick.proxy.position);
+  tick.felt()[0].bound.turn(around.properties, around.bodies.items());
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const Body* body = around.bodies.of(graph.mode_motions[i]);
+    if (body != nullptr && body->moved) carry(body->carry, around.memories[i]);
+  }
+}
+
+}  // namespace
+
+bool moveProxy(Tick& tick, double time) noexcept {
+  Proxy& proxy = tick.proxy;
+  Bodies& bodies = tick.around.bodies;
+  const int moves = bodies.empty() ? 1
+                                   : bodies.plan(tick.felt(), time, proxy.position, tick.probe,
+                                                 tick.scene.step.max_substeps, tick.report);
+  if (!proxy.known) initContacts(tick);
+  if (!tick.scene.parts.empty()) meetParts(tick);
+  const Vec3 hand = tick.probe;
+  const Vec3 hand_before = proxy.position - proxy.offset;
+  const int slices = std::max(moves, handSlices(tick, hand_before));
+  const Vec3 came = (hand - hand_before) / slices;
+  Slice last = Slice::kWaiting;
+  for (int slice = 1; slice <= slices && last != Slice::kSpoilt; ++slice) {
+    if (!bodies.empty()) moveBodies(tick, slice, slices);
+    tick.probe = hand - (slices - slice) * came;
+    proxy.offset = proxy.position - tick.probe;
+    last = follow(tick, slices - slice);
+  }
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    settle(mode, proxy.position, last == Slice::kArrived, memory);
+  });
+  bodies.arrive();
+  return last != Slice::kSpoilt;
+}
+
+}  // namespace palpate

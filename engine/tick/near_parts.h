@@ -1,0 +1,87 @@
+/// The parts of a scene that a proxy can reach: a tick samples only parts with data near the proxy.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "palpate/engine/balance/primitive.h"
+#include "palpate/engine/field/properties.h"
+#include "palpate/engine/modes/mode.h"
+#include "palpate/engine/scene/broad_phase.h"
+#include "palpate/engine/scene/scene.h"
+#include "palpate/engine/tick/felt.h"
+#include "palpate/engine/tick/step_report.h"
+
+namespace palpate {
+
+/// A part of the scene that the tick samples and balances.
+struct NearPart {
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);  ///< Marks an empty slot.
+
+  std::size_t part = kNone;  ///< Index into Scene::parts; kNone: the slot is empty.
+  std::size_t modes = 0;     ///< Number of the part's modes.
+  Properties properties;     ///< Properties read last for the part.
+  std::array<ModeMemory, kMaxPartModes> memories;  ///< One for each mode, the first `modes` in use.
+};
+
+/// Chooses the parts of a tick, and keeps their state while they are near. See docs/scale.md. The
+/// constructor allocates all memory.
+class NearParts {
+ public:
+  NearParts() : slots_(kMaxNearParts), awake_(NearBoxes::kMost), free_(NearBoxes::kMost) {}
+
+  /// Forgets all parts, for a new scene or if their state is void.
+  void forget() noexcept;
+
+  /// Chooses the parts with data in reach of a path as long as from the proxy to the probe, and
+  /// parts a little farther. Reads a new part at the proxy; its modes place primitives in
+  /// `scratch`. Sets parts, raises left_out and missing, adds to samples. RT: no allocation.
+  /// Cost: six comparisons without a change, else a few ns for each part with a near box.
+  void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
+            PrimitiveSet& scratch, StepReport& report) noexcept PALPATE_NONBLOCKING;
+
+  /// Writes the near parts, ready to be read, to `felt` in the scene's order. Returns their number.
+  ///
+  /// @pre felt has room for kMaxNearParts.
+  std::size_t bind(const Scene& scene, Reader& reader,
+                   std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
+
+  /// Returns the share, 0 to 1, of the path `from` - `to` [m] that surely reaches only chosen
+  /// parts.
+  [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
+
+  /// Returns the part in a slot, one of order(); other slots below kMaxNearParts are empty.
+  [[nodiscard]] const NearPart& operator[](std::size_t slot) const noexcept { return slots_[slot]; }
+  /// Returns the slots of the last tick's parts, in the order of the parts.
+  [[nodiscard]] std::span<const std::uint8_t> order() const noexcept {
+    return {order_.data(), count_};
+  }
+
+ private:
+  void choose(const Scene& scene, Reader& reader, std::span<const std::uint32_t> near,
+              const Vec3& proxy, const Vec3& probe, PrimitiveSet& scratch,
+              StepReport& report) noexcept;
+  std::size_t strongest(const Scene& scene, std::span<std::uint32_t> parts,
+                        StepReport& report) noexcept;
+  /// Keeps only these parts from now on, with their state if they were kept before. Calls `fresh`
+  /// with the index and the slot of each new part.
+  ///
+  /// @pre near ascends.
+  template <class New>
+  void keep(std::span<const std::uint32_t> near, New&& fresh) noexcept;
+
+  std::vector<NearPart> slots_;
+  std::array<std::uint8_t, kMaxNearParts> order_{};
+  std::size_t count_ = 0;
+  NearBoxes boxes_;
+  std::vector<std::uint32_t> awake_;  ///< Scratch: parts that the proxy can reach.
+  std::vector<double> free_;          ///< Scratch: distance to the data, for each near box [m].
+  Vec3 chosen_at_ = Vec3::Zero();     ///< Position of the proxy at the last choice [m].
+  double chosen_for_ = 0.0;           ///< Radius about chosen_at_ free of other parts' data [m].
+  bool crowded_ = false;              ///< Some near parts were left out for lack of room.
+};
+
+}  // namespace palpate

@@ -1,0 +1,39 @@
+/// Terms that the one plane of a surface lacks: other solids beside it, and the walls of a groove.
+#pragma once
+
+#include <optional>
+
+#include "palpate/engine/modes/contact.h"
+#include "palpate/engine/tick/felt.h"
+#include "palpate/engine/tick/tick.h"
+#include "palpate/engine/types.h"
+
+namespace palpate {
+
+/// Returns the terms that other solids add to the gradient of a mode's surface, and the loads of
+/// the walls of a groove. x [m] is the place of the last reading.
+///
+/// The gradient g of surface i is a difference of V over the steps a of FieldFrame::reach. Beside
+/// another solid j these samples lie where i is buried in j, and the plane of i tilts away from the
+/// common surface. So the samples y = x +- a are filled. With v the signed value (free > 0), c_i
+/// the slope of i's cell at x, and v_j in i's unit:
+///
+///     v~(y) = min( v_i(y), max( v_j(y), v_i(x) + c_i.(y - x) ) )
+///     g~    = g + S^-T d,    d_a = [ (v~ - v_i)(x + a) - (v~ - v_i)(x - a) ] / 2
+///
+/// S has the steps as columns. Where i falls away beyond an edge, j continues its surface, at most
+/// up to the tangent plane of i. Row a of dd/dx is the sum of +-(slope of the chosen branch at y -
+/// slope of v_i at y) / 2.
+///
+/// Returns no value if no term can differ from those of a plane by itself. The gradient's terms are
+/// zero if no other isosurface that holds is within two steps. They are also zero for a surface
+/// that the hand has pushed through, and for a gradient that is not a difference of values
+/// (splines, formulas). Surfaces of one field do not fill each other. For moving volumes the
+/// samples are taken in each resting frame; a warp counts as linear about x. RT: no allocation.
+/// Cost: one look at each other surface; beside one, six values and at most six of each other; in a
+/// groove with friction (SurfaceSource::grooves) six values.
+[[nodiscard]] std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memory,
+                                         const Felt& felt,
+                                         const Vec3& x) noexcept PALPATE_NONBLOCKING;
+
+}  // namespace palpate

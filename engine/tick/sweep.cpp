@@ -1,0 +1,104 @@
+#include "palpate/engine/tick/sweep.h"
+
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+/// A path along a surface below this length is not swept: the reading sees the surface [voxels].
+constexpr double kSeen = 0.1;
+
+/// Returns where a path first falls through a surface, both in the resting frame of its volume.
+Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from, const Vec3& to,
+                   StepReport& report) noexcept {
+  const Graph& graph = felt.graph();
+  const SurfaceSource& skin = *ahead.skin;
+  const auto field = static_cast<std::size_t>(skin.field);
+  if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return {};
+  const double length = (to - from).norm();
+  if (length > skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length) return {};
+  // A surface without strength stops no path.
+  if (!(ahead.strength->at(*felt.properties, skin.value, ahead.level) > 0.0)) return {};
+  const Crossing crossing = felt.bound.firstFall(skin, ahead.level, from, to);
+  report.walked += crossing.cells;
+  return crossing;
+}
+
+/// Returns the sum of the lifts of the planes that bear load, at most as long as the longest. A
+/// surface without a plane is swept at this lift, so that a flush surface does not stop the path. A
+/// surface that rises above it stops the path; the next reading sees all others.
+Vec3 commonLift(const Tick& tick, double length) noexcept {
+  Vec3 sum = Vec3::Zero();
+  if (tick.balance.surfaces == 0) return sum;
+  double longest = 0.0;
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    const ContactReference touch = touchOf(mode, memory);
+    if (touch.skin == nullptr || touch.contact->load != Load::kHeld) return;
+    const Vec3 lift = liftOff(*touch.contact, touch.skin->voxel, length);
+    longest = std::max(longest, lift.norm());
+    sum += lift;
+  });
+  const double norm = sum.norm();
+  return norm > longest ? Vec3(longest / norm * sum) : sum;
+}
+
+}  // namespace
+
+void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
+  const Vec3& start = now.read ? now.read_at : tick.proxy.position;
+  const double length = (trial.end - start).norm();
+  double share = 1.0;
+  Vec3 end = trial.end;
+  Contact* met = nullptr;
+  const Vec3 common = commonLift(tick, length);
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
+    const SurfaceAhead ahead = surfaceAhead(mode, memory);
+    if (ahead.skin == nullptr) return;
+    const auto field = static_cast<std::size_t>(ahead.skin->field);
+    const Body* body = tick.around.bodies.of(felt.graph().scalar_motions[field]);
+    const bool placed = ahead.contact->placed;
+    if (placed && length < kSeen * ahead.skin->voxel && now.read) return;
+    Vec3 lift = placed ? liftOff(*ahead.contact, ahead.skin->voxel, length) : common;
+    Vec3 from;
+    Vec3 to;
+    Crossing crossing;
+    bool again = false;
+    do {
+      // The path to the last reading is known to be free.
+      from = start + lift;
+      to = trial.end + lift;
+      if (body != nullptr) {
+        from = now.read ? Vec3(body->pose.toRest(from) + body->swept)
+                        : Vec3(body->from + body->pose.back * lift);
+        to = body->pose.toRest(to);
+      }
+      crossing = firstFall(ahead, felt, from, to, tick.report);
+      // A lifted path that begins behind a surface without a plane gives no information about it.
+      const bool behind = crossing.behind || (crossing.found && crossing.share <= 0.0);
+      again = !placed && behind && !lift.isZero(0.0);
+      if (again) lift.setZero();
+    } while (again);
+    // If the whole path is behind the surface, it begins behind another wall of that surface. The
+    // step then ends at its start.
+    if (!crossing.found && !crossing.behind) {
+      trial.swept = trial.swept && crossing.share >= 1.0;
+      return;
+    }
+    const double at_share = crossing.found ? crossing.share : 0.0;
+    if (met != nullptr && at_share >= share) return;
+    share = at_share;
+    trial.lift = placed ? lift : Vec3(Vec3::Zero());
+    const Vec3 at = from + share * (to - from);
+    end = body == nullptr ? at : body->pose(at);
+    met = ahead.contact;
+  });
+  if (met == nullptr) return;
+  met->touched = true;
+  trial.end = end;
+  trial.complete = trial.trusted = false;
+  trial.swept = trial.met = true;
+  // A surface that did not hold the proxy before is new: the proxy has come to it.
+  trial.cut = !met->placed;
+}
+
+}  // namespace palpate

@@ -1,0 +1,95 @@
+#include "palpate/engine/tick/trial.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "palpate/engine/tick/iteration.h"
+#include "palpate/engine/tick/rail.h"
+#include "palpate/engine/tick/sweep.h"
+
+namespace palpate {
+namespace {
+
+/// A reading still holds within this share of the distance that the proxy may go from it.
+constexpr double kNearShare = 0.25;
+
+/// Returns how far the proxy may go from a before properties are read again [m]. This is a voxel of
+/// the finest volume that the path to b can reach, farther where the volume is empty, and infinity
+/// without a volume. If a volume has carried the place of its reading away from a, the distance
+/// counts from that place.
+double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Vec3& b) noexcept {
+  const Bodies& bodies = tick.around.bodies;
+  if (!bodies.empty()) return bodies.reachFrom(tick.felt(), a, b, now.read);
+  const Box way{a.cwiseMin(b), a.cwiseMax(b)};
+  double reach = std::numeric_limits<double>::infinity();
+  const double length = (b - a).norm();
+  const auto meet = [&](const std::vector<FieldFrame>& frames, const auto& fields) {
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      const FieldFrame& frame = frames[i];
+      if (!meets(way, frame)) continue;
+      const double free = length > frame.voxel ? fields[i]->freeWithin(a) : 0.0;
+      reach = std::min(reach, std::max(frame.voxel, free));
+    }
+  };
+  for (const Felt& felt : tick.felt()) {
+    meet(felt.graph().scalar_frames, felt.graph().scalar_fields);
+    meet(felt.graph().vector_frames, felt.graph().vector_fields);
+  }
+  return reach;
+}
+
+/// Cuts a trial step that would reach parts that were not chosen. Primitives that push, and volumes
+/// that move, can take the proxy farther than to the hand.
+void stayNear(Tick& tick, const Vec3& from, Trial& trial) noexcept {
+  const double share = tick.around.near.knownShare(from, trial.end);
+  trial.strays = share < 1.0;
+  if (!trial.strays) return;
+  constexpr double kShort = 0.99;
+  trial.end = from + kShort * share * (trial.end - from);
+  trial.complete = trial.near = false;
+  trial.cut = true;
+  ++tick.strayed;
+}
+
+/// Returns the point nearest to p on the path from a to b [m]. If the whole path to a balance adds
+/// no energy, a share of the path adds none either.
+Vec3 onWay(const Vec3& a, const Vec3& b, const Vec3& p) noexcept {
+  const Vec3 way = b - a;
+  const double length = way.squaredNorm();
+  return length > 0.0 ? Vec3(a + std::clamp((p - a).dot(way) / length, 0.0, 1.0) * way) : a;
+}
+
+}  // namespace
+
+Trial advance(Tick& tick, Iteration& now, bool unread) noexcept {
+  const Bodies& bodies = tick.around.bodies;
+  const Vec3& target = now.to.target;
+  Trial trial{target};
+  const Vec3& from = now.read ? now.read_at : tick.proxy.position;
+  const Vec3 line = target - from;
+  const double length = line.norm();
+  const double reach =
+      unread ? std::numeric_limits<double>::infinity() : reachFrom(tick, now, from, target);
+  trial.near = length <= kNearShare * reach;
+  trial.reach = reach;
+  const double trusted = now.trust.radius;
+  if (length > trusted && trusted < reach && !steady(tick, now)) {
+    trial.complete = false;
+    trial.trusted = true;
+    trial.end = from + (trusted / length) * line;
+  } else if (!(length <= reach)) {
+    trial.complete = false;
+    trial.cut = true;
+    if (bodies.empty() || now.read ||
+        !bodies.follow(tick.felt(), tick.proxy.position, target, trial.end)) {
+      trial.end = from + (reach / length) * line;
+      if (anchored(tick.balance)) trial.end = onWay(tick.proxy.position, now.to.proxy, trial.end);
+    }
+  }
+  if (!now.rail.laid) layRail(tick, now.to.proxy, now.rail, trial);
+  if (!tick.scene.parts.empty()) stayNear(tick, from, trial);
+  sweep(tick, now, trial);
+  return trial;
+}
+
+}  // namespace palpate

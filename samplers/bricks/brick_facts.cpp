@@ -1,0 +1,479 @@
+#include "palpate/samplers/bricks/brick_facts.h"
+
+#include <algorithm>
+#include <bit>
+#include <cinttypes>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <limits>
+#include <string_view>
+#include <type_traits>
+#include <zstd.h>
+
+#include <Eigen/LU>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/brick_codec.h"
+
+namespace palpate {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::string_view kMagic = "PALPBRK1";
+constexpr int kVersion = 1;
+constexpr const char* kRemedy = "copy or write it again";
+/// Longest JSON of a manifest [bytes]; its reader takes some twenty times this memory.
+constexpr std::size_t kMostText = 1U << 16U;
+/// Largest coordinate of a voxel: sums of a few fit into 32 bits.
+constexpr std::int32_t kFarthestVoxel = 1 << 30;
+/// Most bricks of a level: each is visited once.
+constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
+/// Most bricks of the coarsest level.
+constexpr std::uint64_t kFew = 8;
+/// The active band of a level set may grow by this many voxels from level to level.
+constexpr std::int32_t kBand = 3;
+
+static_assert(sizeof(BrickEntry) == 36 && std::is_trivially_copyable_v<BrickEntry>,
+              "a row of the manifest");
+static_assert(std::endian::native == std::endian::little, "manifests are little-endian");
+
+std::int32_t floorShift(std::int32_t v, int bits) noexcept {
+  return v >> bits;
+}
+
+/// Returns all levels over an extent, which depend on these arguments alone.
+std::vector<BrickLevel> levelsOf(const Mat3& linear, const Vec3& origin,
+                                 std::array<VoxelAt, 2> extent, bool level_set) {
+  std::vector<BrickLevel> levels;
+  BrickLevel level;
+  level.linear = linear;
+  level.origin = origin;
+  for (;;) {
+    for (std::size_t a = 0; a < 3; ++a) {
+      level.first[a] = floorShift(extent[0][a], 6);
+      level.count[a] = floorShift(extent[1][a], 6) - level.first[a] + 1;
+    }
+    levels.push_back(level);
+    if (level.bricks() <= kFew) return levels;
+    // The mean of eight voxels lies between them.
+    level.origin += 0.5 * level.linear * Vec3::Ones();
+    level.linear *= 2.0;
+    const std::int32_t more = level_set ? kBand : 0;
+    for (std::size_t a = 0; a < 3; ++a) {
+      extent[0][a] = floorShift(extent[0][a], 1) - more;
+      extent[1][a] = floorShift(extent[1][a], 1) + more;
+    }
+  }
+}
+
+Json jsonOf(const Vec3& v) {
+  return Json::array({v.x(), v.y(), v.z()});
+}
+Json jsonOf(const Mat3& m) {
+  return Json::array({jsonOf(Vec3(m.row(0))), jsonOf(Vec3(m.row(1))), jsonOf(Vec3(m.row(2)))});
+}
+
+/// Returns JSON as text; replaces bytes that are not UTF-8.
+std::string textOf(const Json& json, int indent = -1) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
+/// Returns FNV-1a, 64 bits.
+std::uint64_t hashOf(std::string_view text) noexcept {
+  std::uint64_t hash = 0xCBF29CE484222325U;
+  for (const char c : text) {
+    hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3U;
+  }
+  return hash;
+}
+
+std::string hexOf(std::uint64_t number) {
+  std::array<char, 17> text{};
+  std::snprintf(text.data(), text.size(), "%016" PRIx64, number);
+  return text.data();
+}
+
+/// Reads and checks the facts of a manifest, from which all else about a volume follows. Throws
+/// std::exception.
+class FactsReader {
+ public:
+  explicit FactsReader(const Json& json) : json_(json) {}
+
+  [[nodiscard]] std::string text(const char* key) const { return json_.at(key).get<std::string>(); }
+  [[nodiscard]] const Json& at(const char* key) const { return json_.at(key); }
+
+  static double number(const Json& json) {
+    const double v = json.is_number() ? json.get<double>() : std::nan("");
+    if (!std::isfinite(v)) throw std::range_error("a number is none");
+    return v;
+  }
+  static std::int32_t whole(const Json& json) {
+    const double v = number(json);
+    if (!(std::abs(v) <= kFarthestVoxel) || v != std::floor(v)) {
+      throw std::range_error("a whole number is none");
+    }
+    return static_cast<std::int32_t>(v);
+  }
+  static VoxelAt voxel(const Json& json) {
+    const Json& three = list(json, 3);
+    return {whole(three[0]), whole(three[1]), whole(three[2])};
+  }
+  static Vec3 vec(const Json& json) {
+    const Json& three = list(json, 3);
+    return {number(three[0]), number(three[1]), number(three[2])};
+  }
+  static Mat3 matrix(const Json& json) {
+    const Json& rows = list(json, 3);
+    Mat3 m;
+    for (std::size_t r = 0; r < 3; ++r) m.row(static_cast<Eigen::Index>(r)) = vec(rows[r]);
+    return m;
+  }
+  static std::uint64_t hexadecimal(const std::string& text) {
+    if (text.size() != 16 || text.find_first_not_of("0123456789abcdef") != std::string::npos) {
+      throw std::range_error("an identity is none");
+    }
+    return std::stoull(text, nullptr, 16);
+  }
+
+ private:
+  static const Json& list(const Json& json, std::size_t size) {
+    if (!json.is_array() || json.size() != size) throw std::range_error("a list is none");
+    return json;
+  }
+
+  const Json& json_;
+};
+
+GridClass classNamed(const std::string& word) {
+  for (const GridClass one : {GridClass::kUnknown, GridClass::kLevelSet, GridClass::kFog}) {
+    if (word == wordFor(one)) return one;
+  }
+  throw std::range_error("its class is none");
+}
+
+bool isMap(const Mat3& linear, const Vec3& origin) {
+  const double size = linear.colwise().norm().prod();
+  return linear.allFinite() && origin.allFinite() && size > 0.0 &&
+         std::abs(linear.determinant()) > 1e-9 * size;
+}
+
+bool isExtent(const VoxelAt& lower, const VoxelAt& upper) {
+  double bricks = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    if (lower[a] > upper[a] || lower[a] < -kFarthestVoxel || upper[a] > kFarthestVoxel)
+      return false;
+    bricks *= (static_cast<double>(upper[a]) - lower[a]) / kBrickSide + 2.0;
+  }
+  return bricks <= static_cast<double>(kMostBricks);
+}
+
+}  // namespace
+
+void BrickStatistics::join(const BrickStatistics& other) noexcept {
+  if (other.active == 0) return;
+  if (active == 0) {
+    *this = other;
+    return;
+  }
+  active += other.active;
+  sum += other.sum;
+  lowest = std::min(lowest, other.lowest);
+  highest = std::max(highest, other.highest);
+  for (std::size_t a = 0; a < 3; ++a) {
+    lower[a] = std::min(lower[a], other.lower[a]);
+    upper[a] = std::max(upper[a], other.upper[a]);
+  }
+}
+
+BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
+  const auto refuse = [&](const std::string& why, const std::string& remedy) {
+    throw VolumeError("\"" + input.name + "\"", why, remedy);
+  };
+  if (input.grid_class == GridClass::kStaggered) {
+    refuse("it is staggered", "give its components one by one, or at the voxels' centres");
+  }
+  if (!isMap(input.linear, input.origin)) {
+    refuse("its map is singular or not finite", "give voxels an extent");
+  }
+  if (!isExtent(input.lower, input.upper)) {
+    refuse("its extent is empty, more than 2^30 voxels from the origin or more than 2^32 bricks",
+           "move it, or remove what is far from the rest");
+  }
+  for (std::size_t c = 0; c < 3; ++c) {
+    float& v = manifest_.background_[c];
+    v = c < input.format.components() ? input.background[c] : 0.0F;
+    if (input.format.half) v = floatOfHalf(halfOfFloat(v));
+    if (!std::isfinite(v)) {
+      refuse("its background is no number, or too large to be stored",
+             "give what stands for no data");
+    }
+  }
+  if (options.compression < 1 || options.compression > 19) {
+    refuse("its compression is " + std::to_string(options.compression), "give 1 to 19");
+  }
+  manifest_.format_ = input.format;
+  manifest_.extent_ = {input.lower, input.upper};
+  manifest_.levels_ = levelsOf(input.linear, input.origin, manifest_.extent_,
+                               input.grid_class == GridClass::kLevelSet && !input.format.vector);
+  manifest_.entries_.resize(manifest_.levels_.size());
+
+  facts_["bricks"] = kVersion;
+  facts_["name"] = input.name;
+  facts_["class"] = wordFor(input.grid_class);
+  facts_["type"] = input.format.half ? "half" : "float";
+  facts_["components"] = input.format.components();
+  facts_["background"] = Json::array();
+  for (std::size_t c = 0; c < input.format.components(); ++c) {
+    facts_["background"].push_back(manifest_.background_[c]);
+  }
+  facts_["lower"] = input.lower;
+  facts_["upper"] = input.upper;
+  facts_["linear"] = jsonOf(input.linear);
+  facts_["origin"] = jsonOf(input.origin);
+  facts_["source"] = input.source;
+  facts_["metadata"] = Json::parse(input.metadata);
+  facts_["values"] = input.identity;
+  facts_["zstd"] = {{"level", options.compression}, {"version", ZSTD_versionString()}};
+  // Any option that changes the bytes changes the identity.
+  manifest_.identity_ = hashOf(textOf(facts_));
+  facts_["identity"] = hexOf(manifest_.identity_);
+  Json levels = Json::array();
+  for (const BrickLevel& level : manifest_.levels_) {
+    levels.push_back({{"linear", jsonOf(level.linear)},
+                      {"origin", jsonOf(level.origin)},
+                      {"first", level.first},
+                      {"count", level.count}});
+  }
+  facts_["levels"] = std::move(levels);
+  constexpr std::size_t kStatistics = 1U << 12U;  // setStatistics adds this
+  if (textOf(facts_).size() > kMostText - kStatistics) {
+    refuse("its name, source and metadata are more than 60 kB", "leave some of them out");
+  }
+}
+
+void BrickFacts::setEntries(std::int32_t level, std::vector<BrickEntry> entries) {
+  manifest_.entries_[static_cast<std::size_t>(level)] = std::move(entries);
+}
+
+void BrickFacts::setStatistics(const BrickStatistics& s) {
+  Json json;
+  json["active_voxels"] = s.active;
+  if (s.active > 0) {
+    json["active_lower"] = s.lower;
+    json["active_upper"] = s.upper;
+    json["lowest"] = s.lowest;
+    json["highest"] = s.highest;
+    json["mean"] = s.sum / static_cast<double>(s.active);
+  }
+  facts_["statistics"] = std::move(json);
+}
+
+std::string BrickFacts::attributes() const {
+  return textOf(Json{{"palpate", facts_}}, 2) + "\n";
+}
+
+std::string BrickFacts::array(std::int32_t level, int compression) const {
+  const BrickFormat& format = manifest_.format_;
+  const auto& background = manifest_.background_;
+  Json json;
+  json["zarr_format"] = 2;
+  json["shape"] = manifest_.levels_[static_cast<std::size_t>(level)].count;
+  json["chunks"] = {1, 1, 1};
+  for (const char* key : {"shape", "chunks"}) {
+    json[key].push_back(format.slabs());
+    json[key].push_back(kBrickEdge);
+    json[key].push_back(kBrickEdge);
+    if (format.vector) json[key].push_back(3);
+  }
+  json["dtype"] = format.half ? "<f2" : "<f4";
+  json["compressor"] = {{"id", "zstd"}, {"level", compression}};
+  // Zarr has one fill value for all components.
+  const bool same =
+      !format.vector || (background[1] == background[0] && background[2] == background[0]);
+  json["fill_value"] = same ? background[0] : 0.0F;
+  json["order"] = "C";
+  json["filters"] = nullptr;
+  json["dimension_separator"] = ".";
+  return json.dump(2) + "\n";
+}
+
+std::vector<std::byte> BrickFacts::file() const {
+  std::vector<std::byte> bytes;
+  const auto add = [&](const void* from, std::size_t size) {
+    const std::size_t at = bytes.size();
+    bytes.resize(at + size);
+    if (size > 0) std::memcpy(bytes.data() + at, from, size);
+  };
+  const auto number = [&](auto v) { add(&v, sizeof v); };
+  const std::string facts = textOf(facts_);
+  add(kMagic.data(), kMagic.size());
+  number(static_cast<std::uint32_t>(facts.size()));
+  add(facts.data(), facts.size());
+  for (const auto& entries : manifest_.entries_) {
+    number(std::uint64_t{entries.size()});
+    add(entries.data(), entries.size() * sizeof(BrickEntry));
+  }
+  number(brickChecksum(bytes));
+  return bytes;
+}
+
+namespace {
+
+/// Parses foreign JSON; limits its depth, so that recursion does not exhaust the stack.
+template <class... Text>
+Json parseText(Text... text) {
+  constexpr int kDeepest = 64;
+  return Json::parse(text..., [](int depth, Json::parse_event_t /*event*/, Json& /*parsed*/) {
+    if (depth > kDeepest) throw std::range_error("it is too deep");
+    return true;
+  });
+}
+
+}  // namespace
+
+std::size_t BrickFacts::headOf(std::span<const std::byte> manifest) noexcept {
+  std::uint32_t size = 0;
+  constexpr std::size_t kBefore = kMagic.size() + sizeof size;
+  if (manifest.size() < kBefore) return manifest.size();
+  std::memcpy(&size, manifest.data() + kMagic.size(), sizeof size);
+  return kBefore + size;
+}
+
+std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
+  try {
+    return FactsReader::hexadecimal(parseText(attributes).at("palpate").at("identity"));
+  } catch (const std::exception&) {
+    return 0;
+  }
+}
+
+BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::string& called) {
+  const auto refuse = [&](const char* why) { throw VolumeError(called, why, kRemedy); };
+  // Magic, length of the JSON and checksum.
+  constexpr std::size_t kAround = kMagic.size() + 2 * sizeof(std::uint32_t);
+  if (bytes.size() < kMagic.size() ||
+      std::memcmp(bytes.data(), kMagic.data(), kMagic.size() - 1) != 0) {
+    refuse("it is no manifest of bricks");
+  }
+  if (bytes[kMagic.size() - 1] != static_cast<std::byte>(kMagic.back())) {
+    throw VolumeError(called, "it is of another version of palpate",
+                      "read it by that one, or write it again");
+  }
+  if (bytes.size() < kAround) refuse("it is cut off");
+  std::uint32_t checksum = 0;
+  std::span<const std::byte> rest = bytes.first(bytes.size() - sizeof checksum);
+  std::memcpy(&checksum, bytes.data() + rest.size(), sizeof checksum);
+  if (brickChecksum(rest) != checksum) refuse("it is cut off or damaged");
+  const auto take = [&](std::uint64_t size) {
+    if (size > rest.size()) refuse("it is damaged: it ends too early");
+    const auto taken = rest.first(size);
+    rest = rest.subspan(size);
+    return taken;
+  };
+  (void)take(kMagic.size());
+  std::uint32_t size = 0;
+  std::memcpy(&size, take(sizeof size).data(), sizeof size);
+  if (size > kMostText) refuse("what it says of itself is more than 64 kB");
+  const auto text = take(size);
+
+  BrickManifest manifest;
+  GridInfo& info = manifest.info_;
+  try {
+    const auto* begin = reinterpret_cast<const char*>(text.data());  // NOLINT: text
+    const Json json = parseText(begin, begin + text.size());
+    const FactsReader facts(json);
+    if (FactsReader::whole(facts.at("bricks")) != kVersion) {
+      throw std::range_error("it is of another version");
+    }
+    info.name = facts.text("name");
+    info.grid_class = classNamed(facts.text("class"));
+    info.source = facts.text("source");
+    const std::string type = facts.text("type");
+    if (type != "half" && type != "float") throw std::range_error("its type is none");
+    const std::int32_t components = FactsReader::whole(facts.at("components"));
+    if (components != 1 && components != 3) throw std::range_error("its components are none");
+    manifest.format_ = {components == 3, type == "half"};
+    if (facts.at("background").size() != manifest.format_.components()) {
+      throw std::range_error("its background is none");
+    }
+    for (std::size_t c = 0; c < manifest.format_.components(); ++c) {
+      manifest.background_[c] =
+          static_cast<float>(FactsReader::number(facts.at("background").at(c)));
+    }
+    manifest.extent_ = {FactsReader::voxel(facts.at("lower")),
+                        FactsReader::voxel(facts.at("upper"))};
+    const Mat3 linear = FactsReader::matrix(facts.at("linear"));
+    const Vec3 origin = FactsReader::vec(facts.at("origin"));
+    if (!isMap(linear, origin)) throw std::range_error("its map is none");
+    if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
+      throw std::range_error("its extent is none");
+    }
+    manifest.metadata_ = facts.at("metadata").dump();
+    manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));
+    const bool level_set = info.grid_class == GridClass::kLevelSet && !manifest.format_.vector;
+    manifest.levels_ = levelsOf(linear, origin, manifest.extent_, level_set);
+
+    info.vector = manifest.format_.vector;
+    info.half = manifest.format_.half;
+    info.type = info.vector ? "vec3s" : "float";
+    info.voxel = linear.colwise().norm().transpose();
+    const Vec3 background(manifest.background_[0], manifest.background_[1],
+                          manifest.background_[2]);
+    info.background = info.vector ? background.norm() : background.x();
+    const Json& statistics = facts.at("statistics");
+    const double active = FactsReader::number(statistics.at("active_voxels"));
+    if (!(active >= 0.0 && active <= 1e19)) throw std::range_error("its voxels are none");
+    info.active_voxels = static_cast<std::uint64_t>(active);
+    if (info.active_voxels > 0) {
+      const VoxelAt lower = FactsReader::voxel(statistics.at("active_lower"));
+      const VoxelAt upper = FactsReader::voxel(statistics.at("active_upper"));
+      for (int corner = 0; corner < 8; ++corner) {
+        Vec3 p_I;
+        for (int a = 0; a < 3; ++a) {
+          const auto n = static_cast<std::size_t>(a);
+          p_I[a] = ((corner >> a) & 1) != 0 ? upper[n] : lower[n];
+        }
+        info.bounds.extend(linear * p_I + origin);
+      }
+      info.lowest = FactsReader::number(statistics.at("lowest"));
+      info.highest = FactsReader::number(statistics.at("highest"));
+      info.mean = FactsReader::number(statistics.at("mean"));
+    } else {
+      info.refusal = "it has no active voxel: write it with its values active";
+    }
+  } catch (const std::exception& e) {
+    std::string why = e.what();
+    std::replace(why.begin(), why.end(), '\n', ' ');
+    throw VolumeError(called, "it is damaged (" + why + ")", kRemedy);
+  }
+
+  // The table: each row has a place of its own.
+  manifest.entries_.resize(manifest.levels_.size());
+  const auto is_bad = [&](const BrickEntry& entry, const BrickId& id) {
+    bool bad = !manifest.has(id) || entry.kind > BrickKind::kStored;
+    for (const float v : entry.value) bad = bad || !std::isfinite(v);
+    return bad || (entry.kind == BrickKind::kStored) != (entry.bytes > 0);
+  };
+  for (std::size_t l = 0; l < manifest.levels_.size(); ++l) {
+    std::uint64_t count = 0;
+    std::memcpy(&count, take(sizeof count).data(), sizeof count);
+    if (count > rest.size() / sizeof(BrickEntry)) refuse("it is damaged: it ends too early");
+    std::vector<BrickEntry>& entries = manifest.entries_[l];
+    entries.resize(count);
+    const auto rows = take(count * sizeof(BrickEntry));
+    if (count > 0) std::memcpy(entries.data(), rows.data(), rows.size());
+    for (std::size_t n = 0; n < entries.size(); ++n) {
+      const BrickId id{static_cast<std::int32_t>(l), entries[n].at};
+      if (is_bad(entries[n], id) || (n > 0 && entries[n - 1].at >= entries[n].at)) {
+        refuse("it is damaged: a brick of it cannot be");
+      }
+      if (l == 0 && entries[n].kind == BrickKind::kStored) info.memory += manifest.format_.bytes();
+    }
+  }
+  if (!rest.empty()) refuse("it is damaged: it does not end where it should");
+  return manifest;
+}
+
+}  // namespace palpate

@@ -1,0 +1,155 @@
+#include "palpate/samplers/bricks/brick_folder.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+#include <utility>
+
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+/// Files are written here, and moved to their places when they are complete.
+constexpr const char* kPartial = ".partial";
+
+/// A descriptor that closes itself.
+class Opened {
+ public:
+  explicit Opened(int number) noexcept : number_(number) {}
+  Opened(const Opened&) = delete;
+  Opened& operator=(const Opened&) = delete;
+  ~Opened() {
+    if (number_ >= 0) ::close(number_);
+  }
+  [[nodiscard]] int get() const noexcept { return number_; }
+  /// Closes the file; only now may the system report that writing failed.
+  [[nodiscard]] bool close() noexcept { return ::close(std::exchange(number_, -1)) == 0; }
+
+ private:
+  int number_;
+};
+
+}  // namespace
+
+BrickFolder::BrickFolder(std::filesystem::path path, int writer)
+    : path_(std::move(path)),
+      writer_(writer),
+      folder_(::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+  if (folder_ >= 0) return;
+  throw VolumeError(path_.string(),
+                    std::string("the folder cannot be read (") + std::strerror(errno) + ")",
+                    "check the path and its permissions");
+}
+
+BrickFolder::~BrickFolder() {
+  ::close(folder_);
+}
+
+bool BrickFolder::isGone() const noexcept {
+  struct stat status {};
+  return ::fstat(folder_, &status) != 0 || status.st_nlink == 0;
+}
+
+BrickFolder::Stamp BrickFolder::stamp() const noexcept {
+  struct stat status {};
+  if (::fstat(folder_, &status) != 0) return {};
+  return {status.st_dev, status.st_ino, 0};
+}
+
+BrickFolder::Stamp BrickFolder::stampOf(const std::string& name) const noexcept {
+  struct stat status {};
+  if (::fstatat(folder_, name.c_str(), &status, 0) != 0) return {};
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  return {status.st_dev, status.st_ino, status.st_mtim.tv_sec * kSecond + status.st_mtim.tv_nsec};
+}
+
+bool BrickFolder::has(const std::string& name) const noexcept {
+  return ::faccessat(folder_, name.c_str(), F_OK, 0) == 0;
+}
+
+int BrickFolder::read(const std::string& name, std::span<std::byte> to,
+                      std::size_t& got) const noexcept {
+  got = 0;
+  // Without O_NONBLOCK, opening a pipe would wait for its other end.
+  const Opened file(::openat(folder_, name.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (file.get() < 0) return errno;
+  struct stat status {};
+  if (::fstat(file.get(), &status) != 0) return errno;
+  if (!S_ISREG(status.st_mode)) return EISDIR;
+  while (got < to.size()) {
+    const ssize_t some = ::read(file.get(), to.data() + got, to.size() - got);
+    if (some < 0 && errno == EINTR) continue;
+    if (some < 0) return errno;
+    if (some == 0) break;
+    got += static_cast<std::size_t>(some);
+  }
+  return 0;
+}
+
+void BrickFolder::fail(const std::string& name, int error) const {
+  throw Error((path_ / name).string(),
+              std::string("it cannot be written (") + std::strerror(error) + ")",
+              error == ENOSPC || error == EDQUOT || error == EFBIG
+                  ? "make room and run the same command again: it goes on where it stopped"
+                  : "check the disk and its permissions, and run the same command again");
+}
+
+void BrickFolder::lock() {
+  // A file system without locks, such as some network ones, gives no protection.
+  if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+  throw Error(path_.string(), "another run is writing it",
+              "wait for its end, or name another folder");
+}
+
+void BrickFolder::makeFolder(const std::string& name) const {
+  if (::mkdirat(folder_, name.c_str(), S_IRWXU | S_IRWXG | S_IRWXO) != 0 && errno != EEXIST) {
+    fail(name, errno);
+  }
+}
+
+void BrickFolder::write(const std::string& name, std::span<const std::byte> bytes) const {
+  static std::atomic<unsigned> number{0};
+  const std::string partial =
+      std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
+  int error = 0;
+  {
+    // Remove the file of a killed run or a planted link, and create a new file.
+    ::unlinkat(folder_, partial.c_str(), 0);
+    Opened file(::openat(folder_, partial.c_str(),
+                         O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
+                         S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP | S_IROTH | S_IWOTH));
+    if (file.get() < 0) fail(name, errno);
+    for (std::size_t done = 0; done < bytes.size() && error == 0;) {
+      const ssize_t some = ::write(file.get(), bytes.data() + done, bytes.size() - done);
+      if (some < 0 && errno != EINTR) error = errno;
+      done += static_cast<std::size_t>(std::max<ssize_t>(some, 0));
+    }
+    if (!file.close() && error == 0) error = errno;
+  }
+  if (error == 0 && ::renameat(folder_, partial.c_str(), folder_, name.c_str()) != 0) error = errno;
+  if (error == 0) return;
+  ::unlinkat(folder_, partial.c_str(), 0);
+  fail(name, error);
+}
+
+void BrickFolder::write(const std::string& name, const std::string& text) const {
+  write(name, std::as_bytes(std::span(text)));
+}
+
+void BrickFolder::removePartial() const {
+  std::error_code error;
+  std::filesystem::remove_all(path_ / kPartial, error);
+}
+
+void BrickFolder::sync() const {
+  if (::syncfs(folder_) != 0) fail("", errno);
+}
+
+}  // namespace palpate

@@ -1,0 +1,459 @@
+#include "palpate/samplers/bricks/write_bricks.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <mutex>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include <tbb/enumerable_thread_specific.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/bricks/brick_codec.h"
+#include "palpate/samplers/bricks/brick_facts.h"
+#include "palpate/samplers/bricks/brick_folder.h"
+#include "palpate/samplers/bricks/brick_pyramid.h"
+#include "palpate/samplers/parallel.h"
+
+namespace palpate {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// State of a folder before the first write.
+enum class Found { kNothing, kUnfinished, kFinished };
+
+std::string contentsOf(const fs::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+/// Makes the folder if it does not exist. Throws Error if it has other content.
+Found lookInto(const fs::path& folder, std::uint64_t identity) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(folder, error))) {
+    fs::create_directory(folder, error);
+    if (error) {
+      throw Error(folder.string(), "the folder cannot be made (" + error.message() + ")",
+                  "choose another place");
+    }
+    return Found::kNothing;
+  }
+  if (!fs::is_directory(folder, error)) {
+    throw Error(folder.string(), "it is there already, and no folder", "name another place");
+  }
+  const std::string remedy = "remove it, or name another folder";
+  if (fs::exists(folder / kBrickManifestFile, error)) {
+    if (BrickManifest::read(folder).identity() == identity) return Found::kFinished;
+    throw Error(folder.string(), "it holds bricks of another input or of other options", remedy);
+  }
+  if (fs::exists(folder / kBrickAttributesFile, error)) {
+    if (BrickFacts::identityIn(contentsOf(folder / kBrickAttributesFile)) == identity) {
+      return Found::kUnfinished;
+    }
+    throw Error(folder.string(), "it holds something else, or unfinished bricks of another input",
+                remedy);
+  }
+  // Files that a killed run may have left.
+  for (const auto& one : fs::directory_iterator(folder, error)) {
+    const std::string name = one.path().filename().string();
+    if (name != ".partial" && name != ".zgroup") {
+      throw Error(folder.string(), "it is there already and holds \"" + name + "\"", remedy);
+    }
+  }
+  return Found::kNothing;
+}
+
+/// Working memory of a thread.
+struct Space {
+  Space(const BrickFormat& format, std::uint64_t identity)
+      : values(kBrickVoxels * format.components()),
+        active(kBrickActiveBytes),
+        slot(format.bytes()),
+        codec(format, identity) {}
+
+  std::vector<float> values;
+  std::vector<std::uint8_t> active;
+  std::vector<std::byte> slot;
+  BrickCodec codec;
+  CoarserSpace coarser;
+};
+
+/// Returns the statistics of a brick's own voxels.
+BrickStatistics statisticsOf(const Space& space, std::size_t components, const VoxelAt& voxel) {
+  BrickStatistics s;
+  for (int i = 0; i < kBrickSide; ++i) {
+    for (int j = 0; j < kBrickSide; ++j) {
+      // Row by row, for speed: this runs for every voxel.
+      const std::size_t begin = BrickView::numberOf(i, j, 0);
+      const VoxelAt lower{voxel[0] + i, voxel[1] + j, voxel[2] + kBrickSide};
+      const VoxelAt upper{lower[0], lower[1], voxel[2]};
+      constexpr double kEndless = std::numeric_limits<double>::infinity();
+      BrickStatistics row{0, lower, upper, kEndless, -kEndless, 0.0};
+      for (int k = 0; k < kBrickSide; ++k) {
+        const std::size_t n = begin + static_cast<std::size_t>(k);
+        if (((space.active[n / 8] >> (n % 8)) & 1) == 0) continue;
+        const float* v = space.values.data() + n * components;
+        const double size =
+            components == 1 ? static_cast<double>(v[0]) : Vec3(v[0], v[1], v[2]).norm();
+        ++row.active;
+        row.lower[2] = std::min(row.lower[2], voxel[2] + k);
+        row.upper[2] = voxel[2] + k;
+        row.lowest = std::min(row.lowest, size);
+        row.highest = std::max(row.highest, size);
+        row.sum += size;
+      }
+      s.join(row);
+    }
+  }
+  return s;
+}
+
+/// Sets all voxels of a brick to the first one.
+void spreadFirst(Space& space, std::size_t components) {
+  for (std::size_t n = components; n < space.values.size(); ++n) {
+    space.values[n] = space.values[n - components];
+  }
+  const bool on = (space.active[0] & 1) != 0;
+  std::fill(space.active.begin(), space.active.end(), static_cast<std::uint8_t>(on ? 0xFF : 0));
+}
+
+bool isOneValue(const Space& space, std::size_t components) {
+  const auto& bits = space.active;
+  return (bits[0] == 0 || bits[0] == 0xFF) &&
+         std::memcmp(bits.data(), bits.data() + 1, bits.size() - 1) == 0 &&
+         std::memcmp(space.values.data(), space.values.data() + components,
+                     (space.values.size() - components) * sizeof(float)) == 0;
+}
+
+class Writer {
+ public:
+  Writer(BrickFolder& folder, const BrickInput& input, const BrickOptions& options,
+         BrickFacts& facts, ProcessGroup& crew, bool resumes)
+      : folder_(folder),
+        input_(input),
+        options_(options),
+        facts_(facts),
+        group_(crew),
+        resumes_(resumes),
+        components_(input.format.components()),
+        spaces_([&] { return Space(input.format, facts.manifest().identity()); }) {
+    for (const BrickLevel& level : facts.manifest().levels()) {
+      all_ += static_cast<double>(level.bricks());
+    }
+    bricks_ = static_cast<double>(level(0).bricks());
+  }
+
+  BrickReport write() {
+    const auto levels = static_cast<std::int32_t>(facts_.manifest().levels().size());
+    if (group_.rank() == 0) makeFolders(levels);
+    // Wait for the folders.
+    (void)group_.gather({});
+    for (std::int32_t l = 0; l < levels; ++l) {
+      l == 0 ? writeFinest() : writeCoarser(l);
+      finish(l);
+    }
+    // The bricks of every rank have to be on the disk before a manifest that names them.
+    folder_.sync();
+    const std::vector<std::byte> manifest = facts_.file();
+    BrickReport report{BrickFacts::parse(manifest, (folder_.path() / kBrickManifestFile).string())};
+    for (const auto& [written, kept] :
+         gatherOne(group_, std::array{written_.load(), kept_.load()})) {
+      report.written += written;
+      report.kept += kept;
+    }
+    if (group_.rank() != 0) return report;
+    folder_.write(kBrickAttributesFile, facts_.attributes());
+    folder_.sync();
+    folder_.write(kBrickManifestFile, manifest);
+    folder_.removePartial();
+    folder_.sync();
+    return report;
+  }
+
+ private:
+  /// A brick that may differ from the background, and its statistics.
+  struct Row {
+    BrickEntry entry;
+    BrickStatistics statistics;
+  };
+
+  void makeFolders(std::int32_t levels) {
+    folder_.removePartial();
+    folder_.makeFolder(".partial");
+    folder_.write(".zgroup", std::string("{\n  \"zarr_format\": 2\n}\n"));
+    folder_.write(kBrickAttributesFile, facts_.attributes());
+    for (std::int32_t l = 0; l < levels; ++l) {
+      folder_.makeFolder(std::to_string(l));
+      folder_.write(std::to_string(l) + "/.zarray", facts_.array(l, options_.compression));
+    }
+  }
+
+  [[nodiscard]] const BrickLevel& level(std::int32_t l) const {
+    return facts_.manifest().levels()[static_cast<std::size_t>(l)];
+  }
+
+  /// Each rank writes a slab along the last axis, along which image files are slowest.
+  void writeFinest() {
+    const auto& first = level(0).first;
+    const auto& count = level(0).count;
+    const Share all{first[2], first[2] + count[2]};
+    Share own = input_.share.value_or(all);
+    if (!input_.share) {
+      own = shareOf(group_, count[2]);
+      own = {own.first + first[2], own.end + first[2]};
+    }
+    const std::int64_t low = std::clamp(own.first, all.first, all.end) - first[2];
+    const auto along = [&](std::size_t a) { return static_cast<std::size_t>(count[a]); };
+    const auto deep =
+        static_cast<std::size_t>(std::clamp(own.end, all.first, all.end) - first[2] - low);
+    forEach(along(0) * along(1) * deep, [&](std::size_t n) {
+      const VoxelAt at{static_cast<std::int32_t>(n / (along(1) * deep)),
+                       static_cast<std::int32_t>(n / deep % along(1)),
+                       static_cast<std::int32_t>(n % deep) + static_cast<std::int32_t>(low)};
+      make({0, at}, [&](Space& space) { return fill(at, space); });
+    });
+  }
+
+  void writeCoarser(std::int32_t l) {
+    PosixBricks source(folder_.path(), facts_.manifest());
+    HalvedBricks finer(source, l - 1);
+    const bool level_set = input_.grid_class == GridClass::kLevelSet && !input_.format.vector;
+    const std::vector<VoxelAt> places = coarserPlaces(facts_.manifest(), l - 1);
+    const Share own = shareOf(group_, static_cast<std::int64_t>(places.size()));
+    forEach(static_cast<std::size_t>(own.end - own.first), [&](std::size_t n) {
+      const VoxelAt& at = places[static_cast<std::size_t>(own.first) + n];
+      make({l, at}, [&](Space& space) {
+        return coarserBrick(finer, at, level_set, space.coarser, space.values, space.active);
+      });
+    });
+  }
+
+  /// Runs `body` for the bricks of a level in parallel, and reports progress.
+  template <class Body>
+  void forEach(std::size_t count, Body body) {
+    inParallel(count, [&](std::size_t n) {
+      body(n);
+      told(static_cast<double>(++done_) / static_cast<double>(count));
+    });
+  }
+
+  /// @param fill  Sets the values and bits of a space; returns true if it set only the first of
+  /// each.
+  template <class Fill>
+  void make(const BrickId& id, Fill fill) {
+    Space& space = spaces_.local();
+    if (!resumes_ || !keep(id, space)) {
+      bool one = fill(space);
+      if (!one) {
+        one = isOneValue(space, components_);
+      } else if (!isBackground(space)) {
+        spreadFirst(space, components_);
+      }
+      if (!one) {
+        store(id, space);
+      } else if (!isBackground(space)) {
+        BrickEntry entry;
+        entry.kind = (space.active[0] & 1) != 0 ? BrickKind::kActive : BrickKind::kInactive;
+        std::copy_n(space.values.begin(), components_, entry.value.begin());
+        add(id, entry, space);
+      }
+    }
+  }
+
+  /// Returns true if a brick of one value is background.
+  [[nodiscard]] bool isBackground(const Space& space) const {
+    return (space.active[0] & 1) == 0 &&
+           std::memcmp(space.values.data(), facts_.manifest().background().data(),
+                       components_ * sizeof(float)) == 0;
+  }
+
+  /// Fills a brick of level 0 from the input.
+  bool fill(const VoxelAt& at, Space& space) {
+    std::fill(space.active.begin(), space.active.end(), std::uint8_t{0});
+    VoxelAt lower = level(0).voxelOf(at);
+    for (std::int32_t& v : lower) v -= kBrickApron;
+    const bool one = input_.fill({lower, space.values, space.active}) == BoxFilled::kOneValue;
+    const std::size_t count = one ? components_ : space.values.size();
+    for (std::size_t n = 0; n < count; ++n) {
+      float& v = space.values[n];
+      if (input_.format.half) v = floatOfHalf(halfOfFloat(v));
+      if (!std::isfinite(v)) refuse(lower, n / components_);
+    }
+    return clip(lower, one, space);
+  }
+
+  [[noreturn]] void refuse(const VoxelAt& lower, std::size_t n) const {
+    const auto edge = static_cast<std::size_t>(kBrickEdge);
+    const std::array<std::size_t, 3> step{n / (edge * edge), n / edge % edge, n % edge};
+    std::string voxel;
+    for (std::size_t a = 0; a < 3; ++a) {
+      voxel += (a == 0 ? "" : ", ") + std::to_string(lower[a] + static_cast<std::int32_t>(step[a]));
+    }
+    throw VolumeError("\"" + input_.name + "\"",
+                      "its value at voxel (" + voxel + ") is no number" +
+                          (input_.format.half ? ", or too large for 16 bits" : ""),
+                      input_.format.half ? "replace it, or store 32 bits" : "replace it");
+  }
+
+  /// Sets all voxels beyond the extent to background, even if the input set them.
+  bool clip(const VoxelAt& lower, bool one, Space& space) {
+    std::array<int, 3> begin{};
+    std::array<int, 3> end{};
+    bool within = true;
+    for (std::size_t a = 0; a < 3; ++a) {
+      begin[a] = std::max(0, input_.lower[a] - lower[a]);
+      end[a] = std::min<int>(kBrickEdge, input_.upper[a] - lower[a] + 1);
+      within = within && begin[a] == 0 && end[a] == kBrickEdge;
+    }
+    if (within || (one && isBackground(space))) return one;
+    if (one) spreadFirst(space, components_);
+    const auto is_in = [&](std::size_t a, int i) { return i >= begin[a] && i < end[a]; };
+    std::size_t n = 0;
+    for (int i = 0; i < kBrickEdge; ++i) {
+      for (int j = 0; j < kBrickEdge; ++j) {
+        for (int k = 0; k < kBrickEdge; ++k, ++n) {
+          if (is_in(0, i) && is_in(1, j) && is_in(2, k)) continue;
+          std::copy_n(facts_.manifest().background().begin(), components_,
+                      space.values.begin() + static_cast<std::ptrdiff_t>(n * components_));
+          space.active[n / 8] &= static_cast<std::uint8_t>(~(1U << (n % 8)));
+        }
+      }
+    }
+    return false;
+  }
+
+  /// Keeps a brick of an earlier run, if its object is identical to the one that would be written.
+  /// zstd may decompress an object with a flipped bit to the same values.
+  bool keep(const BrickId& id, Space& space) {
+    std::size_t got = 0;
+    const std::string name = brickObject(id, input_.format);
+    if (folder_.read(name, space.codec.object(), got) != 0 ||
+        space.codec.decode(id, got, nullptr, space.slot).status != BrickStatus::kArrived) {
+      return false;
+    }
+    const std::uint32_t checksum = brickChecksum(space.codec.object().first(got));
+    unpackBrick(input_.format, space.slot, space.values, space.active);
+    const auto object = space.codec.encode(id, space.values, space.active, options_.compression);
+    if (object.size() != got || brickChecksum(object) != checksum) return false;
+    add(id, stored(object), space);
+    ++kept_;
+    return true;
+  }
+
+  static BrickEntry stored(std::span<const std::byte> object) {
+    BrickEntry entry;
+    entry.kind = BrickKind::kStored;
+    entry.bytes = static_cast<std::uint32_t>(object.size());
+    entry.checksum = brickChecksum(object);
+    return entry;
+  }
+
+  void store(const BrickId& id, Space& space) {
+    const auto object = space.codec.encode(id, space.values, space.active, options_.compression);
+    folder_.write(brickObject(id, input_.format), object);
+    add(id, stored(object), space);
+    ++written_;
+  }
+
+  void add(const BrickId& id, BrickEntry entry, const Space& space) {
+    Row row{entry, {}};
+    row.entry.at = id.at;
+    if (id.level == 0) row.statistics = statisticsOf(space, components_, level(0).voxelOf(id.at));
+    const std::lock_guard lock(mutex_);
+    rows_.push_back(row);
+  }
+
+  /// Completes a level. Sorts its rows, so that sums do not depend on the threads.
+  void finish(std::int32_t l) {
+    rows_ = gatherAll(group_, rows_);
+    std::sort(rows_.begin(), rows_.end(),
+              [](const Row& a, const Row& b) { return a.entry.at < b.entry.at; });
+    BrickStatistics sum;
+    std::vector<BrickEntry> entries;
+    entries.reserve(rows_.size());
+    for (const Row& row : rows_) {
+      entries.push_back(row.entry);
+      sum.join(row.statistics);
+    }
+    rows_.clear();
+    facts_.setEntries(l, std::move(entries));
+    if (l == 0) facts_.setStatistics(sum);
+    before_ += bricks_;
+    done_ = 0;
+    bricks_ = l + 1 < static_cast<std::int32_t>(facts_.manifest().levels().size())
+                  ? static_cast<double>(level(l + 1).bricks())
+                  : 0.0;
+    told(0.0);
+  }
+
+  /// Reports progress, unless another thread is reporting.
+  /// @param part  Of the level.
+  void told(double part) {
+    if (!options_.progress) return;
+    const std::unique_lock lock(telling_, std::try_to_lock);
+    if (lock) options_.progress((before_ + part * bricks_) / all_);
+  }
+
+  BrickFolder& folder_;
+  const BrickInput& input_;
+  const BrickOptions& options_;
+  BrickFacts& facts_;
+  ProcessGroup& group_;
+  bool resumes_;
+  std::size_t components_;
+  tbb::enumerable_thread_specific<Space> spaces_;
+  std::mutex mutex_;
+  std::vector<Row> rows_;
+  std::mutex telling_;
+  double all_ = 0.0;
+  double before_ = 0.0;  ///< Bricks of complete levels.
+  double bricks_ = 0.0;  ///< Bricks of the level that is being written.
+  std::atomic<std::uint64_t> done_{0};
+  std::atomic<std::uint64_t> written_{0};
+  std::atomic<std::uint64_t> kept_{0};
+};
+
+}  // namespace
+
+BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
+                        const BrickOptions& options) {
+  SingleProcess alone;
+  ProcessGroup& crew = options.crew == nullptr ? alone : *options.crew;
+  BrickFacts facts(input, options);
+  const std::uint64_t identity = facts.manifest().identity();
+  // Rank 0 checks the folder and holds its lock while any rank writes.
+  std::optional<BrickFolder> held;
+  Found found = Found::kNothing;
+  if (crew.rank() == 0) {
+    found = lookInto(folder, identity);
+    held.emplace(folder);
+    if (found != Found::kFinished) held->lock();
+  }
+  struct Begin {
+    std::uint64_t identity;
+    Found found;
+  };
+  const Begin first = gatherOne(crew, Begin{identity, found}).front();
+  found = first.found;
+  if (first.identity != identity) {
+    throw Error(folder.string(), "this rank's input is another than that of rank 0",
+                "give all of them the same file, and the same palpate");
+  }
+  if (found == Found::kFinished) {
+    if (held) held->removePartial();
+    return {BrickManifest::read(folder), 0, 0};
+  }
+  if (!held) held.emplace(folder, crew.rank());
+  return Writer(*held, input, options, facts, crew, found == Found::kUnfinished).write();
+}
+
+}  // namespace palpate

@@ -1,0 +1,77 @@
+/// Fields that are given by a formula, for tests, benchmarks and first programs. Needs no OpenVDB.
+#pragma once
+
+#include <memory>
+#include <utility>
+
+#include "palpate/engine/field/field.h"
+
+namespace palpate {
+
+/// A scalar field from a formula for its value and gradient, in metres of W.
+/// @tparam Formula  ScalarSample(const Vec3& p) noexcept, p [m]. The formula also sets `inside`. It
+///                  runs in the tick, so it must not allocate or lock.
+template <class Formula>
+class AnalyticScalarField final : public ScalarField {
+ public:
+  /// `frame.voxel` is the step [m] that the proxy may take before the formula is read again.
+  AnalyticScalarField(const FieldFrame& frame, Formula formula)
+      : ScalarField(frame), formula_(std::move(formula)) {}
+
+  void reset(FieldCache& /*cache*/) const noexcept override {}
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W,
+                                    FieldCache& /*cache*/) const noexcept override {
+    return p_W.allFinite() ? formula_(p_W) : ScalarSample{};
+  }
+
+ private:
+  Formula formula_;
+};
+
+/// A vector field from a formula for its value and Jacobian: VectorSample(const Vec3& p) noexcept.
+template <class Formula>
+class AnalyticVectorField final : public VectorField {
+ public:
+  AnalyticVectorField(const FieldFrame& frame, Formula formula)
+      : VectorField(frame), formula_(std::move(formula)) {}  ///< See AnalyticScalarField.
+
+  void reset(FieldCache& /*cache*/) const noexcept override {}  ///< A formula has no cache.
+  [[nodiscard]] VectorSample sample(const Vec3& p_W,
+                                    FieldCache& /*cache*/) const noexcept override {
+    return p_W.allFinite() ? formula_(p_W) : VectorSample{};
+  }  ///< The formula's sample; no data if p_W is not finite.
+
+ private:
+  Formula formula_;
+};
+
+/// Makes a scalar field from any formula.
+template <class Formula>
+[[nodiscard]] std::shared_ptr<const ScalarField> makeScalarField(const FieldFrame& frame,
+                                                                 Formula formula) {
+  return std::make_shared<AnalyticScalarField<Formula>>(frame, std::move(formula));
+}
+
+/// Makes a vector field from any formula.
+template <class Formula>
+[[nodiscard]] std::shared_ptr<const VectorField> makeVectorField(const FieldFrame& frame,
+                                                                 Formula formula) {
+  return std::make_shared<AnalyticVectorField<Formula>>(frame, std::move(formula));
+}
+
+/// Makes a field of the distance to a sphere's surface [m], negative inside.
+[[nodiscard]] std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
+                                                            double voxel = 1e-3);
+
+/// Makes a field of the height over a plane through `point` [m].
+[[nodiscard]] std::shared_ptr<const ScalarField> makeHalfSpace(const Vec3& point,
+                                                               const Vec3& normal,
+                                                               double voxel = 1e-3);
+
+/// Makes a rigid vortex about an axis through `centre`, with a flow along the axis:
+/// v = omega x r + axial e. curl v = 2 omega, div v = 0. It has data within `radius` [m].
+[[nodiscard]] std::shared_ptr<const VectorField> makeVortex(const Vec3& centre, const Vec3& omega,
+                                                            double axial, double radius,
+                                                            double voxel = 1e-3);
+
+}  // namespace palpate

@@ -1,0 +1,500 @@
+/// Private to samplers: the cached data of a grid's last cell, and the kernels that read it.
+///
+/// A kernel implements one order of interpolation. It keeps the data that it needs of the voxels
+/// around a cell. For a position t in the cell it returns one row: C components of the value, then
+/// their derivatives by the first, second and third index. If rows blend linearly (kBlendsRows),
+/// load() turns the rows of the cell's corners into W, so the rows read are turned already. All
+/// data are in plain arrays: in a unit as large as OpenVDB's the compiler no longer inlines Eigen's
+/// expressions, at three times the cost.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+#include "palpate/engine/types.h"
+
+namespace palpate {
+
+/// c0 + c1 s + c2 s^2 + c3 s^3.
+using Cubic = std::array<double, 4>;
+
+/// Returns where a cubic first falls below zero for s from 0 to 1, or 2 if it does not. `above`:
+/// in, whether the cubic was above zero before; out, whether it has been. `first`: a cubic that
+/// begins at or below zero and falls counts as a fall at 0.
+inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
+  const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };
+  if (c[0] > 0.0) above = true;
+  if (first && !above) {
+    const double slope = c[1] != 0.0 ? c[1] : c[2] != 0.0 ? c[2] : c[3];
+    if (slope < 0.0) return 0.0;
+  }
+  // The cubic is monotone between its turning points.
+  std::array<double, 4> ends{0.0, 1.0, 1.0, 1.0};
+  std::size_t count = 1;
+  const double a = 3.0 * c[3];
+  const double half = c[2];
+  const double root = half * half - a * c[1];
+  if (root > 0.0) {
+    // The roots of a s^2 + 2 half s + c1 without cancellation.
+    const double q = -(half + std::copysign(std::sqrt(root), half));
+    const double s1 = a != 0.0 ? q / a : 2.0;
+    const double s2 = q != 0.0 ? c[1] / q : 2.0;
+    for (const double s : {std::min(s1, s2), std::max(s1, s2)}) {
+      if (s > 0.0 && s < 1.0) ends[count++] = s;
+    }
+  }
+  ends[count++] = 1.0;
+  for (std::size_t i = 0; i + 1 < count; ++i) {
+    const double end = at(ends[i + 1]);
+    if (end > 0.0) above = true;
+    if (!above || !(end < 0.0)) continue;
+    double low = ends[i];
+    double high = ends[i + 1];
+    for (int n = 0; n < 50; ++n) {
+      const double middle = 0.5 * (low + high);
+      (at(middle) > 0.0 ? low : high) = middle;
+    }
+    return low;
+  }
+  return 2.0;
+}
+
+/// A cube of W^3 voxels in place: the address of the first number of each row (i, j), which runs
+/// along the last axis. The components of a voxel are side by side.
+template <class Number, int W>
+struct Rows {
+  static constexpr std::size_t kW = W;
+  std::array<const Number*, kW * kW> first;
+
+  [[nodiscard]] const Number* operator()(std::size_t i, std::size_t j) const noexcept {
+    return first[i * kW + j];
+  }
+};
+
+/// Returns the bit of voxel (i, j, k) in a cube's mask.
+template <int W>
+constexpr int bitOf(int i, int j, int k) noexcept {
+  return (i * W + j) * W + k;
+}
+
+/// Returns the bits of a cell's eight voxels in a cube's mask; the cell's lower corner is at
+/// (0,0,0).
+template <int W>
+constexpr std::uint64_t cellBits() noexcept {
+  std::uint64_t bits = 0;
+  for (int n = 0; n < 8; ++n) bits |= std::uint64_t{1} << bitOf<W>(n >> 2, (n >> 1) & 1, n & 1);
+  return bits;
+}
+
+/// The polynomial c0 + c1 u + c2 v + c3 w + c4 uv + c5 uw + c6 vw + c7 uvw of N numbers.
+template <std::size_t N>
+class Trilinear {
+ public:
+  /// Takes the numbers at a cell's eight corners, the last axis fastest.
+  void load(const std::array<std::array<double, 8>, N>& at) noexcept {
+    for (std::size_t n = 0; n < N; ++n) {
+      const std::array<double, 8>& d = at[n];
+      c[0][n] = d[0];
+      c[1][n] = d[4] - d[0];
+      c[2][n] = d[2] - d[0];
+      c[3][n] = d[1] - d[0];
+      c[4][n] = (d[6] - d[2]) - c[1][n];
+      c[5][n] = (d[5] - d[1]) - c[1][n];
+      c[6][n] = (d[3] - d[1]) - c[2][n];
+      c[7][n] = (d[7] - d[3]) - (d[5] - d[1]) - c[4][n];
+    }
+  }
+  /// Writes the first M numbers at t.
+  template <std::size_t M>
+  [[gnu::always_inline]] void read(const Vec3& t, std::array<double, M>& out) const noexcept {
+    const double x = t.x();
+    const double y = t.y();
+    const double z = t.z();
+    for (std::size_t n = 0; n < std::min(M, N); ++n) {
+      const double uv = c[4][n] + c[7][n] * z;
+      const double u = c[1][n] + c[5][n] * z;
+      const double v = c[2][n] + c[6][n] * z;
+      out[n] = c[0][n] + c[3][n] * z + v * y + (u + uv * y) * x;
+    }
+  }
+
+  std::array<std::array<double, N>, 8> c;  ///< Indexed by coefficient, then by number.
+};
+
+/// Kernel for vectors with C components. The value is trilinear; the derivatives are trilinearly
+/// interpolated central differences, and continuous.
+template <int C>
+class TrilinearKernel {
+ public:
+  static constexpr int kWidth = 4;         ///< Voxels along an edge of the block that load() takes.
+  static constexpr int kBefore = 1;        ///< Voxels of the block before the cell or voxel.
+  static constexpr bool kNearest = false;  ///< Centred on the nearest voxel, not on the cell.
+  static constexpr bool kBlendsRows = true;
+  static constexpr bool kNeedsEdges = false;   ///< Needs voxels at the rim of two block axes.
+  static constexpr bool kDifferences = false;  ///< Derivatives use the reader's slope reach.
+  static constexpr std::size_t kC = C;
+  using Row = std::array<double, 4 * kC>;
+
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn turn) noexcept {
+    // For each number the eight corners are side by side; a pass sets two along the last axis.
+    std::array<std::array<double, 8>, 4 * kC> at;
+    for (std::size_t n = 0; n < 8; n += 2) {
+      const std::size_t i = 1 + n / 4;
+      const std::size_t j = 1 + n / 2 % 2;
+      const auto half = [](Number low, Number high) {
+        return 0.5 * (static_cast<double>(high) - static_cast<double>(low));
+      };
+      for (std::size_t c = 0; c < kC; ++c) {
+        for (std::size_t k = 0; k < 2; ++k) {
+          const std::size_t m = (1 + k) * kC + c;
+          at[c][n + k] = static_cast<double>(rows(i, j)[m]);
+          at[kC + c][n + k] = half(rows(i - 1, j)[m], rows(i + 1, j)[m]);
+          at[2 * kC + c][n + k] = half(rows(i, j - 1)[m], rows(i, j + 1)[m]);
+          at[3 * kC + c][n + k] = half(rows(i, j)[m - kC], rows(i, j)[m + kC]);
+        }
+      }
+    }
+    turn(at);
+    rows_.load(at);
+  }
+
+  [[gnu::always_inline]] void read(const Vec3& t, Row& row) const noexcept { rows_.read(t, row); }
+  /// Writes the value only.
+  [[gnu::always_inline]] void value(const Vec3& t, std::array<double, kC>& v) const noexcept {
+    rows_.read(t, v);
+  }
+
+ private:
+  Trilinear<4 * kC> rows_;
+};
+
+/// Kernel for scalars. The value V is trilinear. The derivative along axis a is the difference
+///
+///     g_a(t) = (V(t + r e_a) - V(t - r e_a)) / 2r,     r: the reach, 1/2 or 1 voxel,
+///
+/// which is continuous, and exact for quadratics. Along an axis V is linear between voxels, so g_a
+/// is the mean of the slopes that t +- r spans: the slopes of the cell and of the cells before and
+/// after it. At r = 1/2 there are two: the slope of the cell, and that of the neighbour on the
+/// nearer side.
+template <>
+class TrilinearKernel<1> {
+ public:
+  static constexpr int kWidth = 4;
+  static constexpr int kBefore = 1;
+  static constexpr bool kNearest = false;
+  static constexpr bool kBlendsRows = false;
+  static constexpr bool kNeedsEdges = false;
+  static constexpr bool kDifferences = true;
+  static constexpr std::size_t kC = 1;
+  using Row = std::array<double, 4>;
+
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn /*turn*/) noexcept {
+    const auto at = [&](std::size_t i, std::size_t j, std::size_t k) {
+      return static_cast<double>(rows(i, j)[k]);
+    };
+    face_ = bilinear(at(1, 1, 1), at(1, 1, 2), at(1, 2, 1), at(1, 2, 2));
+    for (std::size_t m = 0; m < 3; ++m) {
+      // Slopes along an axis at the four edges of cell m: at (0, 0), (0, 1), (1, 0), (1, 1).
+      std::array<std::array<double, 4>, 3> d;
+      for (std::size_t n = 0; n < 4; ++n) {
+        const std::size_t p = 1 + n / 2;
+        const std::size_t q = 1 + n % 2;
+        d[0][n] = at(m + 1, p, q) - at(m, p, q);
+        d[1][n] = at(p, m + 1, q) - at(p, m, q);
+        d[2][n] = at(p, q, m + 1) - at(p, q, m);
+      }
+      for (std::size_t a = 0; a < 3; ++a) {
+        const Bilinear c = bilinear(d[a][0], d[a][1], d[a][2], d[a][3]);
+        for (std::size_t n = 0; n < 4; ++n) slopes_[a][n][m] = c[n];
+      }
+    }
+  }
+
+  [[gnu::always_inline]] void read(const Vec3& t, double reach, Row& row) const noexcept {
+    row[0] = valueAt(t);
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double at = t[static_cast<Eigen::Index>(a)];
+      const auto [P, Q] = kAside[a];
+      if (reach == 0.5) {
+        const std::size_t first = at < 0.5 ? 0 : 1;  // the first of two cells
+        const std::array<double, 2> s = slopesAlong<2>(a, first, t[P], t[Q]);
+        const double second = at + 0.5 - static_cast<double>(first);
+        row[a + 1] = (1.0 - second) * s[0] + second * s[1];
+      } else {
+        const Cells s = slopesAlong<3>(a, 0, t[P], t[Q]);
+        const Cells w = weights(at, reach);
+        row[a + 1] = w[0] * s[0] + w[1] * s[1] + w[2] * s[2];
+      }
+    }
+  }
+
+  /// Returns the derivatives of the derivatives by the index, [derivative][index].
+  [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t,
+                                                             double reach) const noexcept {
+    std::array<std::array<double, 3>, 3> by;
+    for (std::size_t a = 0; a < 3; ++a) {
+      const auto [P, Q] = kAside[a];
+      const double p = t[P];
+      const double q = t[Q];
+      const double at = t[static_cast<Eigen::Index>(a)];
+      const Cells s = slopesAlong<3>(a, 0, p, q);
+      const Cells w = weights(at, reach);
+      const auto& c = slopes_[a];
+      double by_p = 0.0;
+      double by_q = 0.0;
+      for (std::size_t m = 0; m < 3; ++m) {
+        by_p += w[m] * (c[1][m] + c[3][m] * q);
+        by_q += w[m] * (c[2][m] + c[3][m] * p);
+      }
+      by[a][static_cast<std::size_t>(P)] = by_p;
+      by[a][static_cast<std::size_t>(Q)] = by_q;
+      // If t grows, slopes enter at t + reach and leave at t - reach.
+      const double enters = at + reach > 1.0 ? s[2] : s[1];
+      const double leaves = at - reach < 0.0 ? s[0] : s[1];
+      by[a][a] = (enters - leaves) / (2.0 * reach);
+    }
+    return by;
+  }
+
+  /// Writes the value only.
+  [[gnu::always_inline]] void value(const Vec3& t, std::array<double, 1>& v) const noexcept {
+    v[0] = valueAt(t);
+  }
+  /// Returns the least and largest value of the cell's corners, and so of the cell.
+  [[nodiscard]] std::pair<double, double> range() const noexcept {
+    const Polynomial c = polynomial();
+    const double xy = c.u + c.v + c.uv;
+    const double xz = c.u + c.w + c.uw;
+    const double yz = c.v + c.w + c.vw;
+    const double all = xy + c.w + c.uw + c.vw + c.uvw;
+    const auto [least, most] = std::minmax({0.0, c.u, c.v, c.w, xy, xz, yz, all});
+    return {c.one + least, c.one + most};
+  }
+  /// Returns the value along t + s d, as a cubic in s.
+  [[nodiscard]] Cubic along(const Vec3& t, const Vec3& d) const noexcept {
+    const Polynomial c = polynomial();
+    const Vec3 by = slope(t);
+    const double uv = c.uv + c.uvw * t.z();
+    const double uw = c.uw + c.uvw * t.y();
+    const double vw = c.vw + c.uvw * t.x();
+    return {valueAt(t), by.x() * d.x() + by.y() * d.y() + by.z() * d.z(),
+            uv * d.x() * d.y() + uw * d.x() * d.z() + vw * d.y() * d.z(),
+            c.uvw * d.x() * d.y() * d.z()};
+  }
+  /// Returns the gradient by index of the value's own polynomial; it jumps at the faces of the
+  /// cell.
+  [[nodiscard]] Vec3 slope(const Vec3& t) const noexcept {
+    const Polynomial c = polynomial();
+    const double uv = c.uv + c.uvw * t.z();
+    return Vec3(c.u + c.uw * t.z() + uv * t.y(), c.v + c.vw * t.z() + uv * t.x(),
+                c.w + c.uw * t.x() + (c.vw + c.uvw * t.x()) * t.y());
+  }
+
+ private:
+  /// One number for each of three cells along an axis: the cell before, this cell, the cell after.
+  using Cells = std::array<double, 3>;
+  /// c0 + c1 p + c2 q + c3 pq.
+  using Bilinear = std::array<double, 4>;
+  /// The value in the cell: one + u x + v y + ... + uvw xyz.
+  struct Polynomial {
+    double one, u, v, w, uv, uw, vw, uvw;
+  };
+  /// The other two axes of each axis.
+  static constexpr std::array<std::array<Eigen::Index, 2>, 3> kAside{{{1, 2}, {0, 2}, {0, 1}}};
+
+  /// Makes a polynomial from the numbers at (0, 0), (0, 1), (1, 0) and (1, 1).
+  static Bilinear bilinear(double d00, double d01, double d10, double d11) noexcept {
+    return {d00, d10 - d00, d01 - d00, (d11 - d01) - (d10 - d00)};
+  }
+  /// Returns the slopes along axis a of N cells from `first`, on the line at (p, q) of the other
+  /// two axes.
+  template <std::size_t N>
+  [[nodiscard, gnu::always_inline]] std::array<double, N> slopesAlong(std::size_t a,
+                                                                      std::size_t first, double p,
+                                                                      double q) const noexcept {
+    const auto& c = slopes_[a];
+    std::array<double, N> s;
+    for (std::size_t m = 0; m < N; ++m) {
+      const std::size_t cell = first + m;
+      s[m] = c[0][cell] + c[1][cell] * p + (c[2][cell] + c[3][cell] * p) * q;
+    }
+    return s;
+  }
+  /// Returns the share of t - reach to t + reach that lies in each cell; t from 0 to 1.
+  [[nodiscard]] static Cells weights(double t, double reach) noexcept {
+    const double scale = 0.5 / reach;
+    const double before = std::max(0.0, (reach - t) * scale);
+    const double after = std::max(0.0, (t + reach - 1.0) * scale);
+    return {before, 1.0 - before - after, after};
+  }
+  [[nodiscard, gnu::always_inline]] double valueAt(const Vec3& t) const noexcept {
+    const auto& c = slopes_[0];
+    const double q = t.z();
+    return face_[0] + face_[2] * q + (face_[1] + face_[3] * q) * t.y() +
+           (c[0][1] + c[2][1] * q + (c[1][1] + c[3][1] * q) * t.y()) * t.x();
+  }
+  [[nodiscard]] Polynomial polynomial() const noexcept {
+    const auto& c = slopes_[0];
+    return {face_[0], c[0][1], face_[1], face_[2], c[1][1], c[2][1], face_[3], c[3][1]};
+  }
+
+  Bilinear face_;  ///< The value at the cell's lower face along the first axis.
+  /// Slopes along each axis in each cell, [axis][coefficient][cell].
+  std::array<std::array<Cells, 4>, 3> slopes_;
+};
+
+/// Evaluates p(t) = c0 + c1 t + ... and its derivative, by Horner's rule.
+template <int Degree>
+[[gnu::always_inline]] inline void horner(const double* c, std::size_t stride, double t, double& p,
+                                          double& slope) noexcept {
+  p = c[Degree * stride];
+  slope = 0.0;
+  for (std::size_t i = Degree; i-- > 0;) {
+    slope = i == Degree - 1 ? p : slope * t + p;
+    p = p * t + c[i * stride];
+  }
+}
+template <int Degree>
+[[gnu::always_inline]] inline double horner(const double* c, std::size_t stride,
+                                            double t) noexcept {
+  double p = c[Degree * stride];
+  for (std::size_t i = Degree; i-- > 0;) p = p * t + c[i * stride];
+  return p;
+}
+
+/// Kernel for B-splines of degree 2 or 3; the block holds the coefficients. Returns the value and
+/// the spline's own derivative. Keeps the polynomial of the piece, a sum over c_ijk u^i v^j w^k.
+template <int C, int Degree>
+class SplineKernel {
+ public:
+  static constexpr int kWidth = Degree + 1;
+  static constexpr int kBefore = 1;
+  static constexpr bool kNearest = Degree == 2;  ///< t from -1/2 to 1/2, else from 0 to 1.
+  static constexpr bool kBlendsRows = false;
+  static constexpr bool kNeedsEdges = true;
+  static constexpr bool kDifferences = false;
+  static constexpr std::size_t kC = C;
+  using Row = std::array<double, 4 * kC>;
+
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn /*turn*/) noexcept {
+    for (std::size_t n = 0; n < kSide * kSide; ++n) {
+      std::copy_n(rows.first[n], kSide * kC, c_.data() + n * kLine);
+    }
+    // Converts the spline to a polynomial, axis by axis.
+    for (std::size_t n = 0; n < kPlane; ++n) toPolynomial(c_.data() + n, kPlane);
+    for (std::size_t i = 0; i < kSide; ++i) {
+      double* plane = c_.data() + i * kPlane;
+      for (std::size_t n = 0; n < kLine; ++n) toPolynomial(plane + n, kLine);
+    }
+    for (std::size_t i = 0; i < kSide * kSide; ++i) {
+      double* line = c_.data() + i * kLine;
+      for (std::size_t n = 0; n < kC; ++n) toPolynomial(line + n, kC);
+    }
+  }
+
+  [[gnu::always_inline]] void read(const Vec3& t, Row& row) const noexcept {
+    const double x = t.x();
+    const double y = t.y();
+    const double z = t.z();
+    // Along x, a whole plane at once; then along y, a line at once; then along z.
+    std::array<double, kPlane> plane;
+    std::array<double, kPlane> plane_x;
+    for (std::size_t n = 0; n < kPlane; ++n) {
+      horner<Degree>(c_.data() + n, kPlane, x, plane[n], plane_x[n]);
+    }
+    std::array<double, kLine> line;
+    std::array<double, kLine> line_x;
+    std::array<double, kLine> line_y;
+    for (std::size_t n = 0; n < kLine; ++n) {
+      horner<Degree>(plane.data() + n, kLine, y, line[n], line_y[n]);
+      line_x[n] = horner<Degree>(plane_x.data() + n, kLine, y);
+    }
+    for (std::size_t n = 0; n < kC; ++n) {
+      horner<Degree>(line.data() + n, kC, z, row[n], row[3 * kC + n]);
+      row[kC + n] = horner<Degree>(line_x.data() + n, kC, z);
+      row[2 * kC + n] = horner<Degree>(line_y.data() + n, kC, z);
+    }
+  }
+
+  /// Returns how the gradient's rows (of the first component) change by the index, [row][index].
+  /// Uses central differences of the piece's polynomial: exact for degree 2, to 1e-6 for degree 3.
+  [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t) const noexcept {
+    constexpr double kAside = 1e-3;
+    std::array<std::array<double, 3>, 3> by;
+    for (std::size_t a = 0; a < 3; ++a) {
+      Row ahead;
+      Row back;
+      const Vec3 aside = kAside * Vec3::Unit(static_cast<Eigen::Index>(a));
+      read(t + aside, ahead);
+      read(t - aside, back);
+      for (std::size_t r = 0; r < 3; ++r) {
+        const std::size_t n = (r + 1) * kC;
+        by[r][a] = (ahead[n] - back[n]) / (2.0 * kAside);
+      }
+    }
+    return by;
+  }
+
+ private:
+  /// Converts the spline coefficients around a piece, a stride apart, to those of its polynomial.
+  static void toPolynomial(double* c, std::size_t stride) noexcept {
+    const double c0 = c[0];
+    const double c1 = c[stride];
+    const double c2 = c[2 * stride];
+    if constexpr (Degree == 2) {
+      c[0] = 0.125 * (c0 + c2) + 0.75 * c1;
+      c[stride] = 0.5 * (c2 - c0);
+      c[2 * stride] = 0.5 * (c0 + c2) - c1;
+    } else {
+      const double c3 = c[3 * stride];
+      c[0] = (c0 + 4.0 * c1 + c2) * (1.0 / 6.0);
+      c[stride] = 0.5 * (c2 - c0);
+      c[2 * stride] = 0.5 * (c0 + c2) - c1;
+      c[3 * stride] = 0.5 * (c1 - c2) + (c3 - c0) * (1.0 / 6.0);
+    }
+  }
+
+  /// Lines have an even length, so that pairs run from end to end and each load matches a store.
+  static constexpr std::size_t kSide = kWidth;
+  static constexpr std::size_t kLine = (kSide * kC + 1) / 2 * 2;
+  static constexpr std::size_t kPlane = kSide * kLine;
+  std::array<double, kSide * kPlane> c_{};
+};
+
+/// Kernel for labels: the nearest voxel's value, with zero derivatives.
+template <int C>
+class NearestKernel {
+ public:
+  static constexpr int kWidth = 1;
+  static constexpr int kBefore = 0;
+  static constexpr bool kNearest = true;
+  static constexpr bool kBlendsRows = true;
+  static constexpr bool kNeedsEdges = true;
+  static constexpr bool kDifferences = false;
+  static constexpr std::size_t kC = C;
+  using Row = std::array<double, 4 * kC>;
+
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn turn) noexcept {
+    std::array<std::array<double, 1>, 4 * kC> at{};
+    for (std::size_t c = 0; c < kC; ++c) at[c][0] = static_cast<double>(rows(0, 0)[c]);
+    turn(at);
+    for (std::size_t c = 0; c < 4 * kC; ++c) row_[c] = at[c][0];
+  }
+  [[gnu::always_inline]] void read(const Vec3& /*t*/, Row& row) const noexcept { row = row_; }
+  [[nodiscard]] static std::array<std::array<double, 3>, 3> turning(const Vec3& /*t*/) noexcept {
+    return {};
+  }
+
+ private:
+  Row row_;
+};
+
+}  // namespace palpate

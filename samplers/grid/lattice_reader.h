@@ -1,0 +1,457 @@
+/// Private to samplers: reads a lattice of voxels from any source, through a kernel. Include it in
+/// .cpp files only.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include "palpate/engine/field/trace_cells.h"
+#include "palpate/samplers/grid/cell.h"
+#include "palpate/samplers/grid/free_map.h"
+#include "palpate/samplers/grid/vdb_field.h"
+
+namespace palpate::detail {
+
+inline constexpr int kNoCell = std::numeric_limits<int>::max();
+
+/// Copies vectors without a sign. In the copy all point along the main axis of the cell's eight.
+class Aligned {
+ public:
+  template <class Number>
+  explicit Aligned(const Rows<Number, 4>& from) noexcept {
+    const auto at = [&from](std::size_t i, std::size_t j, std::size_t k) {
+      const Number* v = from(i, j) + 3 * k;
+      return Vec3(v[0], v[1], v[2]);
+    };
+    Mat3 spread = Mat3::Zero();
+    for (std::size_t n = 0; n < 8; ++n) {
+      const Vec3 v = at(1 + n / 4, 1 + n / 2 % 2, 1 + n % 2);
+      spread += v * v.transpose();
+    }
+    Eigen::SelfAdjointEigenSolver<Mat3> axes;
+    axes.computeDirect(spread);
+    const Vec3 axis = axes.eigenvectors().col(2);
+    for (std::size_t n = 0; n < 16; ++n) {
+      const std::size_t i = n / 4;
+      const std::size_t j = n % 4;
+      if (i % 3 == 0 && j % 3 == 0) continue;  // an edge
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Vec3 v = at(i, j, k);
+        Eigen::Map<Vec3>(values_[n].data() + 3 * k) = v.dot(axis) < 0.0 ? Vec3(-v) : v;
+      }
+      rows_.first[n] = values_[n].data();
+    }
+  }
+  Aligned(const Aligned&) = delete;
+  Aligned& operator=(const Aligned&) = delete;
+
+  [[nodiscard]] const Rows<double, 4>& rows() const noexcept { return rows_; }
+
+ private:
+  std::array<std::array<double, 12>, 16> values_;
+  Rows<double, 4> rows_;
+};
+
+/// Returns M v, written out: see cell.h for the reason.
+[[gnu::always_inline]] inline Vec3 times(const Mat3& M, const Vec3& v) noexcept {
+  const double* m = M.data();
+  return {m[0] * v.x() + m[3] * v.y() + m[6] * v.z(), m[1] * v.x() + m[4] * v.y() + m[7] * v.z(),
+          m[2] * v.x() + m[5] * v.y() + m[8] * v.z()};
+}
+/// Sets (x, y, z) = M (x, y, z), at N places.
+template <std::size_t N>
+[[gnu::always_inline]] inline void combine(const Mat3& M, std::array<double, N>& x,
+                                           std::array<double, N>& y,
+                                           std::array<double, N>& z) noexcept {
+  const double* m = M.data();
+  for (std::size_t n = 0; n < N; ++n) {
+    const double a = x[n];
+    const double b = y[n];
+    const double c = z[n];
+    x[n] = m[0] * a + m[3] * b + m[6] * c;
+    y[n] = m[1] * a + m[4] * b + m[7] * c;
+    z[n] = m[2] * a + m[5] * b + m[8] * c;
+  }
+}
+
+/// The map between W and a grid's index space, and values derived from it.
+struct IndexMap {
+  Mat3 index_from_world;  ///< p_I = index_from_world p_W + origin_I
+  Mat3 world_from_index;
+  Vec3 origin_I;
+  Mat3 rotation;             ///< from file to W
+  Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
+  bool straight;             ///< The index axes are W's axes: the maps are diagonal.
+
+  /// Makes the map of a lattice with file = linear * index + origin.
+  IndexMap(const Mat3& linear, const Vec3& origin, const Placement& placement) {
+    const Mat3 index_from_file = linear.inverse();
+    index_from_world = index_from_file * placement.rotation.transpose() / placement.scale;
+    world_from_index = placement.scale * placement.rotation * linear;
+    origin_I = -index_from_world * placement.translate - index_from_file * origin;
+    gradient_from_index = placement.rotation * index_from_file.transpose();
+    rotation = placement.rotation;
+    straight = index_from_world.isDiagonal(0.0);
+  }
+
+  /// Returns p_I. Most volumes are not rotated: a branch costs less than the products.
+  [[gnu::always_inline]] Vec3 operator()(const Vec3& p_W) const noexcept {
+    if (straight) {
+      const double* m = index_from_world.data();
+      return {m[0] * p_W.x() + origin_I.x(), m[4] * p_W.y() + origin_I.y(),
+              m[8] * p_W.z() + origin_I.z()};
+    }
+    const Vec3 p = times(index_from_world, p_W);
+    return {p.x() + origin_I.x(), p.y() + origin_I.y(), p.z() + origin_I.z()};
+  }
+};
+
+/// Reads one lattice through a kernel. It finds the cell that contains a position, and loads the
+/// cell if it is not the last one. The reader is const; changing state is in a Cache.
+///
+/// A Source provides the voxels. `Source::Cache` is the state that reading changes.
+/// `Source::Block<W, Edges>` is made from a Source, its cache and the lowest corner, and gives W^3
+/// voxels as rows() and active(). cache() returns an empty cache, background(c) the background of a
+/// component.
+template <class Source, class Kernel>
+class LatticeReader {
+  static constexpr int kComponents = static_cast<int>(std::tuple_size_v<typename Kernel::Row>) / 4;
+  static constexpr int kWidth = Kernel::kWidth;
+
+ public:
+  using Row = typename Kernel::Row;
+
+  /// The state of a reader: the last cell, and the source's cache.
+  struct Cache {
+    alignas(64) Kernel kernel;
+    std::uint64_t active = 0;
+    std::array<int, 3> cell{kNoCell, kNoCell, kNoCell};
+    typename Source::Cache source;
+
+    explicit Cache(typename Source::Cache of) : source(std::move(of)) {}
+  };
+
+  /// @param all_corners  True: a cell has data if all its corners are active, as in a level set
+  ///                     (meaningful only within its band). False: one active corner is enough.
+  /// @param reach  Slope reach of a trilinear scalar: see Sampling::slope_reach.
+  LatticeReader(Source source, const IndexMap& map, std::shared_ptr<const FreeMap> free,
+                bool all_corners, bool axial, double reach)
+      : source_(std::move(source)),
+        map_(map),
+        free_(std::move(free)),
+        voxel_(1.0 / map_.index_from_world.rowwise().norm().maxCoeff()),
+        reach_(reach),
+        all_corners_(all_corners),
+        axial_(axial) {
+    background_.fill(0.0);
+    for (std::size_t c = 0; c < kComponents; ++c) {
+      background_[c] = source_.background(static_cast<int>(c));
+    }
+    turn(background_);
+  }
+
+  /// Reads the row at p_W, turned into W. Returns whether there are data. If p_W is not a place in
+  /// a grid, the row is the background.
+  [[gnu::always_inline]] bool read(const Vec3& p_W, Cache& cache, Row& row) const noexcept {
+    Vec3 t;
+    if (!locate(p_W, cache, t)) {
+      row = background_;
+      return false;
+    }
+    if constexpr (Kernel::kDifferences) {
+      cache.kernel.read(t, reach_, row);
+    } else {
+      cache.kernel.read(t, row);
+    }
+    if constexpr (!Kernel::kBlendsRows) turn(row);
+    return insideAt(t, cache.active);
+  }
+
+  /// See ScalarField::freeWithin.
+  [[nodiscard]] double freeWithin(const Vec3& p_W) const noexcept {
+    constexpr double kKernel = 2.0;  // no voxel farther along an axis affects a value
+    return std::max(0.0, voxel_ * (free_->around(map_(p_W)) - kKernel));
+  }
+
+  /// See ScalarField::value. Trilinear scalars only.
+  [[nodiscard]] double value(const Vec3& p_W, Cache& cache) const noexcept {
+    Vec3 t;
+    if (!locate(p_W, cache, t)) return background_[0];
+    std::array<double, 1> v;
+    cache.kernel.value(t, v);
+    return v[0];
+  }
+
+  /// Returns the gradient of the cell's own polynomial, turned into W. Trilinear scalars only.
+  [[nodiscard]] Vec3 slope(const Vec3& p_W, Cache& cache) const noexcept {
+    Vec3 t;
+    if (!locate(p_W, cache, t)) return {0.0, 0.0, 0.0};
+    return times(map_.gradient_from_index, cache.kernel.slope(t));
+  }
+
+  /// See ScalarField::gradientJacobian.
+  [[nodiscard]] Mat3 turning(const Vec3& p_W, Cache& cache) const noexcept {
+    Mat3 by = Mat3::Zero();
+    Vec3 t;
+    if (!locate(p_W, cache, t)) return by;
+    const auto rows = [&] {
+      if constexpr (Kernel::kDifferences) {
+        return cache.kernel.turning(t, reach_);
+      } else {
+        return cache.kernel.turning(t);
+      }
+    }();
+    for (Eigen::Index a = 0; a < 3; ++a) {
+      const auto n = static_cast<std::size_t>(a);
+      const Vec3 column(rows[0][n], rows[1][n], rows[2][n]);
+      by.col(a) = Kernel::kBlendsRows ? column : times(map_.gradient_from_index, column);
+    }
+    return by * map_.index_from_world;
+  }
+
+  /// See ScalarField::firstFall; exact: walks the cells on the path. A cell with all corners on the
+  /// free side cannot hold the level; in the other cells the value is a cubic. Trilinear scalars
+  /// only.
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   Cache& cache) const noexcept {
+    constexpr int kMostCells = 256;
+    Crossing out;
+    const Vec3 from = map_(a_W);
+    const Vec3 to = map_(b_W);
+    std::array<int, 3> cell{};
+    if (!floorOf(from, cell) || !isPlace(to)) {
+      out.share = 0.0;
+      return out;
+    }
+    const Vec3 way(to.x() - from.x(), to.y() - from.y(), to.z() - from.z());
+    bool above = false;
+    double share = 0.0;
+    while (out.cells < kMostCells) {
+      // Go to the next face.
+      double next = 1.0;
+      std::size_t axis = 3;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double d = way[static_cast<Eigen::Index>(a)];
+        if (d == 0.0) continue;
+        const double face = cell[a] + (d > 0.0 ? 1.0 : 0.0);
+        const double s = (face - from[static_cast<Eigen::Index>(a)]) / d;
+        if (s < next) {
+          next = s;
+          axis = a;
+        }
+      }
+      next = std::max(next, share);
+      ++out.cells;
+      if (cell != cache.cell) load(cell[0], cell[1], cell[2], cache);
+      auto [least, most] = cache.kernel.range();
+      least = sign * (least - level);
+      most = sign * (most - level);
+      if (least > most) std::swap(least, most);
+      const bool data = hasData(cache.active);
+      if (least >= 0.0 || !data) {
+        // The value cannot fall here; a cell without data has no side.
+        above = above || (data && most > 0.0) || !data;
+        out.behind = false;
+      } else if (next > share || share == 0.0) {
+        const double length = next - share;
+        const Vec3 t(from.x() + share * way.x() - cell[0], from.y() + share * way.y() - cell[1],
+                     from.z() + share * way.z() - cell[2]);
+        const Vec3 d(length * way.x(), length * way.y(), length * way.z());
+        Cubic cubic = cache.kernel.along(t, d);
+        cubic[0] -= level;
+        for (double& c : cubic) c *= sign;
+        const double fall = palpate::firstFall(cubic, share == 0.0, above);
+        if (fall <= 1.0) {
+          out.found = true;
+          out.share = std::min(share + fall * length, 1.0);
+          out.behind = false;
+          return out;
+        }
+        out.behind = !above && cubic[0] + cubic[1] + cubic[2] + cubic[3] < 0.0;
+      }
+      if (axis == 3) return out;
+      share = next;
+      cell[axis] += way[static_cast<Eigen::Index>(axis)] > 0.0 ? 1 : -1;
+    }
+    out.share = share;
+    return out;
+  }
+
+  /// See VectorField::trace; goes cell by cell. Trilinear vectors in one grid only.
+  [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order, double voxel,
+                            Cache& cache) const noexcept {
+    Flow flow{*this, cache, {}, voxel};
+    TraceOrder scaled = order;
+    scaled.length = order.length / voxel;
+    scaled.hand = order.hand / voxel;
+    Trace out = traceCells(flow, map_(p_W), scaled);
+    out.position = times(map_.world_from_index, out.position - map_.origin_I);
+    out.length *= voxel;
+    return out;
+  }
+
+  [[nodiscard]] Cache cache() const noexcept { return Cache(source_.cache()); }
+
+ private:
+  /// The cells that trace_cells.h walks, in index space.
+  struct Flow {
+    static constexpr bool kCells = true;
+    const LatticeReader& reader;
+    Cache& cache;
+    std::array<int, 3> cell;
+    double voxel;
+
+    bool enter(const Vec3& u, const Vec3& direction) noexcept {
+      if (!floorOf(u, cell)) return false;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const auto n = static_cast<Eigen::Index>(a);
+        if (u[n] == cell[a] && direction[n] < 0.0) --cell[a];
+      }
+      return here();
+    }
+    bool pass(int axis, int side) noexcept {
+      cell[static_cast<std::size_t>(axis)] += side;
+      return here();
+    }
+    bool here() noexcept {
+      if (cell != cache.cell) reader.load(cell[0], cell[1], cell[2], cache);
+      return reader.hasData(cache.active);
+    }
+    [[nodiscard]] Vec3 lower() const noexcept { return Vec3(cell[0], cell[1], cell[2]); }
+    [[nodiscard]] Vec3 value(const Vec3& u) const noexcept {
+      std::array<double, 3> v;
+      cache.kernel.value(Vec3(u.x() - cell[0], u.y() - cell[1], u.z() - cell[2]), v);
+      return {v[0], v[1], v[2]};
+    }
+    [[nodiscard]] Vec3 rate(const Vec3& v) const noexcept {
+      return times(reader.map_.index_from_world, Vec3(voxel * v.x(), voxel * v.y(), voxel * v.z()));
+    }
+  };
+
+  /// Turns components of the file and derivatives by index into W, per unit of the file, for N
+  /// places at once: rows[r][n]. A single component has no direction.
+  template <std::size_t N>
+  [[gnu::always_inline]] void turn(
+      std::array<std::array<double, N>, std::tuple_size_v<Row>>& rows) const noexcept {
+    if constexpr (kComponents == 1) {
+      combine(map_.gradient_from_index, rows[1], rows[2], rows[3]);
+    } else {
+      // First the value and d v_F / d index, axis by axis; then the axes, component by component.
+      for (std::size_t r = 0; r < 12; r += 3) {
+        combine(map_.rotation, rows[r], rows[r + 1], rows[r + 2]);
+      }
+      for (std::size_t c = 0; c < 3; ++c) {
+        combine(map_.gradient_from_index, rows[3 + c], rows[6 + c], rows[9 + c]);
+      }
+    }
+  }
+  [[gnu::always_inline]] void turn(Row& row) const noexcept {
+    if constexpr (kComponents == 1) {
+      if (map_.straight) {
+        const double* m = map_.gradient_from_index.data();
+        row = {row[0], m[0] * row[1], m[4] * row[2], m[8] * row[3]};
+        return;
+      }
+    }
+    auto rows = std::bit_cast<std::array<std::array<double, 1>, std::tuple_size_v<Row>>>(row);
+    turn(rows);
+    row = std::bit_cast<Row>(rows);
+  }
+
+  /// Returns whether p_I is a place in a grid; false for NaN as well.
+  [[gnu::always_inline]] static bool isPlace(const Vec3& p_I) noexcept {
+    return std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
+  }
+  static bool floorOf(const Vec3& p_I, std::array<int, 3>& cell) noexcept {
+    if (!isPlace(p_I)) return false;
+    for (std::size_t a = 0; a < 3; ++a) {
+      cell[a] = static_cast<int>(std::floor(p_I[static_cast<Eigen::Index>(a)]));
+    }
+    return true;
+  }
+  /// Returns whether the cell has data; see insideAt.
+  [[nodiscard]] bool hasData(std::uint64_t active) const noexcept {
+    return insideAt(Vec3(0.0, 0.0, 0.0), active);
+  }
+
+  /// Loads the cell around p_W and sets the position in it; false if p_W is not a place in a grid.
+  [[gnu::always_inline]] bool locate(const Vec3& p_W, Cache& cache, Vec3& t) const noexcept {
+    const Vec3 p_I = map_(p_W);
+    if (!isPlace(p_I)) return false;
+    std::array<int, 3> cell{};
+    for (int a = 0; a < 3; ++a) {
+      const double from = Kernel::kNearest ? p_I[a] + 0.5 : p_I[a];
+      // The floor, without a call: truncates, and subtracts one if that rounded up.
+      int floor = static_cast<int>(from);
+      floor -= static_cast<int>(from < floor);
+      cell[static_cast<std::size_t>(a)] = floor;
+      t[a] = p_I[a] - floor;
+    }
+    // Compared one by one: wider loads of numbers just stored would wait for the stores.
+    const bool same =
+        cell[0] == cache.cell[0] && cell[1] == cache.cell[1] && cell[2] == cache.cell[2];
+    if (!same) load(cell[0], cell[1], cell[2], cache);
+    return true;
+  }
+
+  /// Takes three numbers, not an array: wider loads of an array just stored would wait for the
+  /// stores.
+  [[gnu::noinline]] void load(int i, int j, int k, Cache& cache) const noexcept {
+    constexpr int kBefore = Kernel::kBefore;
+    const typename Source::template Block<kWidth, Kernel::kNeedsEdges> block(
+        source_, cache.source, {i - kBefore, j - kBefore, k - kBefore});
+    const auto take = [&](const auto& rows) __attribute__((always_inline)) {
+      cache.kernel.load(
+          rows, [&](auto& corners) __attribute__((always_inline)) { turn(corners); });
+    };
+    if (!axial_) {
+      take(block.rows());
+    } else if constexpr (std::is_same_v<Kernel, TrilinearKernel<3>>) {
+      take(Aligned(block.rows()).rows());  // no other kernel is axial
+    }
+    cache.active = block.active();
+    cache.cell = {i, j, k};
+  }
+
+  /// Returns whether the cell at t has data: in a level set all eight voxels are active, else at
+  /// least one.
+  [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
+                                                  std::uint64_t active) const noexcept {
+    if constexpr (kWidth == 1) {
+      return active != 0;
+    } else {
+      std::uint64_t cell = cellBits<kWidth>();
+      if constexpr (Kernel::kNearest) {
+        // In the block around the nearest voxel, the octant that t is in.
+        cell <<= bitOf<kWidth>(static_cast<int>(t.x() >= 0.0), static_cast<int>(t.y() >= 0.0),
+                               static_cast<int>(t.z() >= 0.0));
+      } else {
+        cell <<= bitOf<kWidth>(1, 1, 1);
+      }
+      return all_corners_ ? (active & cell) == cell : (active & cell) != 0;
+    }
+  }
+
+  Source source_;
+  IndexMap map_;
+  std::shared_ptr<const FreeMap> free_;
+  double voxel_;  ///< A shorter path is less than one step along every index axis [m].
+  Row background_;
+  double reach_;
+  bool all_corners_;
+  bool axial_;
+};
+
+}  // namespace palpate::detail

@@ -1,0 +1,20 @@
+/// Makes a volume that can be felt from a grid that a program already has. This is the only public
+/// header that includes OpenVDB's.
+#pragma once
+
+#include <memory>
+
+#include <openvdb/Grid.h>
+
+#include "palpate/samplers/grid/volume.h"
+
+namespace palpate {
+
+/// Checks and prepares a grid as loadVolume does a file's, for VolumeSpec::volume; the grid's own
+/// space stands for the file's world space. Copies the grid and does not change it. During the call
+/// other threads may read the grid, but must not write to it. Throws VolumeError, under the grid's
+/// name, if the grid cannot be felt. Slow: reads every value.
+[[nodiscard]] std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
+                                                       const LoadOptions& options = {});
+
+}  // namespace palpate

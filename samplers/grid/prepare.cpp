@@ -1,0 +1,266 @@
+#include "palpate/samplers/grid/prepare.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <type_traits>
+#include <utility>
+
+#include <openvdb/tree/LeafManager.h>
+#include <tbb/parallel_reduce.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/prepare_values.h"
+
+namespace palpate {
+namespace {
+
+using detail::Range;
+using openvdb::Coord;
+
+Vec3 vec(const openvdb::Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// Sets file = linear * index + origin. Returns false if the map is not affine or is singular.
+bool affineMap(const openvdb::GridBase& grid, Mat3& linear, Vec3& origin) {
+  const openvdb::math::Transform& transform = grid.transform();
+  if (!transform.isLinear()) return false;
+  origin = vec(transform.indexToWorld(openvdb::Vec3d(0, 0, 0)));
+  for (int i = 0; i < 3; ++i) {
+    openvdb::Vec3d e(0, 0, 0);
+    e[i] = 1.0;
+    linear.col(i) = vec(transform.indexToWorld(e)) - origin;
+  }
+  const double size = linear.col(0).norm() * linear.col(1).norm() * linear.col(2).norm();
+  return origin.allFinite() && linear.allFinite() && std::abs(linear.determinant()) > 1e-9 * size &&
+         size > 0.0;
+}
+
+GridClass classOf(const openvdb::GridBase& grid) {
+  switch (grid.getGridClass()) {
+    case openvdb::GRID_LEVEL_SET:
+      return GridClass::kLevelSet;
+    case openvdb::GRID_FOG_VOLUME:
+      return GridClass::kFog;
+    case openvdb::GRID_STAGGERED:
+      return GridClass::kStaggered;
+    default:
+      return GridClass::kUnknown;
+  }
+}
+
+/// Takes statistics from the metadata of a grid whose tree was not read.
+void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::CoordBBox& active) {
+  using openvdb::GridBase;
+  const auto voxels = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
+  const auto memory = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_MEM_BYTES);
+  const auto low = grid.getMetadata<openvdb::Vec3IMetadata>(GridBase::META_FILE_BBOX_MIN);
+  const auto high = grid.getMetadata<openvdb::Vec3IMetadata>(GridBase::META_FILE_BBOX_MAX);
+  if (voxels != nullptr && low != nullptr && high != nullptr) {
+    info.active_voxels = static_cast<std::uint64_t>(std::max<std::int64_t>(0, voxels->value()));
+    active = openvdb::CoordBBox(Coord(low->value()), Coord(high->value()));
+  }
+  if (memory != nullptr) {
+    info.memory = static_cast<std::uint64_t>(std::max<std::int64_t>(0, memory->value()));
+  }
+}
+
+/// Returns the bounds of the active voxels' centres, in the file's world space.
+Box boundsOf(const openvdb::CoordBBox& active, const Volume::Grid::Part& part) {
+  const auto vec3 = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
+  return boxAbout({vec3(active.min()), vec3(active.max())},
+                  [&](const Vec3& p_I) { return part.toFile(p_I); });
+}
+
+/// Returns "why: remedy" if a grid cannot be felt, else an empty string.
+std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool affine,
+                      const std::vector<Volume::Grid::Part>& parts) {
+  if (parts.empty()) {
+    return "it is of type " + info.type +
+           ": convert it to a float, half, double or vec3 grid (points: rasterise them)";
+  }
+  if (!grid.transform().isLinear()) {
+    return "it has a frustum transform: resample it to an affine grid";
+  }
+  if (!affine) {
+    return "its transform is singular or not finite: write it with a valid voxel size";
+  }
+  if (info.non_finite > 0) {
+    return std::to_string(info.non_finite) +
+           " of its values are NaN, infinite or above 1e100: replace them before writing the file "
+           "(a scene may say \"non_finite\": \"fill\")";
+  }
+  if (info.active_voxels == 0) {
+    return "it has no active voxel: write the grid with its values active";
+  }
+  const Mat3 size = parts.front().linear.colwise().norm().asDiagonal();
+  if (info.was_local && parts.size() == 3 && !parts.front().linear.cwiseAbs().isApprox(size)) {
+    return "its staggered vectors are in a rotated index space: write them in world space";
+  }
+  return "";
+}
+
+std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
+  std::uint64_t sum = 0;
+  for (const Volume::Grid::Part& part : parts) {
+    sum += memoryOf(part.data);
+  }
+  return sum;
+}
+
+/// Returns the magnitudes' range of a vector by component: at the active voxels of the first grid,
+/// with the nearest voxels of the others.
+template <class GridT>
+Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
+  using Tree = typename GridT::TreeType;
+  const auto grid = [&](std::size_t c) -> const GridT& {
+    return *std::get<typename GridT::ConstPtr>(parts[c].data);
+  };
+  const Mat3 y_from_file = parts[1].linear.inverse();
+  const Mat3 z_from_file = parts[2].linear.inverse();
+  const auto nearest = [](const Vec3& p_I) {
+    return Coord::round(openvdb::Vec3d(p_I.x(), p_I.y(), p_I.z()));
+  };
+  const openvdb::tree::LeafManager<const Tree> leaves(grid(0).tree());
+  return tbb::parallel_deterministic_reduce(
+      leaves.leafRange(), Range{},
+      [&](const auto& some, Range range) {
+        const openvdb::tree::ValueAccessor<const Tree, false> y(grid(1).tree());
+        const openvdb::tree::ValueAccessor<const Tree, false> z(grid(2).tree());
+        for (auto leaf = some.begin(); leaf; ++leaf) {
+          for (auto value = leaf->cbeginValueOn(); value; ++value) {
+            const Coord c = value.getCoord();
+            const Vec3 p_F = parts[0].toFile(Vec3(c.x(), c.y(), c.z()));
+            typename GridT::ValueType v{};
+            typename GridT::ValueType w{};
+            // A vector exists only where all three grids have data.
+            if (y.probeValue(nearest(y_from_file * (p_F - parts[1].origin)), v) &&
+                z.probeValue(nearest(z_from_file * (p_F - parts[2].origin)), w)) {
+              range.add(openvdb::Vec3d(*value, v, w).length(), true);
+            }
+          }
+        }
+        return range;
+      },
+      [](Range a, const Range& b) {
+        a.join(b);
+        return a;
+      });
+}
+
+}  // namespace
+
+Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
+                 const LoadOptions& options) {
+  Prepared out;
+  GridInfo& info = out.info;
+  info.name = name;
+  info.type = base->valueType();
+  info.grid_class = classOf(*base);
+  info.half = base->saveFloatAsHalf();
+  Volume::Grid::Part part;
+  const bool affine = affineMap(*base, part.linear, part.origin);
+
+  std::vector<Volume::Grid::Part> parts;
+  const auto take = [&](const auto& grid) {
+    if (!grid) return;
+    using GridT = typename std::decay_t<decltype(grid)>::element_type;
+    detail::prepareValues(*grid, options, affine, info);
+    if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
+      if (info.grid_class == GridClass::kStaggered) {
+        using Scalars = ScalarGrid<typename GridT::ValueType::ValueType>;
+        // Each component is on a face of its voxel, half a voxel below the centre.
+        for (int c = 0; c < 3; ++c) {
+          Volume::Grid::Part face = part;
+          face.origin -= 0.5 * part.linear.col(c);
+          face.data = typename Scalars::ConstPtr(detail::componentGrid<Scalars>(*grid, c));
+          parts.push_back(std::move(face));
+        }
+        return;
+      }
+    }
+    part.data = typename GridT::ConstPtr(grid);
+    parts.push_back(part);
+  };
+  take(openvdb::gridPtrCast<openvdb::FloatGrid>(base));
+  take(openvdb::gridPtrCast<openvdb::DoubleGrid>(base));
+  take(openvdb::gridPtrCast<openvdb::Vec3SGrid>(base));
+  take(openvdb::gridPtrCast<openvdb::Vec3DGrid>(base));
+
+  info.active_voxels = base->activeVoxelCount();
+  info.memory = base->memUsage();
+  openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
+  if (parts.empty()) takeStatistics(*base, info, active);
+  if (parts.size() == 3) info.memory = memoryOfAll(parts);
+  if (affine) {
+    info.voxel = part.linear.colwise().norm().transpose();
+    if (info.active_voxels > 0) info.bounds = boundsOf(active, part);
+  }
+  if (const auto source = base->getMetadata<openvdb::StringMetadata>("source")) {
+    info.source = source->value();
+  }
+  info.refusal = refusalOf(*base, info, affine, parts);
+  out.grid = std::make_unique<Volume::Grid>();
+  out.grid->parts = std::move(parts);
+  return out;
+}
+
+Prepared join(const std::string& name, std::array<Prepared, 3> components) {
+  Prepared out;
+  GridInfo& info = out.info;
+  info = components[0].info;
+  info.name = name;
+  info.type = "3 x " + info.type;
+  info.vector = true;
+  info.refusal.clear();
+  info.bounds.lower -= 0.5 * info.voxel;
+  info.bounds.upper += 0.5 * info.voxel;
+  info.filled = info.non_finite = 0;
+  out.grid = std::make_unique<Volume::Grid>();
+  double squares = 0.0;
+  for (Prepared& component : components) {
+    const GridInfo& one = component.info;
+    if (info.refusal.empty() && !one.refusal.empty()) {
+      info.refusal = "its component \"" + one.name + "\" cannot be felt, " + one.refusal;
+    }
+    info.filled += one.filled;
+    info.non_finite += one.non_finite;
+    info.active_voxels = std::min(info.active_voxels, one.active_voxels);
+    info.voxel = info.voxel.cwiseMin(one.voxel);
+    info.smoothing.rms_change = std::max(info.smoothing.rms_change, one.smoothing.rms_change);
+    info.smoothing.largest_change =
+        std::max(info.smoothing.largest_change, one.smoothing.largest_change);
+    // The bounds of the place where all have data; data reach half a voxel beyond the centres.
+    info.bounds.lower = info.bounds.lower.cwiseMax(one.bounds.lower - 0.5 * one.voxel);
+    info.bounds.upper = info.bounds.upper.cwiseMin(one.bounds.upper + 0.5 * one.voxel);
+    squares += one.background * one.background;
+    for (Volume::Grid::Part& part : component.grid->parts) {
+      out.grid->parts.push_back(std::move(part));
+    }
+  }
+  info.background = std::sqrt(squares);
+  info.memory = memoryOfAll(out.grid->parts);
+  if (info.refusal.empty() && info.bounds.empty()) {
+    info.refusal = "its components lie apart: write them over the same place";
+  }
+  if (!info.refusal.empty()) return out;
+  const Range range = std::visit(
+      [&](const auto& x) -> Range {
+        using GridT = std::remove_const_t<typename std::decay_t<decltype(x)>::element_type>;
+        if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
+          return magnitudesOf<GridT>(out.grid->parts);
+        } else {
+          return {};
+        }
+      },
+      out.grid->parts[0].data);
+  if (range.lowest <= range.highest) {
+    info.lowest = range.lowest;
+    info.highest = range.highest;
+    info.mean = range.sum / range.count;
+  }
+  return out;
+}
+
+}  // namespace palpate

@@ -1,0 +1,7 @@
+#include "palpate/samplers/grid/prepare_values.h"
+
+namespace palpate::detail {
+
+template void prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
+
+}  // namespace palpate::detail

@@ -1,0 +1,283 @@
+/// Private to samplers: prepares the values of a grid, for each supported type. Include it in .cpp
+/// files only.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <new>
+#include <string>
+#include <type_traits>
+
+#include <openvdb/tools/VectorTransformer.h>
+#include <openvdb/tree/LeafManager.h>
+#include <openvdb/tree/NodeManager.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/smooth.h"
+#include "palpate/samplers/grid/volume.h"
+
+namespace palpate::detail {
+
+using openvdb::Coord;
+using Progress = std::function<void(double)>;
+
+/// Returns whether v is finite, and small enough that no derivative or spline coefficient
+/// overflows.
+template <class Real>
+bool isUsable(Real v) noexcept {
+  constexpr Real kMost = std::min<double>(1e100, std::numeric_limits<Real>::max());
+  return std::abs(v) <= kMost;
+}
+
+/// Lowest, highest and mean of a grid's active values. `unusable` counts among all stored values.
+struct Range {
+  double sum = 0.0;
+  double count = 0.0;
+  double lowest = std::numeric_limits<double>::infinity();
+  double highest = -std::numeric_limits<double>::infinity();
+  std::uint64_t unusable = 0;
+
+  void add(double v, bool active, double voxels = 1.0) noexcept {
+    if (!isUsable(v)) {
+      ++unusable;
+    } else if (active) {
+      sum += v * voxels;
+      count += voxels;
+      lowest = std::min(lowest, v);
+      highest = std::max(highest, v);
+    }
+  }
+  void join(const Range& other) noexcept {
+    sum += other.sum;
+    count += other.count;
+    lowest = std::min(lowest, other.lowest);
+    highest = std::max(highest, other.highest);
+    unusable += other.unusable;
+  }
+  /// Adds a leaf's voxels, eight at a time as in its mask: a few times faster than one by one.
+  template <class Leaf>
+  void addLeaf(const Leaf& leaf) noexcept {
+    using Size = decltype(sizeOf(*leaf.buffer().data()));
+    std::array<Size, 8> low;
+    std::array<Size, 8> high;
+    std::array<double, 8> total{};
+    low.fill(std::numeric_limits<Size>::infinity());
+    high.fill(-std::numeric_limits<Size>::infinity());
+    const auto* data = leaf.buffer().data();
+    for (openvdb::Index row = 0; row < Leaf::SIZE; row += 8) {
+      const auto bits = leaf.valueMask().template getWord<std::uint8_t>(row / 8);
+      std::array<Size, 8> v;
+      int bad = 0;
+      for (std::size_t z = 0; z < 8; ++z) v[z] = sizeOf(data[row + z]);
+      for (std::size_t z = 0; z < 8; ++z) bad += static_cast<int>(!isUsable(v[z]));
+      if (bad == 0 && bits == 0xFF) {
+        for (std::size_t z = 0; z < 8; ++z) {
+          low[z] = v[z] < low[z] ? v[z] : low[z];
+          high[z] = v[z] > high[z] ? v[z] : high[z];
+          total[z] += static_cast<double>(v[z]);
+        }
+        count += 8.0;
+      } else if (bad != 0 || bits != 0) {
+        for (std::size_t z = 0; z < 8; ++z) {
+          add(static_cast<double>(v[z]), ((bits >> z) & 1) != 0);
+        }
+      }
+    }
+    for (std::size_t z = 0; z < 8; ++z) {
+      sum += total[z];
+      lowest = std::min(lowest, static_cast<double>(low[z]));
+      highest = std::max(highest, static_cast<double>(high[z]));
+    }
+  }
+};
+
+/// Reads a leaf that is still on disk.
+template <class Leaf>
+void readLeaf(Leaf& leaf) {
+  using Buffer = typename Leaf::Buffer;
+  using Value = typename Leaf::ValueType;
+  static_assert(OPENVDB_LIBRARY_MAJOR_VERSION_NUMBER == 10, "see whether this is still so");
+  try {
+    (void)leaf.buffer().data();
+  } catch (...) {
+    // OpenVDB 10 leaves a buffer that could not be read in a state that its destructor
+    // misinterprets. So its memory, the first member, is freed here, and a sound buffer takes its
+    // place.
+    delete[] * reinterpret_cast<Value**>(&leaf.buffer());
+    ::new (static_cast<void*>(&leaf.buffer())) Buffer(openvdb::zeroVal<Value>());
+    throw;
+  }
+}
+
+/// The range of the tiles in the nodes above the leaves.
+struct TileRange {
+  Range range;
+
+  TileRange() = default;
+  TileRange(const TileRange& /*whole*/, tbb::split /*tag*/) {}
+  template <class Node>
+  bool operator()(const Node& node) {
+    for (auto tile = node.cbeginValueAll(); tile; ++tile) {
+      range.add(static_cast<double>(sizeOf(*tile)), tile.isValueOn(),
+                static_cast<double>(Node::ChildNodeType::NUM_VOXELS));
+    }
+    return true;
+  }
+  void join(const TileRange& other) noexcept { range.join(other.range); }
+};
+
+/// Checks every value, and so reads the leaves that are still on disk.
+template <class GridT>
+Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
+  using Tree = typename GridT::TreeType;
+  openvdb::tree::LeafManager<Tree> leaves(grid.tree());
+  // In short parts, so that progress can be reported.
+  const std::size_t parts = progress && leaves.leafCount() > 10000
+                                ? std::max<std::size_t>(16, leaves.leafCount() >> 16U)
+                                : 1;
+  Range range;
+  for (std::size_t part = 0; part < parts; ++part) {
+    const tbb::blocked_range<std::size_t> here(leaves.leafCount() * part / parts,
+                                               leaves.leafCount() * (part + 1) / parts, 64);
+    range.join(tbb::parallel_deterministic_reduce(
+        here, Range{},
+        [&](const tbb::blocked_range<std::size_t>& some, Range sum) {
+          for (std::size_t i = some.begin(); i < some.end(); ++i) {
+            readLeaf(leaves.leaf(i));
+            sum.addLeaf(leaves.leaf(i));
+          }
+          return sum;
+        },
+        [](Range a, const Range& b) {
+          a.join(b);
+          return a;
+        }));
+    if (progress) progress(static_cast<double>(part + 1) / static_cast<double>(parts));
+  }
+  // Nodes above the leaves.
+  TileRange tiles;
+  openvdb::tree::NodeManager<const Tree, Tree::RootNodeType::LEVEL - 1>(grid.constTree())
+      .reduceTopDown(tiles);
+  range.join(tiles.range);
+  range.add(sizeOf(grid.background()), false);
+  return range;
+}
+
+/// Replaces unusable values by the inactive background. A background that is unusable becomes zero.
+template <class GridT>
+void fillUnusable(GridT& grid) {
+  using Value = typename GridT::ValueType;
+  using Tree = typename GridT::TreeType;
+  if (!isUsable(sizeOf(grid.background()))) {
+    grid.tree().root().setBackground(openvdb::zeroVal<Value>(), /*updateChildNodes=*/false);
+  }
+  const Value background = grid.background();
+  openvdb::tree::LeafManager<Tree> leaves(grid.tree());
+  leaves.foreach ([&](typename Tree::LeafNodeType& leaf, std::size_t) {
+    for (openvdb::Index i = 0; i < Tree::LeafNodeType::SIZE; ++i) {
+      if (!isUsable(sizeOf(leaf.getValue(i)))) leaf.setValueOff(i, background);
+    }
+  });
+  auto tile = grid.beginValueAll();
+  tile.setMaxDepth(GridT::ValueAllIter::LEAF_DEPTH - 1);
+  for (; tile; ++tile) {
+    if (isUsable(sizeOf(*tile))) continue;
+    tile.setValue(background);
+    tile.setValueOff();
+  }
+}
+
+/// Turns vectors from the grid's index space into the file's world space, each kind by its own
+/// rule.
+template <class GridT>
+void turnVectors(GridT& grid) {
+  const openvdb::Mat4d map = grid.transform().baseMap()->getAffineMap()->getMat4();
+  grid.setIsInWorldSpace(true);  // otherwise OpenVDB turns no vectors
+  // OpenVDB leaves the background unchanged.
+  auto one = GridT::create();
+  one->setVectorType(grid.getVectorType());
+  one->tree().setValue(Coord(0, 0, 0), grid.background());
+  openvdb::tools::transformVectors(*one, map);
+  openvdb::tools::transformVectors(grid, map);
+  grid.tree().root().setBackground(one->tree().getValue(Coord(0, 0, 0)),
+                                   /*updateChildNodes=*/false);
+}
+
+/// Checks, fills, smooths and turns the values of a grid of a supported type.
+template <class GridT>
+void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInfo& info) {
+  Range range = rangeOf(grid, options.progress);
+  const auto fill = [&] {
+    if (range.unusable == 0 || options.non_finite == NonFinite::kRefuse) return;
+    info.filled += range.unusable;
+    fillUnusable(grid);
+    range = rangeOf(grid);
+  };
+  fill();
+  if (options.smooth > 0 && range.unusable == 0) {
+    try {
+      info.smoothing = smooth(grid, options.smooth);
+    } catch (const openvdb::Exception& e) {
+      throw VolumeError("grid \"" + info.name + "\"",
+                        "it cannot be smoothed (" + std::string(e.what()) + ")",
+                        "remove \"smooth\"");
+    }
+    range = rangeOf(grid);
+    fill();
+  }
+  if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
+    info.vector = true;
+    info.was_local = !grid.isInWorldSpace() && grid.getVectorType() != openvdb::VEC_INVARIANT;
+    if (info.was_local && affine) {
+      turnVectors(grid);
+      range = rangeOf(grid);
+      fill();
+    }
+  }
+  info.non_finite = range.unusable;
+  info.background = sizeOf(grid.background());
+  if (range.lowest <= range.highest) {
+    info.lowest = range.lowest;
+    info.highest = range.highest;
+    info.mean = range.sum / range.count;
+  }
+}
+
+/// Returns one component of a vector grid, as a grid of its own.
+template <class ScalarGrid, class VectorGrid>
+typename ScalarGrid::Ptr componentGrid(const VectorGrid& grid, int c) {
+  using ScalarTree = typename ScalarGrid::TreeType;
+  using Leaf = typename ScalarTree::LeafNodeType;
+  const auto& from = grid.constTree();
+  auto tree = std::make_shared<ScalarTree>(from, grid.background()[c], openvdb::TopologyCopy());
+  auto tile = tree->beginValueAll();
+  tile.setMaxDepth(ScalarTree::ValueAllIter::LEAF_DEPTH - 1);
+  for (; tile; ++tile) tile.setValue(from.getValue(tile.getCoord())[c]);
+  openvdb::tree::LeafManager<ScalarTree> leaves(*tree);
+  leaves.foreach ([&](Leaf& leaf, std::size_t) {
+    const auto* vectors = from.probeConstLeaf(leaf.origin());
+    for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
+      leaf.setValueOnly(i, vectors->getValue(i)[c]);
+    }
+  });
+  return ScalarGrid::create(tree);
+}
+
+// Defined in prepare_float.cpp and the like.
+extern template void prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
+extern template void prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool, GridInfo&);
+extern template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
+extern template void prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
+extern template openvdb::FloatGrid::Ptr componentGrid<openvdb::FloatGrid>(const openvdb::Vec3SGrid&,
+                                                                          int);
+extern template openvdb::DoubleGrid::Ptr componentGrid<openvdb::DoubleGrid>(
+    const openvdb::Vec3DGrid&, int);
+
+}  // namespace palpate::detail

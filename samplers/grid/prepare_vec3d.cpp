@@ -1,0 +1,9 @@
+#include "palpate/samplers/grid/prepare_values.h"
+
+namespace palpate::detail {
+
+template void prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
+template openvdb::DoubleGrid::Ptr componentGrid<openvdb::DoubleGrid>(const openvdb::Vec3DGrid&,
+                                                                     int);
+
+}  // namespace palpate::detail

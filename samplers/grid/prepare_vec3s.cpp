@@ -1,0 +1,8 @@
+#include "palpate/samplers/grid/prepare_values.h"
+
+namespace palpate::detail {
+
+template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
+template openvdb::FloatGrid::Ptr componentGrid<openvdb::FloatGrid>(const openvdb::Vec3SGrid&, int);
+
+}  // namespace palpate::detail

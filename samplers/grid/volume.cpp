@@ -1,0 +1,598 @@
+#include "palpate/samplers/grid/volume.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cctype>
+#include <cinttypes>
+#include <cstdio>
+#include <exception>
+#include <fcntl.h>
+#include <fstream>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <string_view>
+#include <sys/mman.h>
+#include <tuple>
+#include <unistd.h>
+#include <unordered_map>
+#include <unordered_set>
+#include <utility>
+
+#include <openvdb/io/DelayedLoadMetadata.h>
+#include <openvdb/io/File.h>
+#include <tbb/task_arena.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/grid/prepare.h"
+#include "palpate/samplers/grid/vdb_check.h"
+#include "palpate/samplers/grid/volume_grid.h"
+#include "palpate/samplers/leased_file.h"
+#include "palpate/samplers/parallel.h"
+
+namespace palpate {
+namespace {
+
+void initialise() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    openvdb::initialize();
+    // OpenVDB would trust this table of the leaves' sizes. The table is not needed: the sizes also
+    // stand before the leaves, where VdbCheck checks them.
+    openvdb::io::DelayedLoadMetadata::unregisterType();
+  });
+}
+
+/// Returns the names of the three grids of a vector by component: vel.x, vel.y, vel.z.
+std::array<std::string, 3> componentsOf(const std::string& name) {
+  return {name + ".x", name + ".y", name + ".z"};
+}
+
+/// Drops the pages of OpenVDB's maps of a file, so that file and grid are not both in memory. The
+/// system still has the pages in its cache. Maps that could have been written to are left alone.
+/// Uses MADV_PAGEOUT, not MADV_DONTNEED: another thread may end its map of the same file after this
+/// function has read the list and before it acts on it. Then other data at that address must not be
+/// lost. Has no effect if the system does not know MADV_PAGEOUT.
+/// @param path  Absolute; an empty path has no effect.
+void dropMapped(const std::string& path) {
+  if (path.empty()) return;
+  std::ifstream maps("/proc/self/maps");
+  for (std::string line; std::getline(maps, line);) {
+    // begin-end permissions offset device inode path
+    const std::size_t slash = line.find('/');
+    if (slash == std::string::npos || line.compare(slash, std::string::npos, path) != 0) continue;
+    std::uintptr_t begin = 0;
+    std::uintptr_t end = 0;
+    std::array<char, 5> permissions{};
+    if (std::sscanf(line.c_str(), "%" SCNxPTR "-%" SCNxPTR " %4s", &begin, &end,
+                    permissions.data()) != 3 ||
+        permissions[1] == 'w') {
+      continue;
+    }
+#ifdef MADV_PAGEOUT
+    madvise(reinterpret_cast<void*>(begin), end - begin, MADV_PAGEOUT);  // NOLINT: an address
+#endif
+  }
+}
+
+/// Reads grids through a stream, from front to back and by position, because OpenVDB's own reader
+/// searches for each among all grids of its name. A file that ends too early causes an exception,
+/// where a map of it would end the program. For files with a table of contents.
+class GridReader : private openvdb::io::Archive {
+ public:
+  explicit GridReader(const std::filesystem::path& file) {
+    stream_.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
+    stream_.open(file, std::ios::binary);
+    readHeader(stream_);
+    setFormatVersion(stream_);
+    setLibraryVersion(stream_);
+    setDataCompression(stream_);
+    openvdb::MetaMap().readMeta(stream_);
+    const std::int32_t count = inputHasGridOffsets() ? readGridCount(stream_) : 0;
+    for (std::int32_t i = 0; i < count; ++i) {
+      openvdb::io::GridDescriptor d;
+      (void)d.read(stream_);
+      const auto& [name, kept] = *grids_.emplace(d.uniqueName(), d).first;
+      const std::string called = openvdb::io::GridDescriptor::nameAsString(name);
+      const std::string stem = openvdb::io::GridDescriptor::stripSuffix(name);
+      by_name_.emplace(called, &kept);
+      ++alike_[called];
+      if (stem != called) ++alike_[stem];
+      d.seekToEnd(stream_);
+    }
+  }
+
+  [[nodiscard]] bool has(const std::string& name) const { return by_name_.count(name) != 0; }
+  /// Returns OpenVDB's name of the tree.
+  [[nodiscard]] const std::string& type(const std::string& name) const {
+    return by_name_.at(name)->gridType();
+  }
+  /// Returns whether the grid has its own tree, and OpenVDB's reader, which searches by name, finds
+  /// the grid by this name.
+  [[nodiscard]] bool plain(const std::string& name) const {
+    const openvdb::io::GridDescriptor& d = *by_name_.at(name);
+    return !d.isInstance() && alike_.at(name) == 1 &&
+           openvdb::io::GridDescriptor::stringAsUniqueName(name) == d.uniqueName();
+  }
+
+  openvdb::GridBase::Ptr read(const std::string& name) {
+    const openvdb::io::GridDescriptor& d = *by_name_.at(name);
+    openvdb::GridBase::Ptr grid = readOwn(d);
+    // The tree's owner does not itself share a tree: VdbCheck has checked that, by the same names.
+    if (d.isInstance()) {
+      grid->setTree(readOwn(grids_.at(d.instanceParentName()))->baseTreePtr());
+    }
+    return grid;
+  }
+
+  /// Reads all but the tree.
+  openvdb::GridBase::Ptr readMetadata(const std::string& name) {
+    openvdb::GridBase::Ptr grid = begin(*by_name_.at(name));
+    readGridCompression(stream_);
+    grid->readMeta(stream_);
+    grid->readTransform(stream_);
+    return grid;
+  }
+
+ private:
+  openvdb::GridBase::Ptr readOwn(const openvdb::io::GridDescriptor& d) {
+    openvdb::GridBase::Ptr grid = begin(d);
+    readGrid(grid, d, stream_);
+    return grid;
+  }
+
+  openvdb::GridBase::Ptr begin(const openvdb::io::GridDescriptor& d) {
+    d.seekToGrid(stream_);
+    openvdb::GridBase::Ptr grid = openvdb::GridBase::createGrid(d.gridType());
+    grid->setSaveFloatAsHalf(d.saveFloatAsHalf());
+    return grid;
+  }
+
+  std::ifstream stream_;
+  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;  ///< By unique names.
+  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;  ///< By user names.
+  std::unordered_map<std::string, int> alike_;  ///< Number of grids that a name may mean.
+};
+
+/// Makes the volume of a grid that can be felt; throws with the refusal otherwise.
+std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& name) {
+  const std::string& why = prepared.info.refusal;
+  if (!why.empty()) {
+    const auto colon = why.find(": ");
+    throw VolumeError(name, why.substr(0, colon), why.substr(colon + 2));
+  }
+  return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
+}
+
+/// Returns the command that makes a .vdb of a file, for a user to copy.
+std::string importOf(const std::filesystem::path& path) {
+  if (path.extension() == ".vdb") return "it is damaged: write it again";
+  std::filesystem::path stem = path.filename();
+  if (stem.extension() == ".gz") stem.replace_extension();
+  const std::string out = stem.replace_extension(".vdb").string();
+  const auto is_plain = [](unsigned char c) {
+    return std::isalnum(c) != 0 ||
+           std::string_view("._-/+").find(static_cast<char>(c)) != std::string_view::npos;
+  };
+  const std::string in = path.string();
+  if (!std::all_of(in.begin(), in.end(), is_plain)) {
+    return "import it first: palpate import FILE OUT.vdb";
+  }
+  return "import it first: palpate import " + in + " " + out;
+}
+
+/// An OpenVDB file, opened and checked once. Converts its errors to VolumeError. Several threads
+/// may call const members at once.
+class VdbFile {
+ public:
+  explicit VdbFile(const std::filesystem::path& path) : path_(path) {
+    initialise();
+    std::error_code error;
+    const auto status = std::filesystem::status(path, error);
+    if (!std::filesystem::exists(status)) {
+      throw VolumeError(path.string(), "no such file", "check the path");
+    }
+    if (!std::filesystem::is_regular_file(status)) {
+      throw VolumeError(path.string(), "it is not a file",
+                        std::filesystem::is_directory(status)
+                            ? "give a .vdb file; DICOM and OpenFOAM are imported first: palpate "
+                              "import FOLDER OUT.vdb"
+                            : "give a .vdb file");
+    }
+    steady_.emplace(path);
+    if (!isVdb(steady_->place())) {
+      throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
+    }
+    // The path as in the list of maps. A copy has no name; "(deleted)" then ends the path there
+    // too.
+    canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
+    guarded([&] {
+      check_.emplace(steady_->place(), path_.string());
+      reader_.emplace(steady_->place());
+      file_.emplace(steady_->place().string());
+      // OpenVDB need not copy the file: it does not change, and all leaves are read before this
+      // object ends.
+      file_->setCopyMaxBytes(0);
+      file_->open();
+      for (auto name = file_->beginName(); name != file_->endName(); ++name) {
+        names_.push_back(*name);
+      }
+      known_.insert(names_.begin(), names_.end());
+      findVectors();
+    });
+  }
+
+  /// Returns the names as users call them.
+  [[nodiscard]] const std::vector<std::string>& names() const noexcept { return names_; }
+  /// Returns the vectors that the file keeps by component: NAME.x, NAME.y and NAME.z, scalars of
+  /// one type.
+  [[nodiscard]] const std::vector<std::string>& vectors() const noexcept { return vectors_; }
+  /// Returns all names, with a vector instead of its three components, at the place of the first
+  /// one.
+  [[nodiscard]] std::vector<std::string> listed() const {
+    std::unordered_map<std::string, std::string> instead;  // for a component; empty: not listed
+    for (const std::string& vector : vectors_) {
+      const auto parts = componentsOf(vector);
+      instead[parts[0]] = vector;
+      instead[parts[1]] = instead[parts[2]] = "";
+    }
+    std::vector<std::string> names;
+    for (const std::string& name : names_) {
+      const auto other = instead.find(name);
+      const std::string& one = other == instead.end() ? name : other->second;
+      if (other == instead.end() || !one.empty()) names.push_back(one);
+    }
+    return names;
+  }
+
+  /// See loadVolume.
+  [[nodiscard]] std::shared_ptr<const Volume> load(const std::string& grid,
+                                                   const LoadOptions& options) const {
+    std::string wanted = grid;
+    if (wanted.empty() && names_.size() == 1) wanted = names_.front();
+    if (wanted.empty() && names_.size() == 3 && vectors_.size() == 1) wanted = vectors_.front();
+    const bool there = known_.count(wanted) != 0 ||
+                       std::find(vectors_.begin(), vectors_.end(), wanted) != vectors_.end();
+    if (!there || (wanted.empty() && names_.size() > 1)) throwNoGrid(wanted);
+    return feltFrom(prepared(wanted, options), path_.string() + ": grid \"" + wanted + "\"");
+  }
+
+  /// Prepares a grid, or a vector of three. The result may have a refusal.
+  [[nodiscard]] Prepared prepared(const std::string& name, const LoadOptions& options) const {
+    Prepared out;
+    double begun = 0.0;  // share of finished parts, of 1 in all
+    double share = 1.0;
+    LoadOptions watched = options;
+    watched.progress = [&](double done) {
+      // At the end all is read; kept() still records the time at which no program was waiting.
+      if (!steady_->kept() && done < 1.0) throwTaken();
+      // Not after every small grid: each call makes the system search the whole file.
+      if (mapped_ >= kMappedBytes) dropMapped(canonical_);
+      if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
+      if (options.progress) options.progress(begun + share * done);
+    };
+    guarded([&] {
+      if (known_.count(name) != 0) {
+        out = prepare(name, read(name), watched);
+      } else {
+        std::array<Prepared, 3> parts;
+        share = 1.0 / 3.0;
+        for (std::size_t c = 0; c < 3; ++c) {
+          begun = static_cast<double>(c) * share;
+          const std::string part = componentsOf(name)[c];
+          parts[c] = prepare(part, read(part), watched);
+        }
+        out = join(name, std::move(parts));
+      }
+    });
+    return out;
+  }
+
+ private:
+  /// Throws because other programs are about to change the file.
+  [[noreturn]] void throwTaken() const {
+    throw VolumeError(path_.string(), "others have waited too long to change it",
+                      "load it when nobody writes to it");
+  }
+
+  /// Reads a grid. The leaves of a large grid stay on disk, to be read in parallel. Of a grid of an
+  /// unsupported type, reads all but its tree. One thread at a time.
+  [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
+    openvdb::GridBase::Ptr grid;
+    // Isolated: a thread that waits in here for OpenVDB's loops must not start to read another
+    // grid.
+    tbb::this_task_arena::isolate([&] {
+      const std::lock_guard lock(reading_);
+      if (!isFeltType(typeOf(name))) {
+        grid = reader_->has(name) ? reader_->readMetadata(name) : file_->readGridMetadata(name);
+        return;
+      }
+      const std::uint64_t bytes = check_->tree(name);
+      if (reader_->has(name) && (bytes < kSmallGrid || !reader_->plain(name))) {
+        grid = reader_->read(name);
+        return;
+      }
+      mapped_ += bytes;
+      if (!steady_->kept()) throwTaken();
+      grid = file_->readGrid(name);
+    });
+    if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
+    return grid;
+  }
+
+  /// Returns OpenVDB's name of the tree.
+  [[nodiscard]] std::string typeOf(const std::string& name) const {
+    return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
+  }
+
+  void findVectors() {
+    const auto has = [&](const std::string& name) { return known_.count(name) != 0; };
+    for (const std::string& name : names_) {
+      if (name.size() < 3 || !name.ends_with(".x")) continue;
+      const std::string stem = name.substr(0, name.size() - 2);
+      const auto parts = componentsOf(stem);
+      if (!has(parts[1]) || !has(parts[2]) || has(stem)) continue;
+      const auto type = [&](std::size_t c) { return typeOf(parts[c]); };
+      const bool scalar =
+          type(0) == openvdb::FloatGrid::gridType() || type(0) == openvdb::DoubleGrid::gridType();
+      if (scalar && type(1) == type(0) && type(2) == type(0)) vectors_.push_back(stem);
+    }
+  }
+
+  [[noreturn]] void throwNoGrid(const std::string& wanted) const {
+    if (names_.empty()) throw VolumeError(path_.string(), "it holds no grid", "write one into it");
+    std::vector<std::string> names = vectors_;
+    names.insert(names.end(), names_.begin(), names_.end());
+    std::string all;
+    for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
+    if (wanted.empty() && names_.size() > 1) {
+      throw VolumeError(path_.string(), "it holds more than one grid", "name one of " + all);
+    }
+    const std::string near = nearestName(wanted, names);
+    throw VolumeError(path_.string(), "there is no grid \"" + wanted + "\"",
+                      near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
+  }
+
+  /// Runs `body`. Converts OpenVDB's exceptions to VolumeError, with the message in one line.
+  template <class Body>
+  void guarded(Body body) const {
+    try {
+      body();
+    } catch (const Error&) {
+      throw;
+    } catch (const std::bad_alloc&) {
+      throw;                                   // the file is not the cause
+    } catch (const std::ios_base::failure&) {  // from GridReader
+      throw VolumeError(path_.string(), "it is truncated", "copy or write it again");
+    } catch (const std::exception& e) {
+      std::string why = e.what();
+      std::replace(why.begin(), why.end(), '\n', ' ');
+      throw VolumeError(path_.string(), "it cannot be read (" + why + ")",
+                        "it may be damaged or of a newer format: write it again");
+    }
+  }
+
+  /// Smaller grids are read through the stream: reading in parallel would gain no time [bytes].
+  static constexpr std::uint64_t kSmallGrid = std::uint64_t{1} << 20U;
+  /// Most of the file that may be in memory beside its grids [bytes].
+  static constexpr std::uint64_t kMappedBytes = std::uint64_t{1} << 24U;
+
+  std::filesystem::path path_;
+  std::string canonical_;  ///< Path as in the system's list of maps; empty if unknown.
+  std::optional<LeasedFile> steady_;
+  mutable std::mutex reading_;  ///< Guards the next three members.
+  mutable std::optional<VdbCheck> check_;
+  mutable std::optional<openvdb::io::File> file_;
+  mutable std::optional<GridReader> reader_;  ///< Has no grid without a table of contents.
+  std::vector<std::string> names_;
+  std::vector<std::string> vectors_;
+  std::unordered_set<std::string> known_;
+  /// Bytes read since the last dropMapped().
+  mutable std::atomic<std::uint64_t> mapped_{0};
+};
+
+/// Combines the progress of several loads, and reports it one call at a time.
+class Together {
+ public:
+  Together(std::size_t count, const std::function<void(double)>& told)
+      : done_(count, 0.0), told_(told) {}
+  void tell(std::size_t i, double done) {
+    if (!told_) return;
+    const std::lock_guard lock(mutex_);
+    if (done >= 1.0 && done_[i] < 1.0) ++whole_;
+    sum_ += done - done_[i];
+    done_[i] = done;
+    told_(whole_ == done_.size() ? 1.0 : sum_ / static_cast<double>(done_.size()));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<double> done_;
+  double sum_ = 0.0;
+  std::size_t whole_ = 0;
+  const std::function<void(double)>& told_;
+};
+
+LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptions& options) {
+  LoadResult result;
+  try {
+    result.volume = file.load(grid, options);
+  } catch (...) {
+    result.error = std::current_exception();
+  }
+  return result;
+}
+
+/// Runs inParallel so that its threads take up no other work before it ends. So at most as many
+/// files are open at once as there are threads.
+template <class Body>
+void inParallelAlone(std::size_t count, Body body) {
+  tbb::this_task_arena::isolate([&] { inParallel(count, body); });
+}
+
+}  // namespace
+
+Volume::Volume(GridInfo info, std::unique_ptr<const Grid> grid)
+    : info_(std::move(info)), grid_(std::move(grid)) {}
+
+Volume::~Volume() = default;
+
+std::uint64_t Volume::memory() const {
+  std::uint64_t sum = info_.memory;
+  for (const Grid::Coefficients& made : grid_->coefficients) {
+    const std::lock_guard lock(made.mutex);
+    for (const GridData& part : made.parts) {
+      sum += memoryOf(part);
+    }
+  }
+  for (const Grid::FreeMaps& made : grid_->free_maps) {
+    const std::lock_guard lock(made.mutex);
+    for (const auto& map : made.parts) {
+      if (map != nullptr) sum += map->memory();
+    }
+  }
+  return sum;
+}
+
+bool isVdb(const std::filesystem::path& file) noexcept {
+  // A stream would allocate memory.
+  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return false;
+  std::uint32_t magic = 0;
+  const ssize_t got = ::read(descriptor, &magic, sizeof magic);
+  ::close(descriptor);
+  return got == sizeof magic && magic == openvdb::OPENVDB_MAGIC;
+}
+
+std::vector<std::string> gridNames(const std::filesystem::path& file) {
+  return VdbFile(file).listed();
+}
+
+std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
+  const VdbFile vdb(file);
+  std::vector<std::string> names = vdb.names();
+  if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+  names.insert(names.end(), vdb.vectors().begin(), vdb.vectors().end());
+  std::vector<GridInfo> infos;
+  infos.reserve(names.size());
+  for (const std::string& name : names) infos.push_back(vdb.prepared(name, {}).info);
+  return infos;
+}
+
+std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file, const std::string& grid,
+                                         const LoadOptions& options) {
+  return VdbFile(file).load(grid, options);
+}
+
+std::shared_ptr<const Volume> preparedVolume(const std::string& name,
+                                             const openvdb::GridBase::Ptr& grid,
+                                             const std::string& called,
+                                             const LoadOptions& options) {
+  initialise();
+  return feltFrom(prepare(name, grid, options), called);
+}
+
+std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
+                                         const LoadOptions& options) {
+  initialise();
+  const std::string name = "grid \"" + grid.getName() + "\"";
+  try {
+    // Preparing a grid changes it.
+    return preparedVolume(grid.getName(), grid.deepCopyGrid(), name, options);
+  } catch (const openvdb::Exception& e) {
+    throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "make it again");
+  }
+}
+
+std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
+                                    const std::function<void(double)>& progress) {
+  // Each file is opened once, and equal requests are loaded once.
+  using What = std::tuple<std::string, NonFinite, int>;
+  struct File {
+    std::map<What, std::size_t> known;
+    std::vector<std::size_t> wanted;
+  };
+  std::map<std::filesystem::path, File> by_path;
+  std::vector<std::size_t> first(requests.size());
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    const VolumeRequest& request = requests[i];
+    File& file = by_path[request.file];
+    const What what{request.grid, request.non_finite, request.smooth};
+    first[i] = file.known.emplace(what, i).first->second;
+    if (first[i] == i) file.wanted.push_back(i);
+  }
+  std::vector<std::pair<const std::filesystem::path*, const std::vector<std::size_t>*>> files;
+  files.reserve(by_path.size());
+  for (const auto& [path, file] : by_path) files.emplace_back(&path, &file.wanted);
+
+  std::vector<LoadResult> results(requests.size());
+  Together together(requests.size(), progress);
+  inParallel(files.size(), [&](std::size_t f) {
+    const std::vector<std::size_t>& wanted = *files[f].second;
+    std::optional<VdbFile> file;
+    std::exception_ptr error;
+    try {
+      file.emplace(*files[f].first);
+    } catch (...) {
+      error = std::current_exception();
+    }
+    inParallelAlone(wanted.size(), [&](std::size_t j) {
+      const std::size_t i = wanted[j];
+      const auto tell = [&](double done) { together.tell(i, done); };
+      results[i] = error ? LoadResult{nullptr, error}
+                         : tryLoad(*file, requests[i].grid,
+                                   {requests[i].non_finite, requests[i].smooth, tell});
+      tell(1.0);
+    });
+  });
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    if (first[i] == i) continue;
+    results[i] = results[first[i]];
+    together.tell(i, 1.0);
+  }
+  return results;
+}
+
+std::vector<FileResult> loadFiles(const std::vector<std::filesystem::path>& files,
+                                  const std::function<void(double)>& progress) {
+  std::vector<FileResult> results(files.size());
+  Together together(files.size(), progress);
+  inParallel(files.size(), [&](std::size_t f) {
+    FileResult& result = results[f];
+    try {
+      const VdbFile file(files[f]);
+      result.names = file.listed();
+      result.volumes.resize(result.names.size());
+      const std::function<void(double)> tell = [&](double done) { together.tell(f, done); };
+      Together within(result.names.size(), tell);
+      inParallelAlone(result.names.size(), [&](std::size_t i) {
+        LoadOptions options;
+        options.progress = [&](double done) { within.tell(i, done); };
+        result.volumes[i] = tryLoad(file, result.names[i], options);
+        options.progress(1.0);
+      });
+    } catch (const VolumeError&) {
+      result.error = std::current_exception();
+    }
+    together.tell(f, 1.0);
+  });
+  return results;
+}
+
+const char* wordFor(GridClass grid_class) noexcept {
+  switch (grid_class) {
+    case GridClass::kUnknown:
+      return "unknown";
+    case GridClass::kLevelSet:
+      return "level set";
+    case GridClass::kFog:
+      return "fog volume";
+    case GridClass::kStaggered:
+      return "staggered";
+  }
+  return "";
+}
+
+}  // namespace palpate

@@ -1,0 +1,76 @@
+/// Private to samplers and scenes: the OpenVDB side of Volume. Include it in .cpp files only.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <mutex>
+#include <type_traits>
+#include <variant>
+#include <vector>
+
+#include <Eigen/LU>
+
+#include "palpate/samplers/grid/free_map.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/volume.h"
+
+namespace palpate {
+
+/// Grids of the supported types.
+using GridData = std::variant<openvdb::FloatGrid::ConstPtr, openvdb::DoubleGrid::ConstPtr,
+                              openvdb::Vec3SGrid::ConstPtr, openvdb::Vec3DGrid::ConstPtr>;
+
+/// Scalar and vector grids of a precision.
+template <class Real>
+using ScalarGrid =
+    std::conditional_t<std::is_same_v<Real, double>, openvdb::DoubleGrid, openvdb::FloatGrid>;
+template <class Real>
+using VectorGrid =
+    std::conditional_t<std::is_same_v<Real, double>, openvdb::Vec3DGrid, openvdb::Vec3SGrid>;
+
+inline std::uint64_t memoryOf(const GridData& data) {
+  return std::visit([](const auto& grid) { return grid->memUsage(); }, data);
+}
+
+/// Returns the box around a box that `map` has moved.
+template <class Map>
+Box boxAbout(const Box& box, Map map) {
+  Box about;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 p;
+    for (int a = 0; a < 3; ++a) p[a] = (((corner >> a) & 1) != 0) ? box.upper[a] : box.lower[a];
+    about.extend(map(p));
+  }
+  return about;
+}
+
+struct Volume::Grid {
+  /// A typed grid and its affine map, file = linear * index + origin.
+  struct Part {
+    GridData data;
+    Mat3 linear = Mat3::Identity();
+    Vec3 origin = Vec3::Zero();
+
+    /// Maps a place in index space to the file's world space.
+    [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }
+  };
+  /// One part, or the x, y and z of a vector: scalars of one type, each at its own place.
+  std::vector<Part> parts;
+
+  /// B-spline coefficients of degree 2 and 3, part by part; made at the first request.
+  struct Coefficients {
+    mutable std::mutex mutex;
+    std::vector<GridData> parts;
+  };
+  mutable std::array<Coefficients, 2> coefficients;
+
+  /// Maps of where the values, and the coefficients of degree 2 and 3, are empty, part by part;
+  /// made at the first request.
+  struct FreeMaps {
+    mutable std::mutex mutex;
+    std::vector<std::shared_ptr<const FreeMap>> parts;
+  };
+  mutable std::array<FreeMaps, 3> free_maps;
+};
+
+}  // namespace palpate

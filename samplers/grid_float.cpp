@@ -1,4 +1,0 @@
-#include "palpate/samplers/openvdb_grids.h"
-
-template class openvdb::tree::Tree<openvdb::FloatTree::RootNodeType>;
-template class openvdb::Grid<openvdb::FloatTree>;

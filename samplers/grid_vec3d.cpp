@@ -1,4 +1,0 @@
-#include "palpate/samplers/openvdb_grids.h"
-
-template class openvdb::tree::Tree<openvdb::Vec3DTree::RootNodeType>;
-template class openvdb::Grid<openvdb::Vec3DTree>;

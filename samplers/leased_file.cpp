@@ -1,0 +1,139 @@
+#include "palpate/samplers/leased_file.h"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <fcntl.h>
+#include <fstream>
+#include <string>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <utility>
+
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+/// Closes a file descriptor unless release() was called.
+class Descriptor {
+ public:
+  explicit Descriptor(int number) : number_(number) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (number_ >= 0) close(number_);
+  }
+  [[nodiscard]] int get() const noexcept { return number_; }
+  int release() noexcept { return std::exchange(number_, -1); }
+
+ private:
+  int number_;
+};
+
+/// Takes a read lease. If true, no process writes to the file, or can begin to while it is open
+/// here.
+bool lease(int file) {
+  // A waiting program causes no signal here, because the default signal would end this program.
+  // SIGURG is ignored unless a program handles it.
+  if (fcntl(file, F_SETSIG, SIGURG) != 0 || fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
+  (void)fcntl(file, F_SETOWN, 0);
+  return true;
+}
+
+/// Returns the longest time that the system makes a program wait for a lease's end.
+LeasedFile::Clock::duration longestWait() {
+  double seconds = 45.0;
+  std::ifstream("/proc/sys/fs/lease-break-time") >> seconds;
+  // Without a limit, others wait forever.
+  if (!(seconds > 0.0)) return LeasedFile::Clock::duration::max() / 4;
+  return std::chrono::duration_cast<LeasedFile::Clock::duration>(
+      std::chrono::duration<double>(seconds));
+}
+
+/// Opens a temporary file without a name.
+int nameless(const std::filesystem::path& folder) {
+  const int file = open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (file >= 0) return file;
+  std::string name = (folder / "palpate-XXXXXX").string();
+  const int named = mkostemp(name.data(), O_CLOEXEC);
+  if (named >= 0) unlink(name.c_str());
+  return named;
+}
+
+/// Copies a whole file from its beginning. Returns 0, or errno.
+int copyAll(int from, int to) {
+  if (to < 0 || lseek(from, 0, SEEK_SET) < 0) return errno;
+  constexpr std::size_t kPiece = std::size_t{1} << 30U;
+  for (bool by_system = true;;) {
+    if (by_system) {
+      const ssize_t moved = copy_file_range(from, nullptr, to, nullptr, kPiece, 0);
+      if (moved > 0) continue;
+      if (moved == 0 && lseek(from, 0, SEEK_CUR) > 0) return 0;
+      if (moved < 0 && errno == EINTR) continue;
+      // copy_file_range() does not work between these two places, or the file reports no size.
+      if (moved < 0 && (errno == ENOSPC || errno == EIO)) return errno;
+      by_system = false;
+    }
+    static thread_local std::array<char, 1U << 16U> piece;
+    const ssize_t got = read(from, piece.data(), piece.size());
+    if (got == 0) return 0;
+    if (got < 0 && errno == EINTR) continue;
+    if (got < 0) return errno;
+    for (ssize_t done = 0; done < got;) {
+      const ssize_t put = write(to, piece.data() + done, static_cast<std::size_t>(got - done));
+      if (put < 0 && errno != EINTR) return errno;
+      done += std::max<ssize_t>(put, 0);
+    }
+  }
+}
+
+/// Returns a private copy, in the folder for temporary files or in memory.
+int copyOf(int file, const std::filesystem::path& path) {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+  if (!error) {
+    Descriptor copy(nameless(folder));
+    if (copyAll(file, copy.get()) == 0) return copy.release();
+  }
+  Descriptor copy(memfd_create("palpate", MFD_CLOEXEC));
+  const int trouble = copyAll(file, copy.get());
+  if (trouble == 0) return copy.release();
+  throw VolumeError(
+      path.string(),
+      std::string("others may change it, and it cannot be copied (") + std::strerror(trouble) + ")",
+      "make room for temporary files, or name a folder for them in TMPDIR");
+}
+
+}  // namespace
+
+LeasedFile::LeasedFile(const std::filesystem::path& path) {
+  Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (file.get() < 0)
+    throw VolumeError(path.string(), "it cannot be read", "check its permissions");
+  leased_ = lease(file.get());
+  file_ = leased_ ? file.release() : copyOf(file.get(), path);
+  if (leased_) patience_ = longestWait() / 2;
+  alone_ = Clock::now().time_since_epoch().count();
+  place_ = "/proc/self/fd/" + std::to_string(file_);
+}
+
+bool LeasedFile::keptAt(Clock::time_point now) const noexcept {
+  // While another process waits, F_GETLEASE returns the type that the lease must change to.
+  if (!leased_) return true;
+  if (fcntl(file_, F_GETLEASE) == F_RDLCK) {
+    alone_ = now.time_since_epoch().count();
+    return true;
+  }
+  return now.time_since_epoch() - Clock::duration(alone_.load()) < patience_;
+}
+
+LeasedFile::~LeasedFile() {
+  if (file_ >= 0) close(file_);
+}
+
+}  // namespace palpate

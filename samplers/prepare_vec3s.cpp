@@ -1,8 +1,0 @@
-#include "palpate/samplers/prepare_values.h"
-
-namespace palpate::detail {
-
-template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
-template openvdb::FloatGrid::Ptr componentGrid<openvdb::FloatGrid>(const openvdb::Vec3SGrid&, int);
-
-}  // namespace palpate::detail

@@ -1,0 +1,501 @@
+#include "palpate/samplers/time/frame_sequence.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <limits>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <variant>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/volume_grid.h"
+#include "palpate/samplers/retries.h"
+
+namespace palpate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// Bit of Slot::users: the slot is closed, to be filled.
+constexpr std::uint32_t kClosed = 1U << 31U;
+/// A frame that was held within this time may be held again at any moment. A loop that is later
+/// than this has cut its force.
+constexpr std::chrono::milliseconds kKept{50};
+/// Two frames around the play, two that a jump fades from, and the first.
+constexpr std::uint64_t kLeastFrames = 5;
+/// How often the thread checks where play is.
+constexpr std::chrono::milliseconds kPoll{2};
+/// Most error lines in the sequence's life.
+constexpr int kMostTroubles = 8;
+
+std::int64_t nowNs() noexcept {
+  return Clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
+}
+
+/// A frame in memory.
+struct Loaded {
+  std::shared_ptr<const Volume> volume;
+  FieldPtr field;
+};
+
+/// Loads a frame. Throws VolumeError if the frame cannot be read, or does not fit a sequence with
+/// this first frame. `first` is null for the first frame itself.
+Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const Sampling& sampling,
+                 const Volume* first) {
+  LoadOptions options;
+  options.non_finite = request.non_finite;
+  options.smooth = request.smooth;
+  Loaded out{loadVolume(request.file, request.grid, options), {}};
+  const GridInfo& is = out.volume->info();
+  const GridInfo& like = first != nullptr ? first->info() : is;
+  if (is.vector != like.vector || is.grid_class != like.grid_class) {
+    const auto kind = [](const GridInfo& of) { return of.type + ", " + wordFor(of.grid_class); };
+    throw VolumeError(
+        request.file.string(),
+        "the frame is of another kind (" + kind(is) + ") than the first one (" + kind(like) + ")",
+        "give frames of one kind");
+  }
+  if (out.volume->grid().parts.size() > 1) {
+    throw VolumeError(request.file.string(), "a vector by component is not played",
+                      "write it as one grid of vectors");
+  }
+  out.field = makeVdbField(out.volume, placement, sampling);
+  return out;
+}
+
+/// Returns how many frames of the largest size fit. Throws VolumeError if these are too few.
+std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t budget,
+                     const std::string& name) {
+  const std::uint64_t bytes = std::max<std::uint64_t>(largest, 1);
+  const std::uint64_t slots = std::min<std::uint64_t>(frames, budget / bytes);
+  const std::uint64_t least = std::min<std::uint64_t>(frames, kLeastFrames);
+  if (slots < least) {
+    const auto megabytes = [](double of) {
+      const std::string text = std::to_string(of / (1024.0 * 1024.0));
+      return text.substr(0, text.find('.') + 3) + " MB";
+    };
+    throw VolumeError(
+        name,
+        "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
+            std::to_string(slots) + " of its frames",
+        "give it " + megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
+  }
+  return static_cast<std::size_t>(slots);
+}
+
+const FieldFrame& frameOf(const FieldPtr& field) {
+  return std::visit([](const auto& of) -> const FieldFrame& { return of->frame(); }, field);
+}
+
+void checkTimes(const FrameTimes& when, std::size_t count, const std::string& name) {
+  const std::size_t asked = count + (when.repeat ? 1 : 0);
+  if (when.times.size() != asked) {
+    throw VolumeError(
+        name,
+        "it has " + std::to_string(count) + " frames and " + std::to_string(when.times.size()) +
+            " times",
+        "give " + std::to_string(asked) +
+            (when.repeat ? ": one for each, and when the first comes again" : ": one for each"));
+  }
+  for (std::size_t i = 0; i < asked; ++i) {
+    const bool good = std::isfinite(when.times[i]) && (i == 0 || when.times[i] > when.times[i - 1]);
+    if (good) continue;
+    throw VolumeError(name,
+                      "time " + std::to_string(i) + " of its frames, " +
+                          std::to_string(when.times[i]) + ", does not come after the one before",
+                      "give seconds, ascending");
+  }
+  if (!std::isfinite(when.times.back() - when.times.front())) {
+    throw VolumeError(name, "its times are too far apart", "give seconds");
+  }
+}
+
+}  // namespace
+
+FrameTimes evenTimes(std::size_t count, double rate, bool repeat) {
+  FrameTimes out;
+  out.repeat = repeat;
+  for (std::size_t i = 0; i < count + (repeat ? 1 : 0); ++i) {
+    out.times.push_back(static_cast<double>(i) / rate);
+  }
+  return out;
+}
+
+/// Memory for a frame. Readers count themselves in; the loader closes a slot before it fills it.
+struct FrameSequence::Slot {
+  std::atomic<std::uint32_t> users{kClosed};
+  std::atomic<int> frame{-1};
+  std::atomic<std::int64_t> held{0};  ///< When a reader last held it [ns].
+  std::atomic<std::uint64_t> stay{0};
+  std::atomic<std::uint64_t> bytes{0};
+  // Written by the thread that has closed the slot; read by readers that are counted in.
+  Loaded loaded;
+};
+
+/// State that readers and the thread share.
+struct FrameSequence::Shared {
+  Shared(std::size_t frames, std::size_t room) : slots(room), places(frames), missing(frames) {
+    for (auto& place : places) place.store(-1, std::memory_order_relaxed);
+    for (auto& none : missing) none.store(false, std::memory_order_relaxed);
+  }
+  [[nodiscard]] bool resident(int frame) const noexcept {
+    return places[static_cast<std::size_t>(frame)].load(std::memory_order_acquire) >= 0;
+  }
+
+  std::vector<Slot> slots;
+  std::vector<std::atomic<int>> places;    ///< Slot of each frame, or -1.
+  std::vector<std::atomic<bool>> missing;  ///< Marks frames that are not available.
+  std::atomic<int> low{0};                 ///< Play is between `low` and `high`.
+  std::atomic<int> high{0};
+  std::atomic<int> way{1};  ///< Play goes forward (1) or back (-1).
+};
+
+/// Loads frames, in a thread of its own.
+struct FrameSequence::Loader {
+  Loader(const FrameSequence& sequence, const Placement& at, const Sampling& as)
+      : of(sequence), shared(*sequence.shared_), placement(at), sampling(as) {}
+  ~Loader() {
+    {
+      const std::lock_guard lock(mutex);
+      stop = true;
+    }
+    changed.notify_all();
+    if (thread.joinable()) thread.join();
+  }
+
+  void begin() {
+    thread = std::thread([this] { run(); });
+  }
+  /// Puts a frame into a closed slot and opens the slot.
+  void publish(int frame, std::size_t slot, Loaded loaded) {
+    Slot& to = shared.slots[slot];
+    to.loaded = std::move(loaded);
+    to.bytes.store(to.loaded.volume->memory(), std::memory_order_relaxed);
+    to.frame.store(frame, std::memory_order_relaxed);
+    to.held.store(0, std::memory_order_relaxed);
+    to.stay.store(++stays, std::memory_order_relaxed);
+    to.users.fetch_and(~kClosed, std::memory_order_release);
+    shared.places[static_cast<std::size_t>(frame)].store(static_cast<int>(slot),
+                                                         std::memory_order_release);
+  }
+  void run();
+  [[nodiscard]] std::vector<int> wanted();
+  [[nodiscard]] std::optional<std::size_t> slotFor(const std::vector<int>& all);
+  void fetch(int frame, std::size_t slot);
+
+  const FrameSequence& of;
+  Shared& shared;
+  Placement placement;
+  Sampling sampling;
+  std::uint64_t stays = 0;
+
+  mutable std::mutex alone;  ///< Lock of waitAlone().
+  mutable std::mutex mutex;  ///< Guards all below; not held while a frame is loaded.
+  mutable std::condition_variable changed;
+  mutable std::map<int, int> asked;  ///< Number of callers that wait, by frame.
+  detail::Retries<int> failing;
+  mutable std::vector<std::string> troubles;
+  int lines = 0;
+  std::uint64_t fetched = 0;
+  bool stop = false;
+  std::thread thread;
+};
+
+/// Returns the frames that should be in memory, the most urgent first; then the frames to retry.
+std::vector<int> FrameSequence::Loader::wanted() {
+  const int count = of.count();
+  std::vector<int> all;
+  const auto want = [&](int frame) {
+    if (std::find(all.begin(), all.end(), frame) == all.end()) all.push_back(frame);
+  };
+  for (const auto& [frame, by] : asked) want(frame);
+  const int low = shared.low.load(std::memory_order_relaxed);
+  const int high = shared.high.load(std::memory_order_relaxed);
+  want(low);
+  want(high);
+  const int way = shared.way.load(std::memory_order_relaxed);
+  std::vector<int> again;
+  for (int i = 0; i < count && all.size() + 1 < shared.slots.size(); ++i) {
+    int frame = (way > 0 ? low : high) + way * i;
+    if (of.when_.repeat) {
+      frame = of.within(frame);
+    } else if (frame < 0 || frame >= count) {
+      break;
+    }
+    if (shared.missing[static_cast<std::size_t>(frame)].load(std::memory_order_relaxed)) {
+      again.push_back(frame);
+    } else {
+      want(frame);
+    }
+  }
+  for (const int frame : again) want(frame);
+  return all;
+}
+
+/// Closes a slot for a frame that is wanted. Returns its index, or empty if all slots are in use.
+std::optional<std::size_t> FrameSequence::Loader::slotFor(const std::vector<int>& all) {
+  const std::int64_t now = nowNs();
+  for (std::size_t n = 0; n < shared.slots.size(); ++n) {
+    Slot& slot = shared.slots[n];
+    const int frame = slot.frame.load(std::memory_order_relaxed);
+    if (frame < 0) return n;  // empty, and closed already
+    if (frame == 0 || std::find(all.begin(), all.end(), frame) != all.end()) continue;
+    const bool kept =
+        now - slot.held.load(std::memory_order_relaxed) < std::chrono::nanoseconds(kKept).count();
+    if (kept && !of.params_.waits) continue;
+    std::uint32_t nobody = 0;
+    if (!slot.users.compare_exchange_strong(nobody, kClosed, std::memory_order_acq_rel)) continue;
+    shared.places[static_cast<std::size_t>(frame)].store(-1, std::memory_order_release);
+    slot.frame.store(-1, std::memory_order_relaxed);
+    slot.loaded = {};
+    return n;
+  }
+  return std::nullopt;
+}
+
+void FrameSequence::Loader::fetch(int frame, std::size_t slot) {
+  std::string why;
+  try {
+    publish(frame, slot,
+            loadFrame(of.frames_[static_cast<std::size_t>(frame)], placement, sampling,
+                      of.first_.get()));
+    shared.missing[static_cast<std::size_t>(frame)].store(false, std::memory_order_release);
+  } catch (const std::exception& e) {
+    why = e.what();
+  }
+  const std::lock_guard lock(mutex);
+  if (why.empty()) {
+    ++fetched;
+    failing.had(frame);
+  } else {
+    const bool first = failing.failed(frame, Clock::now());
+    shared.missing[static_cast<std::size_t>(frame)].store(true, std::memory_order_release);
+    if (first && ++lines <= kMostTroubles) {
+      why += ": play goes on without the frame";
+      if (lines == kMostTroubles) why += "; more like it are only counted";
+      troubles.push_back(std::move(why));
+    }
+  }
+  changed.notify_all();
+}
+
+void FrameSequence::Loader::run() {
+  std::unique_lock lock(mutex);
+  while (!stop) {
+    const std::vector<int> all = wanted();
+    const Clock::time_point now = Clock::now();
+    const auto next = std::find_if(all.begin(), all.end(), [&](int frame) {
+      return !shared.resident(frame) && failing.may(frame, now);
+    });
+    const auto slot = next == all.end() ? std::nullopt : slotFor(all);
+    if (!slot) {
+      changed.wait_for(lock, kPoll);
+      continue;
+    }
+    lock.unlock();
+    fetch(*next, *slot);
+    lock.lock();
+  }
+}
+
+FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes& when,
+                             const Placement& placement, const Sampling& sampling,
+                             const SequenceParams& params)
+    : frames_(std::move(frames)), when_(when), params_(params) {
+  if (frames_.empty()) throw VolumeError("sequence", "it has no frame", "give one or more");
+  const std::string name = frames_.front().file.string();
+  checkTimes(when_, frames_.size(), name);
+  if (sampling.axial) {
+    throw VolumeError(name, "vectors without a sign have no blend of two frames",
+                      "remove \"axial\"");
+  }
+  // Frames that fit into the budget are kept.
+  std::vector<Loaded> kept;
+  std::uint64_t held = 0;
+  std::uint64_t largest = 0;
+  for (const VolumeRequest& request : frames_) {
+    Loaded next = loadFrame(request, placement, sampling, first_.get());
+    const FieldFrame& frame = frameOf(next.field);
+    if (first_ == nullptr) {
+      first_ = next.volume;
+      first_field_ = next.field;
+      frame_ = frame;
+    }
+    frame_.bounds.extend(frame.bounds.lower);
+    frame_.bounds.extend(frame.bounds.upper);
+    frame_.voxel = std::min(frame_.voxel, frame.voxel);
+    const std::uint64_t bytes = next.volume->memory();
+    largest = std::max(largest, bytes);
+    held += bytes;
+    if (held <= params_.budget || kept.empty()) kept.push_back(std::move(next));
+  }
+  const std::size_t slots = slotsFor(largest, frames_.size(), params_.budget, name);
+  shared_ = std::make_unique<Shared>(frames_.size(), slots);
+  loader_ = std::make_unique<Loader>(*this, placement, sampling);
+  kept.resize(std::min(kept.size(), slots));
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    loader_->publish(static_cast<int>(i), i, std::move(kept[i]));
+  }
+  loader_->fetched = frames_.size();
+  loader_->begin();
+}
+
+FrameSequence::~FrameSequence() = default;
+
+int FrameSequence::count() const noexcept {
+  return static_cast<int>(frames_.size());
+}
+
+int FrameSequence::within(int frame) const noexcept {
+  return ((frame % count()) + count()) % count();
+}
+
+int FrameSequence::good(int frame, int way) const noexcept {
+  for (int i = 0; i < count(); ++i, frame += way) {
+    int at = frame;
+    if (when_.repeat) {
+      at = within(frame);
+    } else if (frame < 0 || frame >= count()) {
+      return -1;
+    }
+    if (!shared_->missing[static_cast<std::size_t>(at)].load(std::memory_order_acquire)) {
+      return frame;
+    }
+  }
+  return -1;
+}
+
+PlayMoment FrameSequence::at(double play) const noexcept {
+  const std::vector<double>& times = when_.times;
+  PlayMoment out;
+  if (times.size() < 2 || !std::isfinite(play)) return out;
+  const double from = times.front();
+  const double length = times.back() - from;
+  if (when_.repeat) {
+    play = from + std::fmod(play - from, length);
+    if (play < from) play += length;
+  }
+  play = std::clamp(play, from, times.back());
+  const auto after = std::upper_bound(times.begin() + 1, times.end() - 1, play);
+  const int i = static_cast<int>(after - times.begin()) - 1;
+  const auto time_of = [&](int frame) {
+    const double rounds = frame < 0 ? -1.0 : frame >= count() ? 1.0 : 0.0;
+    if (!when_.repeat) return times[static_cast<std::size_t>(frame)];
+    return times[static_cast<std::size_t>(within(frame))] + rounds * length;
+  };
+  out.position = i + (play - time_of(i)) / (time_of(i + 1) - time_of(i));
+  // The first frame is always available, so there is a frame at or before i.
+  const int low = good(i, -1);
+  int high = good(i + 1, 1);
+  if (high < 0) high = low;
+  out.share = high == low
+                  ? 0.0
+                  : std::clamp((play - time_of(low)) / (time_of(high) - time_of(low)), 0.0, 1.0);
+  out.low = within(low);
+  out.high = within(high);
+  return out;
+}
+
+double FrameSequence::way(const PlayMoment& a, const PlayMoment& b) const noexcept {
+  const double way = b.position - a.position;
+  return when_.repeat ? way - count() * std::round(way / count()) : way;
+}
+
+FrameSequence::Hold FrameSequence::hold(int frame) const noexcept {
+  const int place =
+      shared_->places[static_cast<std::size_t>(frame)].load(std::memory_order_acquire);
+  if (place < 0) return {};
+  Slot& slot = shared_->slots[static_cast<std::size_t>(place)];
+  const std::uint32_t before = slot.users.fetch_add(1, std::memory_order_acq_rel);
+  Hold held(&slot);
+  const bool there = (before & kClosed) == 0 && slot.frame.load(std::memory_order_relaxed) == frame;
+  if (!there) return {};
+  return held;
+}
+
+FrameSequence::Hold::~Hold() {
+  if (slot_ == nullptr) return;
+  slot_->held.store(nowNs(), std::memory_order_relaxed);
+  slot_->users.fetch_sub(1, std::memory_order_release);
+}
+
+const FieldPtr& FrameSequence::Hold::field() const noexcept {
+  return slot_->loaded.field;
+}
+
+std::uint64_t FrameSequence::Hold::stay() const noexcept {
+  return slot_->stay.load(std::memory_order_relaxed);
+}
+
+void FrameSequence::tell(const PlayMoment& at, double rate) const noexcept {
+  shared_->low.store(at.low, std::memory_order_relaxed);
+  shared_->high.store(at.high, std::memory_order_relaxed);
+  if (rate != 0.0) shared_->way.store(rate > 0.0 ? 1 : -1, std::memory_order_relaxed);
+}
+
+std::unique_lock<std::mutex> FrameSequence::waitAlone() const {
+  return std::unique_lock(loader_->alone);
+}
+
+bool FrameSequence::wait(std::span<const PlayMoment> moments, double seconds) const {
+  const auto until = Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                        std::chrono::duration<double>(seconds));
+  std::vector<int> needed;
+  for (const PlayMoment& at : moments) {
+    if (at.share < 1.0) needed.push_back(at.low);
+    if (at.share > 0.0) needed.push_back(at.high);
+  }
+  const auto known = [&] {
+    return std::all_of(needed.begin(), needed.end(), [&](int frame) {
+      return shared_->resident(frame) ||
+             shared_->missing[static_cast<std::size_t>(frame)].load(std::memory_order_acquire);
+    });
+  };
+  if (known()) return true;
+  std::unique_lock lock(loader_->mutex);
+  for (const int frame : needed) ++loader_->asked[frame];
+  loader_->changed.notify_all();
+  const bool done =
+      loader_->changed.wait_until(lock, until, [&] { return loader_->stop || known(); });
+  for (const int frame : needed) {
+    if (--loader_->asked[frame] == 0) loader_->asked.erase(frame);
+  }
+  return done;
+}
+
+std::uint64_t FrameSequence::neededFor(double speed) const noexcept {
+  // In addition to kLeastFrames: frames that were held lately, and one that is being loaded.
+  double shortest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 1; i < when_.times.size(); ++i) {
+    shortest = std::min(shortest, when_.times[i] - when_.times[i - 1]);
+  }
+  const double lately = std::chrono::duration<double>(kKept).count() * speed / shortest;
+  return kLeastFrames + 1 + static_cast<std::uint64_t>(std::min(std::ceil(lately - 1e-6), 1e9));
+}
+
+SequenceState FrameSequence::state() const {
+  SequenceState out;
+  out.frames = frames_.size();
+  out.slots = shared_->slots.size();
+  for (const Slot& slot : shared_->slots) {
+    if (slot.frame.load(std::memory_order_relaxed) < 0) continue;
+    ++out.resident;
+    out.bytes += slot.bytes.load(std::memory_order_relaxed);
+  }
+  const std::lock_guard lock(loader_->mutex);
+  out.fetched = loader_->fetched;
+  out.failed = loader_->failing.size();
+  return out;
+}
+
+std::vector<std::string> FrameSequence::takeTroubles() const {
+  const std::lock_guard lock(loader_->mutex);
+  return std::exchange(loader_->troubles, {});
+}
+
+}  // namespace palpate

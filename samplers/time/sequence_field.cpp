@@ -1,0 +1,361 @@
+#include "palpate/samplers/time/sequence_field.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <new>
+#include <span>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace palpate {
+namespace {
+
+using Hold = FrameSequence::Hold;
+
+/// Duration of a jump's fade [s].
+constexpr double kJump = 0.05;
+/// Largest distance between the place that play comes from and the shown place, weighted by the
+/// share of the shown place [frames]. At larger distances play has jumped.
+constexpr double kLittle = 0.005;
+/// Longest wait for frames in virtual time [s].
+constexpr double kPatience = 60.0;
+/// Most tries if frames are gone again before they are held.
+constexpr int kTries = 1000;
+/// Most frames that are read: two around the play, two that it fades from.
+constexpr std::size_t kFrames = 4;
+/// Readers that may be in ticks at the same time.
+constexpr std::size_t kSeats = 16;
+constexpr std::size_t kNoSeat = kSeats;
+
+/// A frame that a reader reads, with a cache of its own.
+struct Part {
+  Hold held;
+  std::uint64_t stay = 0;  ///< Hold::stay of the frame that the cache is for; 0: unused.
+  double weight = 0.0;     ///< Share in the blend.
+  FieldCache cache;
+};
+
+/// The frames that a reader reads in a tick. The caches outlast the tick, for the same reader's
+/// next one.
+struct Seat {
+  std::array<Part, kFrames> parts;
+  std::size_t count = 0;     ///< Number of parts that are read in this tick.
+  std::uint64_t reader = 0;  ///< Reader that the caches belong to.
+  std::atomic<bool> taken{false};
+};
+
+/// The blend that is read.
+struct Blend {
+  PlayMoment shown;      ///< Moment that is played.
+  PlayMoment left;       ///< Moment that play fades from while `arrived` is below 1.
+  double arrived = 1.0;  ///< Share of `shown`.
+
+  bool operator==(const Blend&) const = default;
+};
+
+/// The state of a reader from tick to tick.
+struct Reading : Blend {
+  std::uint64_t reader = 0;    ///< Number of the reader.
+  std::size_t seat = kNoSeat;  ///< Valid within a tick.
+  std::size_t last_seat = 0;
+  bool met = false;   ///< There was a tick.
+  bool late = false;  ///< The requested moment is not the shown one.
+};
+
+static_assert(sizeof(Reading) <= sizeof(FieldCache::bytes));
+static_assert(std::is_trivially_destructible_v<Reading>);
+
+std::uint64_t nextReader() noexcept {
+  static std::atomic<std::uint64_t> count{0};
+  return ++count;
+}
+
+/// Returns the frame of the first field. A blend of two distances is not a distance.
+FieldFrame frameOf(const FrameSequence& sequence) {
+  FieldFrame frame = sequence.frame();
+  frame.distance = false;
+  return frame;
+}
+
+/// The common part of scalar and vector fields.
+template <class Base>
+class SequenceField : public Base {
+ public:
+  explicit SequenceField(std::shared_ptr<const FrameSequence> sequence)
+      : Base(frameOf(*sequence)), sequence_(std::move(sequence)), seats_(kSeats) {}
+
+  void reset(FieldCache& memory) const noexcept final {
+    auto* reading = ::new (memory.bytes.data()) Reading;
+    reading->reader = nextReader();
+  }
+  [[nodiscard]] bool attends() const noexcept final { return true; }
+
+  bool attend(const Attention& at, FieldCache& memory) const noexcept final {
+    Reading& of = readingIn(memory);
+    const Blend before = of;
+    if (sequence_->waits()) {
+      attendWaiting(at, of);
+    } else {
+      attendAtOnce(at, of);
+    }
+    return !(before == of);
+  }
+
+  void leave(FieldCache& memory) const noexcept final {
+    Reading& of = readingIn(memory);
+    if (of.seat == kNoSeat) return;
+    Seat& seat = seats_[of.seat];
+    for (Part& part : seat.parts) part.held = {};
+    of.seat = kNoSeat;
+    seat.taken.store(false, std::memory_order_release);
+  }
+
+ protected:
+  using Own = std::shared_ptr<const Base>;
+
+  /// Returns the parts that are read now.
+  [[nodiscard]] std::span<Part> partsOf(FieldCache& memory) const noexcept {
+    const Reading& of = readingIn(memory);
+    if (of.seat == kNoSeat) return {};
+    Seat& seat = seats_[of.seat];
+    return std::span(seat.parts).first(seat.count);
+  }
+  /// Returns the sum of the parts' samples, each weighted by its share.
+  template <class Sample, class Derivative>
+  [[nodiscard]] Sample blended(const Vec3& p_W, FieldCache& memory,
+                               Derivative Sample::*derivative) const noexcept {
+    Sample out;
+    each(memory, [&](const Base& field, FieldCache& cache, double weight) {
+      const Sample s = field.sample(p_W, cache);
+      out.value += weight * s.value;
+      out.*derivative += weight * (s.*derivative);
+      out.inside = out.inside || s.inside;
+    });
+    out.coarse = out.inside && readingIn(memory).late;
+    return out;
+  }
+  [[nodiscard]] static const Base& fieldOf(const FieldPtr& field) noexcept {
+    return **std::get_if<Own>(&field);
+  }
+
+  /// Calls `read(field, cache, weight)` for each part, or for the first frame if there are no
+  /// parts.
+  template <class Read>
+  void each(FieldCache& memory, Read read) const noexcept {
+    const std::span<Part> parts = partsOf(memory);
+    for (Part& part : parts) read(fieldOf(part.held.field()), part.cache, part.weight);
+    if (!parts.empty()) return;
+    FieldCache own;
+    const Base& first = fieldOf(sequence_->firstField());
+    first.reset(own);
+    read(first, own, 1.0);
+  }
+
+ private:
+  /// The frames of a moment, as far as they are in memory.
+  struct Pair {
+    Hold low;
+    Hold high;           ///< Empty if it has no share.
+    double share = 0.0;  ///< Share of the high frame.
+    bool all = false;    ///< All frames with a share are there.
+  };
+
+  void attendAtOnce(const Attention& at, Reading& of) const noexcept {
+    const PlayMoment asked = sequence_->at(at.play);
+    sequence_->tell(asked, at.rate);
+    Pair shown = take(asked);
+    goOn(of, asked, shown.all, at);
+    if (of.late) shown = take(of.shown);
+    sit(of, std::move(shown), of.arrived < 1.0 ? take(of.left) : Pair{});
+  }
+
+  /// Attends a tick that waits for its available frames, until all are held at once.
+  void attendWaiting(const Attention& at, Reading& of) const noexcept {
+    const auto alone = sequence_->waitAlone();
+    const Reading before = of;
+    for (int i = 0; i < kTries; ++i) {
+      of = before;
+      const PlayMoment asked = sequence_->at(at.play);
+      sequence_->tell(asked, at.rate);
+      goOn(of, asked, true, at);
+      const std::array<PlayMoment, 2> needed{of.shown, of.arrived < 1.0 ? of.left : of.shown};
+      if (!sequence_->wait(needed, kPatience)) break;
+      // If a frame turns out to be missing, the moment is between other frames.
+      if (!of.late && !(sequence_->at(at.play) == asked)) continue;
+      Pair shown = take(of.shown);
+      Pair left = of.arrived < 1.0 ? take(of.left) : Pair{};
+      if (!shown.all || (of.arrived < 1.0 && !left.all)) continue;
+      return sit(of, std::move(shown), std::move(left));
+    }
+    sit(of, take(of.shown), {});
+  }
+
+  /// Sets the moment to show in a tick: continued play, the begin of a jump, or the moment shown
+  /// before. `there`: the frames of `asked` are in memory.
+  void goOn(Reading& of, const PlayMoment& asked, bool there, const Attention& at) const noexcept {
+    const double dt = at.dt > 0.0 ? at.dt : 0.0;
+    of.arrived = std::min(of.arrived + dt / kJump, 1.0);
+    const PlayMoment& shown = of.shown;
+    const bool meet = (shown.low == asked.low && shown.high == asked.high) ||
+                      shown.high == asked.low || shown.low == asked.high;
+    const PlayMoment from = sequence_->at(at.play - at.rate * dt);
+    const bool goes_on = meet && of.arrived * std::abs(sequence_->way(shown, from)) <= kLittle;
+    if (there && (goes_on || !of.met)) {
+      of.shown = asked;
+    } else if (there && of.arrived >= 1.0) {
+      of.left = std::exchange(of.shown, asked);
+      of.arrived = 0.0;
+    }
+    of.met = true;  // frames that are not there at once fade in from the first frame
+    of.late = !(of.shown == asked);
+  }
+
+  static Reading& readingIn(FieldCache& memory) noexcept {
+    return *std::launder(reinterpret_cast<Reading*>(memory.bytes.data()));
+  }
+
+  [[nodiscard]] Pair take(const PlayMoment& at) const noexcept {
+    Pair out;
+    out.share = at.low == at.high ? 0.0 : at.share;
+    if (out.share < 1.0) out.low = sequence_->hold(at.low);
+    if (out.share > 0.0) out.high = sequence_->hold(at.high);
+    out.all = (out.share >= 1.0 || out.low) && (out.share <= 0.0 || out.high);
+    return out;
+  }
+
+  /// Takes a seat, with the frames of the shown moment and of the moment that it fades from.
+  void sit(Reading& of, Pair shown, Pair left) const noexcept {
+    takeSeat(of);
+    if (of.seat == kNoSeat) {
+      of.late = true;
+      return;
+    }
+    Seat& seat = seats_[of.seat];
+    seat.count = 0;
+    if (!shown.all) {
+      of.shown = {};  // the first frame
+      of.late = true;
+      return;
+    }
+    const double arrived = left.all ? of.arrived : 1.0;
+    add(seat, std::move(shown.low), arrived * (1.0 - shown.share));
+    add(seat, std::move(shown.high), arrived * shown.share);
+    add(seat, std::move(left.low), (1.0 - arrived) * (1.0 - left.share));
+    add(seat, std::move(left.high), (1.0 - arrived) * left.share);
+  }
+
+  /// Takes a seat for a reader: its last seat, else any.
+  void takeSeat(Reading& of) const noexcept {
+    for (std::size_t n = 0; n < kSeats; ++n) {
+      const std::size_t at = (of.last_seat + n) % kSeats;
+      Seat& seat = seats_[at];
+      if (seat.taken.exchange(true, std::memory_order_acquire)) continue;
+      if (seat.reader != of.reader) {
+        seat.reader = of.reader;
+        for (Part& part : seat.parts) part.stay = 0;
+      }
+      of.seat = of.last_seat = at;
+      return;
+    }
+  }
+
+  void add(Seat& seat, Hold held, double weight) const noexcept {
+    if (!held || !(weight > 0.0)) return;
+    const std::uint64_t stay = held.stay();
+    const auto begin = seat.parts.begin();
+    const auto read = begin + static_cast<std::ptrdiff_t>(seat.count);
+    const auto is = [stay](const Part& part) { return part.stay == stay; };
+    if (const auto same = std::find_if(begin, read, is); same != read) {
+      same->weight += weight;
+      return;
+    }
+    // A part whose cache is for this frame, else any.
+    const auto known = std::find_if(read, seat.parts.end(), is);
+    if (known != seat.parts.end()) {
+      swapParts(*read, *known);
+    }
+    Part& part = *read;
+    part.held = std::move(held);
+    part.weight = weight;
+    if (part.stay != stay) {
+      part.stay = stay;
+      fieldOf(part.held.field()).reset(part.cache);
+    }
+    ++seat.count;
+  }
+  static void swapParts(Part& a, Part& b) noexcept {
+    if (&a == &b) return;
+    std::swap(a.cache, b.cache);
+    std::swap(a.stay, b.stay);
+  }
+
+  std::shared_ptr<const FrameSequence> sequence_;
+  mutable std::vector<Seat> seats_;
+};
+
+class SequenceScalar final : public SequenceField<ScalarField> {
+ public:
+  using SequenceField::SequenceField;
+
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    return blended(p_W, memory, &ScalarSample::gradient);
+  }
+  [[nodiscard]] double value(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    double sum = 0.0;
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      sum += weight * field.value(p_W, cache);
+    });
+    return sum;
+  }
+  [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    Vec3 sum = Vec3::Zero();
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      sum += weight * field.cellGradient(p_W, cache);
+    });
+    return sum;
+  }
+  [[nodiscard]] Mat3 gradientJacobian(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    Mat3 sum = Mat3::Zero();
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      sum += weight * field.gradientJacobian(p_W, cache);
+    });
+    return sum;
+  }
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   FieldCache& memory) const noexcept override {
+    const std::span<Part> parts = partsOf(memory);
+    if (parts.size() != 1) return ScalarField::firstFall(a_W, b_W, level, sign, memory);
+    return fieldOf(parts[0].held.field()).firstFall(a_W, b_W, level, sign, parts[0].cache);
+  }
+};
+
+class SequenceVector final : public SequenceField<VectorField> {
+ public:
+  using SequenceField::SequenceField;
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    return blended(p_W, memory, &VectorSample::jacobian);
+  }
+  [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order,
+                            FieldCache& memory) const noexcept override {
+    const std::span<Part> parts = partsOf(memory);
+    if (parts.size() != 1) return VectorField::trace(p_W, order, memory);
+    return fieldOf(parts[0].held.field()).trace(p_W, order, parts[0].cache);
+  }
+};
+
+}  // namespace
+
+FieldPtr makeSequenceField(std::shared_ptr<const FrameSequence> sequence) {
+  if (sequence->first()->info().vector) {
+    return std::make_shared<const SequenceVector>(std::move(sequence));
+  }
+  return std::make_shared<const SequenceScalar>(std::move(sequence));
+}
+
+}  // namespace palpate

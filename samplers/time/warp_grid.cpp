@@ -1,0 +1,427 @@
+#include "palpate/samplers/time/warp_grid.h"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <sstream>
+#include <utility>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/parallel.h"
+
+namespace palpate {
+namespace {
+
+constexpr std::size_t kAxes = 3;
+/// Numbers stored per vector.
+constexpr std::size_t kLanes = 4;
+using Lanes = Eigen::Array4f;
+/// Number of checks of a warp per interval between frames.
+constexpr std::size_t kParts = 4;
+/// Limit for how many times longer, or shorter, a length of matter may become.
+constexpr double kMostStretch = 10.0;
+/// Numbers stored per node and frame: u and its rate.
+constexpr std::size_t kNumbers = 2 * kLanes;
+
+/// The weights of three nodes at a distance t from the middle one, -1/2 to 1/2, and their
+/// derivatives.
+struct Weights {
+  explicit Weights(double t)
+      : value{0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)},
+        slope{t - 0.5, -2.0 * t, t + 0.5} {}
+  std::array<double, 3> value;
+  std::array<double, 3> slope;
+  std::array<double, 3> bend{1.0, -2.0, 1.0};
+};
+
+/// Place of a time among frames: weights of u and of its rate in two frames, and their rates.
+struct Moment {
+  std::size_t frame = 0;  ///< The first of two.
+  std::array<double, 4> value{1.0, 0.0, 0.0, 0.0};
+  std::array<double, 4> rate{};
+};
+
+class GridWarp final : public Warp {
+ public:
+  GridWarp(const DisplacementFrames& of, const WarpTimes& when)
+      : size_(of.size),
+        padded_{of.size[0] + 2, of.size[1] + 2, of.size[2] + 2},
+        count_(of.frames.size()),
+        second_(count_ > 1 ? kNumbers : 0),
+        times_(when.times),
+        repeat_(when.repeat),
+        origin_(of.origin),
+        index_from_rest_(of.axes.inverse()) {
+    nodes_.resize(static_cast<std::size_t>(padded_[0]) * static_cast<std::size_t>(padded_[1]) *
+                  static_cast<std::size_t>(padded_[2]) * count_ * kNumbers);
+    inParallel(count_, [&](std::size_t frame) { take(of.frames[frame], frame); });
+    takeRates();
+  }
+
+  [[nodiscard]] Displacement at(const Vec3& x, double time) const noexcept override {
+    const Vec3 index = index_from_rest_ * (x - origin_);
+    std::array<int, 3> middle{};
+    std::array<Weights, 3> w{Weights(0.0), Weights(0.0), Weights(0.0)};
+    for (std::size_t a = 0; a < kAxes; ++a) {
+      const double last = size_[a] - 1;
+      const double i = index[static_cast<Eigen::Index>(a)];
+      const double within = i > 0.0 ? std::min(i, last) : 0.0;  // NaN: 0
+      const int below = static_cast<int>(within);
+      middle[a] = within - below < 0.5 ? below : below + 1;
+      w[a] = Weights(within - middle[a]);
+      if (within != i) w[a].slope = w[a].bend = {};
+    }
+    const Moment moment = momentAt(time);
+    // Sums over nodes in floats, as these are stored: four lanes, the last one unused.
+    const auto lanes = [](const float* at) { return Lanes(Eigen::Map<const Lanes>(at)); };
+    std::array<float, 4> of{};
+    std::array<float, 4> by_time{};
+    for (std::size_t m = 0; m < 4; ++m) {
+      of[m] = static_cast<float>(moment.value[m]);
+      by_time[m] = static_cast<float>(moment.rate[m]);
+    }
+    std::array<Lanes, 11> sum;
+    sum.fill(Lanes::Zero());
+    for (std::size_t i = 0; i < 3; ++i) {
+      for (std::size_t j = 0; j < 3; ++j) {
+        // Along the last axis: u, its slope and bend, and its rate.
+        Lanes u = Lanes::Zero();
+        Lanes along = Lanes::Zero();
+        Lanes bent = Lanes::Zero();
+        Lanes rate = Lanes::Zero();
+        const float* node =
+            nodeAt(middle[0] + static_cast<int>(i), middle[1] + static_cast<int>(j), middle[2]) +
+            moment.frame * kNumbers;
+        for (std::size_t k = 0; k < 3; ++k, node += count_ * kNumbers) {
+          const Lanes u0 = lanes(node);
+          const Lanes r0 = lanes(node + kLanes);
+          const Lanes u1 = lanes(node + second_);
+          const Lanes r1 = lanes(node + second_ + kLanes);
+          const Lanes value = of[0] * u0 + of[1] * r0 + of[2] * u1 + of[3] * r1;
+          u += static_cast<float>(w[2].value[k]) * value;
+          along += static_cast<float>(w[2].slope[k]) * value;
+          bent += static_cast<float>(w[2].bend[k]) * value;
+          rate += static_cast<float>(w[2].value[k]) *
+                  (by_time[0] * u0 + by_time[1] * r0 + by_time[2] * u1 + by_time[3] * r1);
+        }
+        const auto weight = [](double a, double b) { return static_cast<float>(a * b); };
+        const float here = weight(w[0].value[i], w[1].value[j]);
+        sum[0] += here * u;
+        sum[1] += here * rate;
+        sum[2] += weight(w[0].slope[i], w[1].value[j]) * u;
+        sum[3] += weight(w[0].value[i], w[1].slope[j]) * u;
+        sum[4] += here * along;
+        // Second derivatives by two indices: 00, 11, 22, 01, 02, 12.
+        sum[5] += weight(w[0].bend[i], w[1].value[j]) * u;
+        sum[6] += weight(w[0].value[i], w[1].bend[j]) * u;
+        sum[7] += here * bent;
+        sum[8] += weight(w[0].slope[i], w[1].slope[j]) * u;
+        sum[9] += weight(w[0].slope[i], w[1].value[j]) * along;
+        sum[10] += weight(w[0].value[i], w[1].slope[j]) * along;
+      }
+    }
+    Displacement out;
+    const auto taken = [&](std::size_t n) { return Vec3(sum[n].head<3>().cast<double>()); };
+    out.shift = taken(0);
+    out.rate = taken(1);
+    Mat3 by_index;
+    by_index << taken(2), taken(3), taken(4);
+    const std::array<Vec3, 6> twice{taken(5), taken(6), taken(7), taken(8), taken(9), taken(10)};
+    out.slope = by_index * index_from_rest_;
+    for (std::size_t c = 0; c < kAxes; ++c) {
+      const auto n = static_cast<Eigen::Index>(c);
+      Mat3 S;
+      S << twice[0][n], twice[3][n], twice[4][n],  //
+          twice[3][n], twice[1][n], twice[5][n],   //
+          twice[4][n], twice[5][n], twice[2][n];
+      out.bend[c] = index_from_rest_.transpose() * S * index_from_rest_;
+    }
+    return out;
+  }
+
+  [[nodiscard]] Box shifts() const override { return shifts_; }
+  [[nodiscard]] double topSpeed() const override { return top_speed_; }
+  [[nodiscard]] double topAcceleration() const noexcept override { return top_acceleration_; }
+
+  /// Checks the warp at and between all nodes and frames. Throws if it folds space.
+  void look(const std::string& path) {
+    boundShifts();
+    std::mutex mutex;
+    const auto planes = static_cast<std::size_t>(2 * size_[0] - 1);
+    const Mat3 rest_from_index = index_from_rest_.inverse();
+    inParallel(planes, [&](std::size_t plane) {
+      double speed = 0.0;
+      for (int j = 0; j < 2 * size_[1] - 1; ++j) {
+        for (int k = 0; k < 2 * size_[2] - 1; ++k) {
+          // Nodes, and the middles of cells.
+          const bool even = plane % 2 == 0;
+          if ((j % 2 == 0) != even || (k % 2 == 0) != even) continue;
+          const Vec3 x = origin_ + rest_from_index * (0.5 * Vec3(static_cast<double>(plane), j, k));
+          for (std::size_t part = 0; part <= kParts * (count_ - 1); ++part) {
+            speed = std::max(speed, speedAt(x, part, path));
+          }
+        }
+      }
+      const std::lock_guard lock(mutex);
+      top_speed_ = std::max(top_speed_, speed);
+    });
+  }
+
+ private:
+  /// Returns a node by its index in the lattice with one more node at each end.
+  [[nodiscard]] const float* nodeAt(int i, int j, int k) const noexcept {
+    const auto row = static_cast<std::size_t>(i) * static_cast<std::size_t>(padded_[1]) +
+                     static_cast<std::size_t>(j);
+    return nodes_.data() +
+           (row * static_cast<std::size_t>(padded_[2]) + static_cast<std::size_t>(k)) * count_ *
+               kNumbers;
+  }
+  [[nodiscard]] float* nodeAt(int i, int j, int k) noexcept {
+    return const_cast<float*>(std::as_const(*this).nodeAt(i, j, k));
+  }
+
+  [[nodiscard]] Moment momentAt(double time) const noexcept {
+    Moment out;
+    if (count_ < 2) return out;
+    const double from = times_.front();
+    const double to = times_.back();
+    if (repeat_ && std::isfinite(time)) {
+      time = from + std::fmod(time - from, to - from);
+      if (time < from) time += to - from;
+    }
+    const bool held = !(time > from) || !(time < to);
+    const auto next = std::upper_bound(times_.begin() + 1, times_.end() - 1, time);
+    out.frame = static_cast<std::size_t>(next - times_.begin()) - 1;
+    const double length = times_[out.frame + 1] - times_[out.frame];
+    const double s = time > from ? std::min((time - times_[out.frame]) / length, 1.0) : 0.0;
+    out.value = {1.0 + s * s * (2.0 * s - 3.0), length * s * (s - 1.0) * (s - 1.0),
+                 s * s * (3.0 - 2.0 * s), length * s * s * (s - 1.0)};
+    if (held && !repeat_) return out;
+    const double bend = 6.0 * s * (s - 1.0) / length;
+    out.rate = {bend, (s - 1.0) * (3.0 * s - 1.0), -bend, s * (3.0 * s - 2.0)};
+    return out;
+  }
+
+  /// Computes the spline's coefficients of one frame, axis by axis: c[i-1] / 8 + 6 c[i] / 8 +
+  /// c[i+1] / 8 = u[i] along each line of nodes, with c[-1] = 2 c[0] - c[1] at its ends: no
+  /// curvature there.
+  void take(const std::vector<float>& u, std::size_t frame) {
+    std::vector<double> c(u.begin(), u.end());
+    const std::array<std::size_t, 3> size{static_cast<std::size_t>(size_[0]),
+                                          static_cast<std::size_t>(size_[1]),
+                                          static_cast<std::size_t>(size_[2])};
+    const std::array<std::size_t, 3> stride{kAxes * size[1] * size[2], kAxes * size[2], kAxes};
+    for (std::size_t axis = 0; axis < kAxes; ++axis) {
+      const std::size_t b = (axis + 1) % kAxes;
+      const std::size_t d = (axis + 2) % kAxes;
+      std::vector<double> sweep(size[axis]);
+      for (std::size_t m = 0; m < size[b]; ++m) {
+        for (std::size_t n = 0; n < size[d]; ++n) {
+          for (std::size_t component = 0; component < kAxes; ++component) {
+            filter(c.data() + m * stride[b] + n * stride[d] + component, stride[axis], sweep);
+          }
+        }
+      }
+    }
+    for (int i = 0; i < padded_[0]; ++i) {
+      for (int j = 0; j < padded_[1]; ++j) {
+        for (int k = 0; k < padded_[2]; ++k) {
+          float* to = nodeAt(i, j, k) + frame * kNumbers;
+          for (std::size_t component = 0; component < kAxes; ++component) {
+            to[component] =
+                static_cast<float>(reflected(c, {i - 1, j - 1, k - 1}, stride, component));
+          }
+        }
+      }
+    }
+  }
+
+  /// Solves for the coefficients of a line by Thomas' algorithm.
+  static void filter(double* line, std::size_t stride, std::vector<double>& sweep) {
+    const std::size_t last = sweep.size() - 1;
+    // At the ends u is the coefficient.
+    sweep[0] = 0.0;
+    for (std::size_t i = 1; i < last; ++i) {
+      const double pivot = 0.75 - 0.125 * sweep[i - 1];
+      sweep[i] = 0.125 / pivot;
+      line[i * stride] = (line[i * stride] - 0.125 * line[(i - 1) * stride]) / pivot;
+    }
+    for (std::size_t i = last; i-- > 1;) line[i * stride] -= sweep[i] * line[(i + 1) * stride];
+  }
+
+  /// Returns a coefficient; beyond the lattice's faces by reflection at the last ones.
+  [[nodiscard]] double reflected(const std::vector<double>& c, std::array<int, 3> node,
+                                 const std::array<std::size_t, 3>& stride,
+                                 std::size_t component) const {
+    for (std::size_t a = 0; a < kAxes; ++a) {
+      const int last = size_[a] - 1;
+      if (node[a] >= 0 && node[a] <= last) continue;
+      std::array<int, 3> face = node;
+      std::array<int, 3> inner = node;
+      face[a] = node[a] < 0 ? 0 : last;
+      inner[a] = node[a] < 0 ? 1 : last - 1;
+      return 2.0 * reflected(c, face, stride, component) - reflected(c, inner, stride, component);
+    }
+    std::size_t at = component;
+    for (std::size_t a = 0; a < kAxes; ++a) at += static_cast<std::size_t>(node[a]) * stride[a];
+    return c[at];
+  }
+
+  /// Computes the rate of each frame: the slope of the parabola through it and its neighbours.
+  void takeRates() {
+    const std::size_t all = nodes_.size() / (count_ * kNumbers);
+    if (count_ < 2) return;
+    inParallel(all, [&](std::size_t n) {
+      float* node = nodes_.data() + n * count_ * kNumbers;
+      for (std::size_t f = 0; f < count_; ++f) {
+        const bool first = f == 0;
+        const bool last = f + 1 == count_;
+        if ((first || last) && !repeat_) continue;
+        const std::size_t before = first ? count_ - 2 : f - 1;
+        const std::size_t after = last ? 1 : f + 1;
+        const double h0 =
+            first ? times_[count_ - 1] - times_[count_ - 2] : times_[f] - times_[before];
+        const double h1 = last ? times_[1] - times_[0] : times_[after] - times_[f];
+        for (std::size_t c = 0; c < kAxes; ++c) {
+          const double here = node[f * kNumbers + c];
+          const double d0 = (here - node[before * kNumbers + c]) / h0;
+          const double d1 = (node[after * kNumbers + c] - here) / h1;
+          node[f * kNumbers + kLanes + c] = static_cast<float>((d0 * h1 + d1 * h0) / (h0 + h1));
+        }
+      }
+    });
+  }
+
+  /// Sets shifts_ and top_acceleration_: splines, and cubics in Bezier's form, lie within their
+  /// coefficients.
+  void boundShifts() {
+    const std::size_t all = nodes_.size() / (count_ * kNumbers);
+    for (std::size_t n = 0; n < all; ++n) {
+      const float* node = nodes_.data() + n * count_ * kNumbers;
+      for (std::size_t f = 0; f < count_; ++f, node += kNumbers) {
+        const Vec3 u(node[0], node[1], node[2]);
+        const Vec3 rate(node[4], node[5], node[6]);
+        shifts_.extend(-u);
+        if (f > 0) shifts_.extend(-(u - (times_[f] - times_[f - 1]) / 3.0 * rate));
+        if (f + 1 == count_) continue;
+        const double h = times_[f + 1] - times_[f];
+        shifts_.extend(-(u + h / 3.0 * rate));
+        // A cubic's second derivative is linear: it is largest at an end.
+        const float* next = node + kNumbers;
+        const Vec3 way = (Vec3(next[0], next[1], next[2]) - u) / h;
+        const Vec3 after(next[4], next[5], next[6]);
+        top_acceleration_ =
+            std::max({top_acceleration_, (6.0 * way - 4.0 * rate - 2.0 * after).norm() / h,
+                      (6.0 * way - 2.0 * rate - 4.0 * after).norm() / h});
+      }
+    }
+  }
+
+  /// Checks one place, at a frame or a quarter of the way between two. Returns the speed there.
+  double speedAt(const Vec3& x, std::size_t part, const std::string& path) const {
+    const std::size_t frame = part / kParts;
+    double time = times_.empty() ? 0.0 : times_[frame];
+    const auto share = static_cast<double>(part % kParts) / kParts;
+    if (share > 0.0) time += share * (times_[frame + 1] - times_[frame]);
+    const Displacement u = at(x, time);
+    const Mat3 F = Mat3::Identity() + u.slope;
+    const Mat3 squares = F.transpose() * F;
+    Eigen::SelfAdjointEigenSolver<Mat3> stretch;
+    stretch.computeDirect(squares, Eigen::EigenvaluesOnly);
+    const double least = std::sqrt(std::max(stretch.eigenvalues()[0], 0.0));
+    const double most = std::sqrt(std::max(stretch.eigenvalues()[2], 0.0));
+    const bool folds = !(F.determinant() > 0.0);
+    if (folds || !(least >= 1.0 / kMostStretch) || !(most <= kMostStretch)) {
+      std::ostringstream where;
+      where.precision(3);
+      where << "at (" << x.x() << ", " << x.y() << ", " << x.z() << ") m and " << time
+            << " s the displacement ";
+      if (folds) {
+        where << "folds space";
+      } else {
+        where << "makes lengths " << 1.0 / most << " to " << 1.0 / least << " times what they are";
+      }
+      throw SceneError(path, where.str(),
+                       "is its sign or its unit another? else smooth it, or take less of it");
+    }
+    return (F.inverse() * u.rate).norm();
+  }
+
+  std::array<int, 3> size_;
+  std::array<int, 3> padded_;
+  std::size_t count_;   ///< Number of frames.
+  std::size_t second_;  ///< Step to the next frame in a node; 0 for a single frame.
+  std::vector<double> times_;
+  bool repeat_;
+  Vec3 origin_;
+  Mat3 index_from_rest_;
+  std::vector<float> nodes_;  ///< Spline coefficients by node, then by frame: u and its rate.
+  Box shifts_;
+  double top_speed_ = 0.0;
+  double top_acceleration_ = 0.0;
+};
+
+void check(const DisplacementFrames& of, const WarpTimes& when, const std::string& path) {
+  const std::size_t count = of.frames.size();
+  if (count == 0) throw SceneError(path, "there is no displacement", "name one");
+  if (when.times.size() != count && !(count == 1 && when.times.empty())) {
+    throw SceneError(path + "/times",
+                     std::to_string(when.times.size()) + " times of " + std::to_string(count) +
+                         " displacement fields",
+                     "give a time for each");
+  }
+  for (std::size_t i = 0; i < when.times.size(); ++i) {
+    const std::string here = path + "/times/" + std::to_string(i);
+    if (!(std::abs(when.times[i]) <= 1e9)) {
+      throw SceneError(here, "it is not a time within 30 years", "give seconds");
+    }
+    if (i > 0 && !(when.times[i] > when.times[i - 1])) {
+      throw SceneError(here, "the times do not ascend", "sort the frames by time");
+    }
+  }
+  checkWarpMemory(of.size, count, path);
+  for (std::size_t a = 0; a < kAxes; ++a) {
+    if (of.size[a] < 2) {
+      throw SceneError(path, "the displacement is one voxel thick", "give two or more each way");
+    }
+  }
+  double most = 0.0;
+  for (const std::vector<float>& frame : of.frames) {
+    for (const float u : frame) {
+      if (!std::isfinite(u)) throw SceneError(path, "a displacement is not finite", "repair it");
+      most = std::max(most, static_cast<double>(std::abs(u)));
+    }
+  }
+  if (!when.repeat) return;
+  if (count < 2) throw SceneError(path, "one frame has nothing to repeat", "give two or more");
+  constexpr double kSame = 1e-4;  // of the largest
+  for (std::size_t i = 0; i < of.frames.front().size(); ++i) {
+    if (std::abs(of.frames.front()[i] - of.frames.back()[i]) <= kSame * most) continue;
+    throw SceneError(path, "a repeated warp must end as it began",
+                     "make the last frame the first, or do not repeat");
+  }
+}
+
+}  // namespace
+
+void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const std::string& path) {
+  const double nodes = (size[0] + 2.0) * (size[1] + 2.0) * (size[2] + 2.0);
+  const double memory = nodes * static_cast<double>(frames * kNumbers * sizeof(float));
+  if (memory <= static_cast<double>(kMostWarpMemory)) return;
+  throw SceneError(path,
+                   std::to_string(frames) + " displacement fields are " +
+                       std::to_string(std::lround(memory / 1e6)) + " MB",
+                   "make them coarser: displacements are smooth");
+}
+
+WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when, const std::string& path) {
+  check(of, when, path);
+  auto warp = std::make_shared<GridWarp>(of, when);
+  warp->look(path);
+  return warp;
+}
+
+}  // namespace palpate

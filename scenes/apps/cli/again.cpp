@@ -1,0 +1,74 @@
+#include "palpate/scenes/apps/cli/again.h"
+
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <fmt/format.h>
+
+#include "palpate/scenes/apps/common/touch.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr double kGrid = 1e-5;  // [m]
+
+Vec3 roundedTo(const Vec3& p) {
+  return (p / kGrid).array().round().matrix() * kGrid;
+}
+
+}  // namespace
+
+std::string placeWords(const Vec3& p) {
+  std::string text;
+  for (int i = 0; i < 3; ++i) {
+    const double value = std::round(p[i] / kGrid) * kGrid;
+    text += fmt::format("{}{:.5g}", i == 0 ? "" : ",", value == 0.0 ? 0.0 : value);
+  }
+  return text;
+}
+
+std::optional<Again> againOf(const Most& most, const Scene& scene) {
+  Vec3 probe = most.probe;
+  Vec3 proxy = most.proxy;
+  if (most.motion) {
+    // Moves the moment to the motion's start: one pose moves proxy and hand.
+    const Vec3 rest = most.pose.toRest(proxy);
+    const Pose first = most.motion->poseOf(rest, 0.0);
+    probe = first(most.pose.toRest(probe));
+    proxy = first(rest);
+  }
+  const Vec3 pressed = probe - proxy;
+  const Vec3 into = pressed.norm() > 0.0 ? Vec3(pressed.normalized()) : Vec3::Zero();
+  Again best;
+  double least = std::numeric_limits<double>::infinity();
+  for (const double before : {1e-3, 5e-4, 2e-3, 1e-4, 0.0, 4e-3, 6e-3, 8e-3, 12e-3}) {
+    Again again;
+    again.at = roundedTo(proxy - before * into);
+    again.push = roundedTo(probe - again.at);
+    double off = 0.0;
+    if (scene.id == most.scene) {
+      constexpr double kTick = 1e-3;  // [s], as in explain
+      Reader reader;
+      ProxyState state(pathLimits());
+      static_cast<void>(restAt(scene, reader, state, again.at, kTick));
+      const Vec3 hand = again.at + again.push;
+      const StepReport r = hapticStep(scene, reader, {hand}, state, kTick);
+      // Compares the springs only: the damper depends on the hand's speed.
+      off = std::abs(r.stiffness * (r.proxy - hand).norm() - most.stiffness * pressed.norm());
+    }
+    if (off >= least) continue;
+    least = off;
+    best = again;
+  }
+  constexpr double kAlike = 0.1;
+  if (least > kAlike * most.stiffness * pressed.norm()) return std::nullopt;
+  return best;
+}
+
+std::string explainLine(const std::string& scene, const Again& again) {
+  return fmt::format("palpate explain {} --at {} --push {}", shellWord(scene), placeWords(again.at),
+                     placeWords(again.push));
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,251 @@
+/// palpate compare: checks whether two recordings feel alike.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/recording/recording.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/tick/step_report.h"
+#include "palpate/scenes/apps/cli/again.h"
+#include "palpate/scenes/apps/cli/recorded.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/build_scene.h"
+
+namespace palpate::cli {
+namespace {
+
+struct CompareOptions {
+  std::string a;
+  std::string b;
+  bool json = false;
+};
+
+/// Returns a field in which two ticks differ, among inputs or outputs.
+const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
+  const auto fields = recordedFields();
+  const auto* x = reinterpret_cast<const char*>(&a);
+  const auto* y = reinterpret_cast<const char*>(&b);
+  for (const RecordedField& field : fields) {
+    if (field.output != outputs) continue;
+    if (std::memcmp(x + field.offset, y + field.offset, sizeOf(field)) != 0) return &field;
+  }
+  return nullptr;
+}
+
+/// Returns a tick's inputs, without its duration, its lateness and the number of its scene.
+RecordedTick given(RecordedTick tick) {
+  tick.scene = 0;
+  tick.tick_ns = tick.wake_ns = tick.late_ticks = 0;
+  tick.missed = 0;
+  return tick;
+}
+
+Vec3 vector(const std::array<double, 3>& v) {
+  return {v[0], v[1], v[2]};
+}
+
+/// A largest value, and its tick.
+struct Largest {
+  double value = 0.0;
+  std::optional<RecordedTick> tick;
+
+  void add(double x, const RecordedTick& in) {
+    // A value that is not a number counts as the largest difference.
+    if (!std::isfinite(x)) x = std::numeric_limits<double>::infinity();
+    if (tick && !(x > value)) return;
+    value = x;
+    tick = in;
+  }
+  [[nodiscard]] OrderedJson json() const {
+    if (!tick || !(value > 0.0)) return nullptr;
+    return {{"by", std::isfinite(value) ? OrderedJson(value) : OrderedJson("not finite")},
+            {"tick", tick->tick},
+            {"time", tick->time},
+            {"hand", toJson(vector(tick->hand))},
+            {"proxy", toJson(vector(tick->proxy))}};
+  }
+};
+
+struct Difference {
+  std::int64_t ticks = 0;   ///< Ticks in both recordings.
+  std::int64_t only_a = 0;  ///< Ticks in only this recording.
+  std::int64_t only_b = 0;
+  std::int64_t differing = 0;              ///< Ticks with different outputs.
+  std::optional<RecordedTick> other_hand;  ///< First tick with a different input,
+  const char* given = "";                  ///< and its field.
+  std::optional<RecordedTick> first;       ///< First tick with a different output,
+  const char* field = "";                  ///< and its field.
+  Largest force;                           ///< [N]
+  Largest proxy;                           ///< [m]
+  std::map<std::string, std::array<std::int64_t, 2>> statuses;
+
+  [[nodiscard]] bool alike() const {
+    return ticks > 0 && differing == 0 && !other_hand && only_a == 0 && only_b == 0;
+  }
+};
+
+Difference compare(const Recording& a, const Recording& b) {
+  Difference d;
+  std::int64_t j = 0;
+  for (std::int64_t i = 0; i < a.size(); ++i) {
+    const RecordedTick x = a.tick(i);
+    while (j < b.size() && b.tick(j).tick < x.tick) ++j;
+    if (j == b.size() || b.tick(j).tick != x.tick) continue;
+    const RecordedTick y = b.tick(j++);
+    ++d.ticks;
+    if (!d.other_hand) {
+      if (const RecordedField* field = differing(given(x), given(y), false)) {
+        d.other_hand = x;
+        d.given = field->name;
+      }
+    }
+    const RecordedField* field = differing(x, y, true);
+    ++d.statuses[wordFor(telemetryOf(x).report.status)][0];
+    ++d.statuses[wordFor(telemetryOf(y).report.status)][1];
+    if (field == nullptr) continue;
+    ++d.differing;
+    if (!d.first) {
+      d.first = x;
+      d.field = field->name;
+    }
+    d.force.add((vector(x.force) - vector(y.force)).norm(), x);
+    d.proxy.add((vector(x.proxy) - vector(y.proxy)).norm(), x);
+  }
+  d.only_a = a.size() - d.ticks;
+  d.only_b = b.size() - d.ticks;
+  return d;
+}
+
+OrderedJson jsonOf(const Difference& d, const Recording& a, const Recording& b) {
+  const auto moment = [](const std::optional<RecordedTick>& tick, const char* field) {
+    if (!tick) return OrderedJson();
+    return OrderedJson{{"tick", tick->tick}, {"time", tick->time}, {"field", field}};
+  };
+  OrderedJson json;
+  json["identical"] = d.alike();
+  json["ticks"] = {a.size(), b.size()};
+  json["lost"] = {a.lost(), b.lost()};
+  json["torn"] = {a.torn(), b.torn()};
+  json["compared"] = d.ticks;
+  json["alone"] = {d.only_a, d.only_b};
+  json["differing"] = d.differing;
+  json["given_otherwise"] = moment(d.other_hand, d.given);
+  json["first"] = moment(d.first, d.field);
+  json["force"] = d.force.json();
+  json["proxy"] = d.proxy.json();
+  json["statuses"] = OrderedJson::object();
+  for (const auto& [word, counts] : d.statuses) json["statuses"][word] = counts;
+  return json;
+}
+
+void tell(const CompareOptions& options, const Difference& d, const Recording& a,
+          const Recording& b) {
+  const auto about = [](const char* what, const std::string& file, const Recording& r) {
+    const std::string missing = r.incomplete();
+    const std::string ticks = r.size() == 0
+                                  ? "no ticks"
+                                  : fmt::format("{} ticks, {} to {}", r.size(), r.tick(0).tick,
+                                                r.tick(r.size() - 1).tick);
+    say("{}         {}: {}{}\n", what, file, sentence(ticks),
+        sentence(missing.empty() ? missing : "; " + missing));
+  };
+  about("A", options.a, a);
+  about("B", options.b, b);
+  if (d.only_a > 0 || d.only_b > 0) {
+    say("alone     {} ticks are in A only, {} in B only\n", d.only_a, d.only_b);
+  }
+  if (d.ticks == 0) {
+    say("felt      no tick is in both\n");
+    return;
+  }
+  if (d.other_hand) {
+    say("given     other things from tick {} on ({} s): {}\n", d.other_hand->tick,
+        rounded(d.other_hand->time), d.given);
+  }
+  if (d.differing == 0) {
+    say("felt      the same to the last bit, {} ticks\n", d.ticks);
+    return;
+  }
+  say("felt      otherwise in {} of {} ticks, first in tick {} ({} s): {}\n", d.differing, d.ticks,
+      d.first->tick, rounded(d.first->time), d.field);
+  const auto by = [](double value, const char* unit) {
+    return sentence(std::isfinite(value) ? rounded(value) + " " + unit : "what is not finite");
+  };
+  say("force     by {} at most, proxy by {}\n", by(d.force.value, "N"),
+      by(1e3 * d.proxy.value, "mm"));
+  for (const auto& [word, counts] : d.statuses) {
+    if (counts[0] != counts[1]) say("status    {}: {}, {} ticks\n", word, counts[0], counts[1]);
+  }
+  if (d.force.tick && d.force.value > 0.0) {
+    const RecordedTick& most = *d.force.tick;
+    say("most      in tick {} ({} s), hand at {}, proxy at {}: {} N, and of B by {} another\n",
+        most.tick, rounded(most.time), placeWords(vector(most.hand)),
+        placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), by(d.force.value, "N"));
+  }
+}
+
+/// Returns the explain command for the largest difference, in A's scene; empty if it cannot be
+/// reproduced.
+std::string explained(const Recording& a, const Largest& force) {
+  if (!force.tick || !(force.value > 0.0)) return {};
+  try {
+    std::optional<SceneInput> scene = sceneAsItIs(a, force.tick->scene);
+    if (!scene) return {};
+    scene->spec.waits = true;
+    const BuiltScene built = buildScene(scene->spec, showProgress("loading"));
+    Most most;
+    most.probe = vector(force.tick->hand);
+    most.proxy = vector(force.tick->proxy);
+    most.stiffness = force.tick->stiffness;
+    most.scene = built.scene->id;
+    const std::optional<Again> again = againOf(most, *built.scene);
+    return again ? explainLine(scene->file, *again) : std::string();
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const std::exception&) {
+    return {};  // files are gone or memory is short: the difference is still printed
+  }
+}
+
+int compareThem(const CompareOptions& options) {
+  const Recording a(options.a);
+  const Recording b(options.b);
+  const Difference d = compare(a, b);
+  if (options.json) {
+    const std::string why = explained(a, d.force);
+    OrderedJson json = jsonOf(d, a, b);
+    json["explain"] = why.empty() ? OrderedJson() : OrderedJson(why);
+    sayJson(json);
+  } else {
+    tell(options, d, a, b);
+    const std::string why = explained(a, d.force);
+    if (!why.empty()) say("why       {}\n", sentence(why));
+  }
+  return d.alike() ? kDone : kEndedEarly;
+}
+
+}  // namespace
+
+void addCompare(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "compare", "Says whether two recordings feel alike, and if not, where and by how much");
+  auto options = std::make_shared<CompareOptions>();
+  verb->add_option("A", options->a, "A recording (palpate feel --record)")->required();
+  verb->add_option("B", options->b, "Another")->required();
+  verb->add_flag("--json", options->json, "Print it as JSON");
+  verb->footer(
+      "Exit status: 0 where they are the same to the last bit, 1 where they differ\n\n"
+      "Example:\n  palpate feel head.json --device replay:a.rec --record b.rec\n"
+      "  palpate compare a.rec b.rec");
+  verb->callback([=, &body] { body = [=] { return compareThem(*options); }; });
+}
+
+}  // namespace palpate::cli

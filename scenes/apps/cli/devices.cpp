@@ -1,0 +1,510 @@
+/// palpate devices: lists the connected arms and their limits, and tests these limits.
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <optional>
+#include <poll.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/arm/guardian.h"
+#include "palpate/devices/arm/self_test.h"
+#include "palpate/devices/arm/tested_arms.h"
+#include "palpate/devices/hid/arm_watch.h"
+#include "palpate/devices/hid/open_arm.h"
+#include "palpate/devices/hid/profile_facts.h"
+#include "palpate/devices/open_device.h"
+#include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/engine/loop/realtime.h"
+#include "palpate/engine/safety/limit_force.h"
+#include "palpate/scenes/apps/cli/test_arm.h"
+#include "palpate/scenes/apps/common/common.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr std::int64_t kPeriod = 1000000;  // [ns]
+// A Teensy in its bootloader.
+constexpr std::uint16_t kTeensyMaker = 0x16C0;
+constexpr std::uint16_t kTeensyBoot = 0x0478;
+
+OrderedJson limitsOf(const HidProfile& profile) {
+  const HidLimits& l = profile.limits;
+  OrderedJson json;
+  json["force"] = profile.output ? OrderedJson(l.force) : OrderedJson();
+  json["stiffness"] = profile.output ? OrderedJson(l.stiffness) : OrderedJson();
+  json["damping"] = profile.output ? OrderedJson(l.damping) : OrderedJson();
+  json["slew"] = l.slew;
+  json["workspace_radius"] = l.workspace_radius;
+  json["input_rate"] = profile.input_rate;
+  json["output_rate"] = profile.output_rate;
+  return json;
+}
+
+/// Returns why the arm cannot be used at present, with a remedy; empty: usable.
+std::string trouble(const FoundArm& arm) {
+  if (!arm.may_open) {
+    return fmt::format(
+        "you may not open it: put SUBSYSTEM==\"hidraw\", KERNEL==\"hidraw*\", "
+        "ATTRS{{idVendor}}==\"{:04x}\", ATTRS{{idProduct}}==\"{:04x}\", TAG+=\"uaccess\" in "
+        "/etc/udev/rules.d/70-palpate-arms.rules, then udevadm control --reload, and plug it in "
+        "again",
+        arm.device.vendor, arm.device.product);
+  }
+  if (const auto others = whoHas(arm.device.path); !others.empty()) {
+    return "another program has it: " + others[0] + ": end that first";
+  }
+  if (arm.profiles.size() > 1) {
+    std::string names;
+    for (const HidProfile& p : arm.profiles) names += (names.empty() ? "" : ", ") + p.name;
+    return "its numbers fit several profiles: name one of " + names;
+  }
+  return {};
+}
+
+OrderedJson factsIn(const HidProfile& profile) {
+  const ProfileFacts facts = factsOf(profile);
+  OrderedJson json;
+  json["home"] = {facts.home_W.x(), facts.home_W.y(), facts.home_W.z()};
+  json["step"] = facts.step;
+  json["carries"] = toJson(facts.carried_W);
+  json["moves"] = axisNames(axesWithin(facts.moves));
+  json["drives"] = axisNames(axesWithin(facts.drives));
+  json["motors"] = OrderedJson::array();
+  for (const MotorFact& motor : facts.motors) {
+    json["motors"].push_back({{"field", motor.field},
+                              {"asked", motor.asked},
+                              {"most", motor.room},
+                              {"continuous", motor.continuous},
+                              {"carries", motor.carries}});
+  }
+  return json;
+}
+
+/// Prints the interpretation of one profile, given by name or as a file.
+int show(const DevicesOptions& options) {
+  const std::optional<ArmName> parsed = parseArmName(options.profile);
+  if (parsed && parsed->profile.empty()) {
+    throw Error(options.profile, "it names no profile", "palpate devices lists them");
+  }
+  const HidProfile profile = namedProfile(parsed ? *parsed : ArmName{options.profile, ""},
+                                          [](const std::string& note) { complain(note); });
+  if (options.json) {
+    OrderedJson out;
+    out["name"] = profile.name;
+    out["file"] = profile.source;
+    out["firmware"] = profile.firmware;
+    out["limits"] = limitsOf(profile);
+    out["facts"] = factsIn(profile);
+    sayJson(out);
+    return kDone;
+  }
+  const ProfileFacts facts = factsOf(profile);
+  say("{}: {} ({})\n", profile.name, sentence(profile.description), sentence(profile.source));
+  say("  joints at home: the tip is at ({}, {}, {}) m in the hand's world\n",
+      rounded(facts.home_W.x()), rounded(facts.home_W.y()), rounded(facts.home_W.z()));
+  if (facts.step > 0.0 && profile.rate_control == 0.0) {
+    say("  in the middle a count of every joint moves the tip by {} mm at most\n",
+        rounded(1e3 * facts.step));
+  }
+  const ArmAxes moves = axesWithin(facts.moves);
+  const ArmAxes drives = axesWithin(facts.drives);
+  for (int a = 0; a < 3 && profile.output; ++a) {
+    if (!moves.has[static_cast<std::size_t>(a)]) {
+      say("  {}: it does not move there, and gives no force\n", moves.name(a));
+    } else if (!drives.has[static_cast<std::size_t>(a)]) {
+      say("  {}: {}\n", drives.name(a), kNoMotor);
+    }
+  }
+  for (const MotorFact& motor : facts.motors) {
+    const Legible ever = motor.continuous < motor.room
+                             ? words(", {} for ever", rounded(motor.continuous))
+                             : words("");
+    say("  {} N in the middle ask at most {} of {}, which gives at most {}{}{}\n",
+        rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room), ever,
+        motor.asked > motor.continuous ? ": there it is weakened" : "");
+  }
+  if (!profile.masses.empty()) {
+    say("  in the middle its motors carry {} N of its weight at the tip, ({}, {}, {})",
+        rounded(facts.carried_W.norm()), rounded(facts.carried_W.x()), rounded(facts.carried_W.y()),
+        rounded(facts.carried_W.z()));
+    for (const MotorFact& motor : facts.motors) {
+      say(", by {} of {}", rounded(motor.carries), motor.field);
+    }
+    say("\n");
+  }
+  if (profile.output) {
+    say("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
+        rounded(profile.limits.stiffness), rounded(profile.limits.damping),
+        rounded(profile.limits.workspace_radius));
+    say("  firmware: {}\n", sentence(profile.firmware));
+  }
+  return kDone;
+}
+
+/// Name and limits of a plug-in's arm, as openAnyArm uses them.
+struct NamedPluginArm {
+  std::string name;
+  std::optional<DeviceInfo> info;  ///< Limits, as after a test; unset if the arm is not usable.
+  bool tested = false;
+  std::string trouble;
+};
+
+NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
+  NamedPluginArm named;
+  const std::string of = "plugin:" + plugin.name;
+  named.name = of + (arm.serial.empty() ? "" : "@" + arm.serial);
+  named.trouble = arm.trouble;
+  if (!arm.facts) return named;
+  try {
+    named.info = infoFor(*arm.facts, named.name, true);
+    named.tested = isTested(identityOf(*arm.facts, arm.carries, of, plugin.version, arm.serial));
+  } catch (const Error& error) {
+    named.trouble = error.what();
+  }
+  return named;
+}
+
+OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
+  OrderedJson all = OrderedJson::array();
+  const auto or_null = [](const std::string& text) {
+    return text.empty() ? OrderedJson() : OrderedJson(text);
+  };
+  for (const FoundPlugin& plugin : plugins) {
+    OrderedJson json;
+    json["name"] = plugin.name;
+    json["file"] = plugin.file.string();
+    json["description"] = plugin.what;
+    json["version"] = plugin.version;
+    json["licence"] = plugin.licence;
+    json["trouble"] = or_null(plugin.trouble);
+    json["arms"] = OrderedJson::array();
+    for (const FoundPluginArm& arm : plugin.arms) {
+      const NamedPluginArm named = namedOf(plugin, arm);
+      OrderedJson one;
+      one["device"] = named.name;
+      one["model"] = arm.model;
+      one["tested"] = named.tested;
+      one["trouble"] = or_null(named.trouble);
+      if (named.info) {
+        const DeviceInfo& info = *named.info;
+        one["limits"] = {{"force", info.limits.peak},
+                         {"stiffness", info.max_stiffness},
+                         {"damping", info.max_damping},
+                         {"slew", info.limits.slew},
+                         {"workspace_radius", info.workspace_radius},
+                         {"input_rate", arm.facts->rate},
+                         {"output_rate", info.output_rate}};
+        one["buttons"] = info.handle.buttons;
+        one["orientation"] = info.handle.orientation;
+        one["gripper"] = info.handle.gripper;
+        one["source"] = info.source;
+      }
+      json["arms"].push_back(one);
+    }
+    all.push_back(json);
+  }
+  return all;
+}
+
+void sayPlugins(const std::vector<FoundPlugin>& plugins) {
+  for (const FoundPlugin& plugin : plugins) {
+    if (!plugin.trouble.empty()) say("{}\n", sentence(plugin.trouble));
+    for (const FoundPluginArm& arm : plugin.arms) {
+      const NamedPluginArm named = namedOf(plugin, arm);
+      say("{}\n  {}, by {} {}\n", named.name, sentence(arm.model), sentence(plugin.what),
+          plugin.version);
+      if (named.info && named.info->hand) {
+        const DeviceInfo& info = *named.info;
+        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+            rounded(info.limits.peak), rounded(info.max_stiffness), rounded(info.max_damping),
+            rounded(arm.facts->rate), rounded(info.output_rate), rounded(info.workspace_radius));
+        say("    {}\n", sentence(info.source));
+        if (!named.tested) {
+          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+              kUntestedStiffness, named.name);
+        }
+      } else if (named.info) {
+        say("  moves the hand, gives no force\n");
+      }
+      if (!named.trouble.empty()) say("  {}\n", sentence(named.trouble));
+    }
+  }
+}
+
+int list(const DevicesOptions& options) {
+  std::vector<std::string> notes;
+  const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
+  for (const std::string& note : notes) complain(note);
+  const std::vector<FoundArm> arms = findArms(profiles);
+  const std::vector<FoundPlugin> plugins = findPlugins();
+  std::vector<std::string> others;
+  for (const HidDeviceName& device : listHid()) {
+    if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
+    others.push_back(device.path + ": a Teensy without a program: load its firmware");
+  }
+  if (options.json) {
+    OrderedJson out;
+    out["arms"] = OrderedJson::array();
+    for (const FoundArm& arm : arms) {
+      for (const HidProfile& profile : arm.profiles) {
+        OrderedJson json;
+        json["device"] = arm.nameAs(profile);
+        json["path"] = arm.device.path;
+        json["description"] = profile.description;
+        json["firmware"] = profile.firmware;
+        json["tested"] = isTested(identityOf(profile, arm.identity()));
+        const auto wrong = arm.against(profile);
+        const std::string what = wrong ? wrong->what() : trouble(arm);
+        json["trouble"] = what.empty() ? OrderedJson() : OrderedJson(what);
+        json["limits"] = limitsOf(profile);
+        json["sources"] = profile.sources;
+        out["arms"].push_back(json);
+      }
+    }
+    out["profiles"] = OrderedJson::array();
+    for (const HidProfile& profile : profiles) {
+      out["profiles"].push_back({{"name", profile.name},
+                                 {"description", profile.description},
+                                 {"file", profile.source},
+                                 {"limits", limitsOf(profile)},
+                                 {"facts", factsIn(profile)},
+                                 {"sources", profile.sources}});
+    }
+    out["plugins"] = inJson(plugins);
+    out["notes"] = notes;
+    out["known"] = OrderedJson::array();
+    for (const KnownArm& arm : knownArms()) {
+      out["known"].push_back({{"name", arm.name},
+                              {"force", arm.force},
+                              {"stiffness", arm.stiffness},
+                              {"damping", arm.damping},
+                              {"workspace_radius", arm.workspace_radius},
+                              {"transport", arm.transport},
+                              {"source", arm.source}});
+    }
+    sayJson(out);
+    return kDone;
+  }
+  const bool none = std::all_of(plugins.begin(), plugins.end(),
+                                [](const FoundPlugin& plugin) { return plugin.arms.empty(); });
+  if (arms.empty()) {
+    say("no arm is plugged in that a profile {}knows\n", none ? "or plug-in " : "");
+  }
+  sayPlugins(plugins);
+  for (const FoundArm& arm : arms) {
+    for (const HidProfile& profile : arm.profiles) {
+      say("{}\n  {}, {} ({})\n", arm.nameAs(profile), sentence(profile.description),
+          arm.device.path, arm.device.product_name);
+      if (profile.output) {
+        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+            rounded(profile.limits.force), rounded(profile.limits.stiffness),
+            rounded(profile.limits.damping), rounded(profile.input_rate),
+            rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
+        say("  firmware: {}\n", sentence(profile.firmware));
+        if (!isTested(identityOf(profile, arm.identity()))) {
+          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+              kUntestedStiffness, arm.nameAs(profile));
+        }
+      } else {
+        say("  moves the hand, gives no force\n");
+      }
+      for (const auto& [pointer, source] : profile.sources) {
+        say("    {}: {}\n", pointer, sentence(source));
+      }
+      if (const auto wrong = arm.against(profile)) say("  {}\n", sentence(wrong->what()));
+    }
+    if (const std::string what = trouble(arm); !what.empty()) say("  {}\n", sentence(what));
+  }
+  for (const std::string& other : others) say("{}\n", sentence(other));
+  say("\nprofiles: ");
+  for (const HidProfile& p : profiles) say("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
+  say("; your own in {}\nplug-ins: ", hidProfileFolder().string());
+  for (const FoundPlugin& p : plugins) say("{}{}", &p == &plugins[0] ? "" : ", ", p.name);
+  say("{} (docs/plugins.md)\n\nlimits of known arms, by their sources:\n",
+      plugins.empty() ? "none" : "");
+  for (const KnownArm& arm : knownArms()) {
+    say("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name, rounded(arm.force),
+        rounded(arm.stiffness), rounded(arm.damping), rounded(arm.workspace_radius), arm.transport,
+        sentence(arm.source));
+  }
+  return kDone;
+}
+
+/// Repeated readings of an arm; on a terminal each replaces the last.
+class Pictures {
+ public:
+  explicit Pictures(double seconds) : seconds_(seconds), begin_(nowNs()), next_(often()) {
+    struct sigaction action {};
+    action.sa_handler = [](int signal) { interrupted = signal; };
+    sigemptyset(&action.sa_mask);
+    for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  }
+  [[nodiscard]] double since() const { return 1e-9 * static_cast<double>(nowNs() - begin_); }
+  [[nodiscard]] bool over() const { return seconds_ > 0.0 && since() >= seconds_; }
+  /// Returns true if the next reading is due.
+  [[nodiscard]] bool due() {
+    const bool is = since() >= next_;
+    if (is) next_ += often();
+    return is;
+  }
+  /// Returns false if output fails.
+  [[nodiscard]] bool show(const std::string& text) const {
+    if (terminal_) sayRaw("\x1b[H\x1b[J");
+    std::istringstream lines(text + "\n");
+    for (std::string line; std::getline(lines, line);) say("{}\n", sentence(line));
+    return std::fflush(stdout) == 0;
+  }
+
+ private:
+  [[nodiscard]] double often() const { return terminal_ ? 0.25 : 0.5; }  // [s]
+  bool terminal_ = isatty(STDOUT_FILENO) == 1;
+  double seconds_;
+  std::int64_t begin_;
+  double next_;
+};
+
+/// Returns one reading as text.
+std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::string& not_ready) {
+  const Vec3& p = hand.position;
+  std::string text =
+      fmt::format("tip at ({:.5f}, {:.5f}, {:.5f}) m in the hand's world, {:.3f} s ago\n", p.x(),
+                  p.y(), p.z(), hand.age);
+  const Handle& handle = hand.handle;
+  if (info.velocity) {
+    text += fmt::format("velocity {:.3f} m/s\n", Vec3(handle.velocity.data()).norm());
+  }
+  if (info.orientation) {
+    const auto& q = handle.orientation;
+    text += fmt::format("held at w, x, y, z = {:.4f}, {:.4f}, {:.4f}, {:.4f}\n", q[0], q[1], q[2],
+                        q[3]);
+  }
+  if (info.gripper) text += fmt::format("gripper {:.4f}\n", handle.gripper);
+  for (std::size_t i = 0; i < info.joints; ++i) {
+    text += fmt::format("joint {} {:>10.5f}\n", i + 1, handle.joints[i]);
+  }
+  for (std::size_t i = 0; i < info.buttons.size(); ++i) {
+    const bool pressed = (handle.buttons >> i & 1U) != 0;
+    text += fmt::format("{}: {}\n", info.buttons[i], pressed ? "pressed" : "not pressed");
+  }
+  if (hand.fault != Fault::kNone) {
+    text += fmt::format("fault: {}: {}\n", wordsFor(hand.fault), remedyFor(hand.fault));
+  } else if (!hand.ready) {
+    text += "not ready: " + not_ready + "\n";
+  }
+  return text;
+}
+
+/// Shows the readings of a plug-in's arm. Opens it and makes it ready, with zero force.
+int watchPlugin(const DevicesOptions& options) {
+  Pictures pictures(options.seconds);
+  ArmHost host;
+  host.say = [](const std::string& words) { complain("devices: " + words); };
+  host.stop = [] { return interrupted != 0; };
+  const std::unique_ptr<Arm> arm = openAnyArm(options.watch, host).device;
+  while (interrupted == 0) {
+    const HandState hand = arm->read();
+    arm->write(Vec3::Zero());
+    const bool over = pictures.over();
+    if (pictures.due() || over) {
+      const std::string head =
+          fmt::format("{:.1f} s, {}; zero force\n", pictures.since(), options.watch);
+      if (!pictures.show(head + pictureOf(hand, arm->info().handle, arm->whyNotReady()))) {
+        return kEndedEarly;
+      }
+    }
+    if (over) return kDone;
+    sleepUntil(nowNs() + kPeriod);
+  }
+  return kInterrupted;
+}
+
+/// Shows an arm's readings repeatedly. Sends nothing, so that another program may drive the arm at
+/// the same time.
+int watch(const DevicesOptions& options) {
+  if (parsePluginName(options.watch)) return watchPlugin(options);
+  Pictures pictures(options.seconds);
+  const bool arm = parseArmName(options.watch).has_value();
+  const ChosenArm chosen = findArm(arm ? options.watch : "hid:" + options.watch,
+                                   [](const std::string& words) { complain("devices: " + words); });
+  const auto wrong = chosen.arm.against(chosen.profile);
+  const auto port = openHidToRead(chosen.arm.device.path);
+  ArmWatch watch(chosen.profile);
+  constexpr std::int64_t kLook = 5000000;  // [ns]: a few reports; the kernel keeps 63
+  while (interrupted == 0) {
+    const bool gone = watch.take(*port, nowNs()) == ReadStatus::kGone;
+    const bool over = pictures.over();
+    if (pictures.due() || gone || over) {
+      std::string text = fmt::format("{:.1f} s, {} on {}; nothing is sent\n", pictures.since(),
+                                     chosen.arm.nameAs(chosen.profile), chosen.arm.device.path);
+      if (wrong) text += std::string(wrong->what()) + "\n";
+      if (chosen.profile.home_at_open) {
+        text += "its home pose is how it was first seen: " + chosen.profile.home_words + "\n";
+      } else if (!chosen.profile.home.empty()) {
+        text += "joints are true if it has been homed since it was switched on\n";
+      }
+      text += watch.picture(nowNs());
+      if (!pictures.show(text)) return kEndedEarly;
+    }
+    if (gone) {
+      complain("devices: it was unplugged: plug it in again, and watch it again");
+      return kEndedEarly;
+    }
+    if (over) return kDone;
+    sleepUntil(nowNs() + kLook);
+  }
+  return kInterrupted;
+}
+
+}  // namespace
+
+void addDevices(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "devices", "What arms are plugged in, their limits and where those come from; tests one");
+  auto options = std::make_shared<DevicesOptions>();
+  verb->add_option("PROFILE", options->profile,
+                   "What a profile's numbers come to: a name, or a file");
+  verb->add_option("--test", options->test,
+                   "Tests an arm, as hid:polhem: rates, steps, friction, motors' signs");
+  CLI::Option* watched = verb->add_option(
+      "--watch", options->watch,
+      "Shows what an arm says, live: reports, fields, joints, tip, flags; sends nothing");
+  verb->add_option("--seconds", options->seconds, "How long to watch [s] (default: till Ctrl-C)")
+      ->check(CLI::PositiveNumber)
+      ->needs(watched);
+  verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
+  verb->add_option("--ruler", options->ruler,
+                   "How far you move the tip along each axis so that the test knows its scale [m] "
+                   "(default 0.1, of a small arm less; 0: leave it out, and the arm stays held)");
+  verb->add_flag("-v,--verbose", options->verbose,
+                 "With --test: say as well how a coupling's room is known");
+  verb->add_flag("--json", options->json, "Print JSON");
+  verb->footer(
+      "Example:\n  palpate devices mine.json\n  palpate devices --watch hid:mine\n"
+      "  palpate devices --test hid:polhem");
+  verb->callback([=, &body] {
+    body = [=] {
+      if (!options->test.empty() && !options->profile.empty()) {
+        throw Error(options->profile, "--test names its own arm", "leave one of them out");
+      }
+      if (!options->watch.empty()) {
+        if (!options->test.empty() || !options->profile.empty() || options->json) {
+          throw Error("--watch", "it names its own arm, and writes for eyes",
+                      "leave --test, --json and the profile out");
+        }
+        return watch(*options);
+      }
+      if (!options->profile.empty()) return show(*options);
+      return options->test.empty() ? list(*options) : testArm(*options);
+    };
+  });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,312 @@
+#!/usr/bin/python3
+"""Draws a run of `palpate feel`: JSON on standard input, a picture on standard output.
+
+The argument is the format, png, pdf or svg. With --check the program only checks whether matplotlib is installed.
+"""
+import sys
+
+sys.dont_write_bytecode = True  # for the imported module in this folder
+
+from picture_style import AXES, BLUE, GREEN, ORANGE, RED, SKY, save, use  # noqa: E402
+
+import json  # noqa: E402
+import math  # noqa: E402
+
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+from matplotlib.collections import LineCollection  # noqa: E402
+from matplotlib.colors import ListedColormap  # noqa: E402
+from matplotlib.lines import Line2D  # noqa: E402
+from matplotlib.patheffects import Stroke, Normal  # noqa: E402
+
+# The layout of a page, from the left and from the top [in]. It does not depend on the content.
+WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
+GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
+TITLE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.36, 0.4, 1.1, 0.15
+ROBUST = (0.5, 99.5)  # [%] of the values: values outside are black or white
+FAR = 0.1             # relative to the longest side: at this distance a path has its least opacity
+FAINT = 0.2
+LEVELS = ((SKY, "-"), (GREEN, "--"), (ORANGE, ":"), (RED, "-."))
+# The patient's directions along -x and +x, -y and +y, -z and +z.
+LETTERS = (("L", "R"), ("P", "A"), ("I", "S"))
+# The least force is visible on black; on white the rim makes the largest force visible.
+FORCES = ListedColormap(plt.get_cmap("plasma")(np.linspace(0.4, 0.97, 256)))
+RIM, RIM_ALPHA, LINE_WIDTH = 1.8, 0.6, 1.0
+MOST = {"marker": "o", "linestyle": "none", "markersize": 5, "markerfacecolor": "none",
+        "markeredgecolor": "white", "markeredgewidth": 0.9,
+        "path_effects": [Stroke(linewidth=1.8, foreground="black"), Normal()]}
+
+
+def words(text, unit):
+    return f"{text} [{unit}]" if unit else text
+
+
+def amount(value, unit):
+    digits = ".0f" if 1e3 <= abs(value) < 1e6 else ".3g"
+    return f"{value:{digits}} {unit}".rstrip()
+
+
+def grey_range(slices):
+    """Returns one range for all slices: robust, not empty, without the unknown values."""
+    values = np.concatenate([s[np.isfinite(s)] for s in slices])
+    if not len(values):
+        return 0.0, 1.0
+    low, high = np.percentile(values, ROBUST)
+    if high <= low:  # nearly all values are equal
+        low, high = values.min(), values.max()
+    return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
+
+
+def longest_of(field):
+    """Returns the length that few vectors in the slices exceed; 0 without vectors."""
+    lengths = [math.hypot(*v) for piece in field["slices"] for line in piece.get("vectors", [])
+               for v in line if v is not None]
+    return float(np.percentile(lengths, 98)) if lengths else 0.0
+
+
+def thinned(path, force, step):
+    """Returns rows of a path: the ends of every stretch of length `step`, and the row of the largest force."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    leaves = np.flatnonzero(np.diff(np.floor(way / step)))
+    more = [0, int(np.argmax(force)), len(path) - 1]
+    return np.unique(np.concatenate([leaves, leaves + 1, more]))
+
+
+def path_mark(alpha):
+    return (Line2D([], [], color="black", alpha=RIM_ALPHA * alpha, linewidth=RIM),
+            Line2D([], [], color=FORCES(0.6), alpha=alpha, linewidth=LINE_WIDTH))
+
+
+class Picture:
+    """A row of three slices for each field, and the force over time."""
+
+    def __init__(self, data):
+        self.data = data
+        self.low, self.high = np.array(data["extent"], dtype=float)
+        self.size = self.high - self.low
+        self.through = np.array(data["through"], dtype=float)
+        self.unit = data["space"]["unit"]
+        ticks = np.array(data["ticks"], dtype=float).reshape(-1, 7)
+        self.time, self.path, self.forces = ticks[:, 0], ticks[:, 1:4], ticks[:, 4:7]
+        self.force = np.linalg.norm(self.forces, axis=1)
+        self.most = float(self.force.max()) if len(self.force) else 0.0
+        self.far = FAR * self.size.max()
+        fields = data["fields"]
+        self.levels = {}  # the colour and line of each field and mode
+        for field in fields:
+            for level in field["levels"]:
+                self.levels[field["name"], level["mode"]] = LEVELS[len(self.levels) % len(LEVELS)]
+
+        self.arrows = {field["name"]: longest for field in fields
+                       if (longest := longest_of(field)) > 0.0}
+        marks = self.legend()
+        # All slices have the same scale.
+        self.scale = min(PANELS / (2 * self.size[0] + self.size[1]),
+                         HIGHEST / max(self.size[1], self.size[2]))
+        row = ROW_TITLE + max(1.0, self.scale * max(self.size[1], self.size[2])) + LABELS
+        longest = max(map(len, marks))
+        columns = 3 if longest < 45 else 2 if longest < 70 else 1
+        legend = LINE * math.ceil(len(marks) / columns) + 0.1
+        first = TITLE + legend
+        self.height = first + row * len(fields) + 0.1 + TIME + LABELS + NOTE
+        self.figure = plt.figure(figsize=(WIDTH, self.height))
+        for number, field in enumerate(fields):
+            self.draw_field(number + 1, field, first + number * row + ROW_TITLE)
+        if fields:
+            height = len(fields) * row - ROW_TITLE - LABELS
+            bar = self.axes(FORCE_BAR, first + ROW_TITLE, BAR, height)
+            self.figure.colorbar(self.forces_map(), cax=bar, label="force on the hand [N]")
+        top = first + len(fields) * row + 0.1
+        self.draw_time(self.axes(LEFT, top, PANELS + 2 * GAP, TIME))
+        self.draw_legend(marks, columns)
+        where = "through the place of most force" if data["felt"] else "through the middle"
+        self.figure.text(LEFT / WIDTH, 1 - 0.06 / self.height, f"{data['scene']}: slices {where}",
+                         fontsize=8, va="top", parse_math=False)
+        self.figure.text(LEFT / WIDTH, 0.05 / self.height, self.note(), fontsize=6,
+                         parse_math=False)
+
+    def axes(self, left, top, width, height):
+        """Adds axes at a place [in]."""
+        return self.figure.add_axes((left / WIDTH, 1 - (top + height) / self.height, width / WIDTH,
+                                     height / self.height))
+
+    def note(self):
+        """Describes the axes."""
+        space = self.data["space"]
+        time = self.data["stands_at"]
+        when = "" if time is None else f"; what moves is where it was at {time:.2f} s"
+        if not space["patient"]:
+            return "axes: the hand's space, z up" + when
+        ratio = f"1 {self.unit or 'unit'} of the patient is {space['hand_mm']:.3g} mm of the hand"
+        return f"axes: the patient's, x to the right, y to the front, z up; {ratio}{when}"
+
+    def forces_map(self):
+        return plt.cm.ScalarMappable(plt.Normalize(0.0, self.most or 1.0), FORCES)
+
+    def draw_field(self, number, field, top):
+        slices = [np.array(piece["values"], dtype=float) for piece in field["slices"]]
+        low, high = grey_range(slices)
+        longest = self.arrows.get(field["name"], 0.0)
+        title = field["name"] + (f", on {field['label']}" if field["kind"] == "axial" else "")
+        self.figure.text(LEFT / WIDTH, 1 - (top - ROW_TITLE + 0.02) / self.height, title,
+                         fontsize=8, fontweight="bold", va="top", parse_math=False)
+        left = LEFT
+        for piece, values in zip(field["slices"], slices):
+            a, b = piece["axes"]
+            width, height = self.scale * self.size[[a, b]]
+            ax = self.axes(left, top, width, height)
+            left += width + GAP
+            extent = (self.low[a], self.high[a], self.low[b], self.high[b])
+            ax.set_facecolor("#CFE3F2")  # the colour of unknown values
+            image = ax.imshow(values, origin="lower", extent=extent, cmap="gray", vmin=low,
+                              vmax=high)
+            image.set_gid(f"slice-{number}-{AXES[a]}{AXES[b]}")
+            self.draw_levels(ax, field, values, extent)
+            if longest > 0.0:
+                self.draw_vectors(ax, field, piece, longest)
+            self.draw_path(ax, a, b)
+            self.draw_axes(ax, a, b)
+        bar = self.axes(GREY_BAR, top, BAR, max(1.0, self.scale * self.size[[1, 2]].max()))
+        every = np.concatenate([s[np.isfinite(s)] for s in slices] or [np.zeros(0)])
+        below, above = bool((every < low).any()), bool((every > high).any())
+        extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        self.figure.colorbar(image, cax=bar, extend=extend.get((below, above), "neither"))
+        bar.set_ylabel(words(field["label"], field["unit"]), parse_math=False)
+        for level in field["levels"]:
+            if low < level["value"] < high:
+                colour, style = self.levels[field["name"], level["mode"]]
+                bar.axhline(level["value"], color=colour, linestyle=style, linewidth=1.2)
+
+    def draw_levels(self, ax, field, values, extent):
+        for level in field["levels"]:
+            if not np.nanmin(values) < level["value"] < np.nanmax(values):
+                continue
+            colour, style = self.levels[field["name"], level["mode"]]
+            ax.contour(np.ma.masked_invalid(values), levels=[level["value"]], origin="lower",
+                       extent=extent, colors=colour, linestyles=style, linewidths=0.8)
+
+    def draw_vectors(self, ax, field, piece, longest):
+        """Draws arrows, or lines without heads if the sign has no meaning; the longest ones fill a cell."""
+        a, b = piece["axes"]
+        rows = piece["vectors"]
+        nothing = [np.nan, np.nan]
+        vectors = np.array([[v or nothing for v in line] for line in rows], dtype=float)
+        count = vectors.shape[:2]
+        x = self.low[a] + (np.arange(count[1]) + 0.5) / count[1] * self.size[a]
+        y = self.low[b] + (np.arange(count[0]) + 0.5) / count[0] * self.size[b]
+        cell = min(self.size[a] / count[1], self.size[b] / count[0])
+        known = np.isfinite(vectors[..., 0])
+        lengths = np.hypot(vectors[..., 0], vectors[..., 1])
+        known &= lengths > 0.1 * longest  # a dot shows no direction
+        # Longer vectors are cut to the robust length.
+        shown = vectors / np.maximum(1.0, lengths / longest)[..., None]
+        grid = np.meshgrid(x, y)
+        axial = field["kind"] == "axial"
+        heads = {"headwidth": 0, "headlength": 0, "headaxislength": 0} if axial else {
+            "headwidth": 4, "headlength": 4.5, "headaxislength": 4, "minlength": 0.3}
+        arrows = ax.quiver(grid[0][known], grid[1][known], shown[known][:, 0], shown[known][:, 1],
+                           angles="xy", scale_units="xy", scale=longest / (0.85 * cell),
+                           pivot="mid", units="inches", width=0.01, color=SKY, **heads)
+        arrows.set_path_effects([Stroke(linewidth=0.6, foreground="black"), Normal()])
+        arrows.set_gid("fibres" if axial else "arrows")
+
+    def draw_path(self, ax, a, b):
+        """Draws the path: faint where it is far from the slice, and below the nearer stretches."""
+        if len(self.path) < 2:
+            return
+        normal = 3 - a - b
+        rows = thinned(self.path, self.force, 2e-3 * self.size.max())
+        if len(rows) < 2:
+            return
+        points = self.path[rows][:, [a, b]]
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        off = np.abs(self.path[rows][:-1, normal] - self.through[normal])
+        order = np.argsort(-off, kind="stable")
+        colours = self.forces_map().to_rgba(self.force[rows][:-1])
+        colours[:, 3] = 1.0 - (1.0 - FAINT) * np.minimum(1.0, off / self.far)
+        rims = np.zeros_like(colours)
+        rims[:, 3] = RIM_ALPHA * colours[:, 3]
+        for of, width in ((rims, RIM), (colours, LINE_WIDTH)):
+            lines = LineCollection(segments[order], colors=of[order], linewidths=width,
+                                   capstyle="butt", rasterized=True)
+            ax.add_collection(lines)
+        if self.data["felt"]:
+            ax.plot(*self.through[[a, b]], **MOST)
+
+    def draw_axes(self, ax, a, b):
+        ax.set_xlim(self.low[a], self.high[a])
+        ax.set_ylim(self.low[b], self.high[b])
+        ax.set_aspect("equal")
+        ax.set_xlabel(words(AXES[a], self.unit), labelpad=1, parse_math=False)
+        ax.set_ylabel(words(AXES[b], self.unit), labelpad=0, parse_math=False)
+        for axis, of in (("x", a), ("y", b)):
+            ax.locator_params(axis=axis, nbins=int(np.clip(4 * self.scale * self.size[of], 1, 5)))
+        normal = 3 - a - b
+        unit = f" {self.unit}" if self.unit else ""
+        digits = max(1, 2 - math.floor(math.log10(self.size.max())))
+        at = f"{round(self.through[normal], digits) + 0.0:.{digits}f}"  # no -0.0
+        ax.set_title(f"{AXES[normal]} = {at}{unit}", fontsize=7, pad=3, parse_math=False)
+        if not self.data["space"]["patient"]:
+            return
+        ends = zip(LETTERS[a] + LETTERS[b], ((0.02, 0.5), (0.98, 0.5), (0.5, 0.02), (0.5, 0.98)),
+                   ("left", "right", "center", "center"), ("center", "center", "bottom", "top"))
+        for letter, place, across, up in ends:
+            ax.text(*place, letter, transform=ax.transAxes, ha=across, va=up, fontsize=7,
+                    fontweight="bold", color="white",
+                    bbox={"facecolor": "black", "edgecolor": "none", "alpha": 0.6, "pad": 1.0})
+
+    def draw_time(self, ax):
+        ax.plot(self.time, self.force, color="0.6", linewidth=1.6, label="magnitude")
+        for i, (colour, style) in enumerate(zip((BLUE, RED, GREEN), ("-", "--", "-."))):
+            ax.plot(self.time, self.forces[:, i], color=colour, linestyle=style, linewidth=0.7,
+                    label=AXES[i])
+        if len(self.time) > 1:
+            ax.set_xlim(self.time[0], self.time[-1])
+        ax.set_xlabel("time [s]", labelpad=1)
+        ax.set_ylabel("force on the hand [N]")
+        ax.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
+        ax.grid(linewidth=0.3, alpha=0.5)
+
+    def legend(self):
+        """Returns the legend: labels, and the mark before each."""
+        marks = {"proxy's path in the slice": path_mark(1.0),
+                 f"{amount(self.far, self.unit or 'units')} off it and more": path_mark(FAINT)}
+        if self.data["felt"]:
+            marks["most force"] = Line2D([], [], **MOST)
+        for field in self.data["fields"]:
+            for level in field["levels"]:
+                colour, style = self.levels[field["name"], level["mode"]]
+                value = amount(level["value"], field["unit"])
+                marks[f"{level['mode']}: {field['name']} = {value}"] = Line2D(
+                    [], [], color=colour, linestyle=style, linewidth=1.0)
+            longest = self.arrows.get(field["name"])
+            if longest is None:
+                continue
+            label = f"{field['name']}, its part in the slice"
+            if field["kind"] == "axial":
+                marks[label] = Line2D([], [], color=SKY, linewidth=1.2)
+                continue
+            label += f"; longest arrow: {amount(longest, field['vector_unit'])} or more"
+            marks[label] = Line2D([], [], color=SKY, linestyle="none", marker=r"$\rightarrow$",
+                                  markersize=8, markeredgewidth=0.2)
+        return marks
+
+    def draw_legend(self, marks, columns):
+        legend = self.figure.legend(
+            marks.values(), marks.keys(), loc="upper left", ncol=columns, columnspacing=1.2,
+            borderaxespad=0.0, bbox_to_anchor=(LEFT / WIDTH, 1 - (TITLE - 0.02) / self.height),
+            facecolor="0.8", framealpha=1)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
+
+
+def main():
+    if "--check" in sys.argv:
+        return
+    data = json.load(sys.stdin)
+    use()
+    save(Picture(data).figure, sys.argv[1], data["made_by"])
+
+
+if __name__ == "__main__":
+    main()

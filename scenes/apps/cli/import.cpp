@@ -1,0 +1,33 @@
+/// palpate import: starts palpate-import, so that other verbs do not load VTK. If it is not
+/// installed, starts palpate-import-light, which works without VTK.
+#include <cerrno>
+#include <cstring>
+#include <unistd.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/common/common.h"
+
+namespace palpate::cli {
+
+void addImport(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand("import", "Turns CT, MRI, CFD and the like into a .vdb");
+  verb->prefix_command();
+  verb->set_help_flag();  // both programs have their own
+  verb->callback([verb, &body] {
+    body = [verb] {
+      std::vector<std::string> words = verb->remaining();
+      words.emplace(words.begin());
+      std::string program;
+      for (const char* name : {"palpate-import", "palpate-import-light"}) {
+        program = (programFolder() / name).string();
+        words.front() = name;
+        execv(program.c_str(), argumentsOf(words).data());
+        if (errno != ENOENT) break;
+      }
+      throw Error(program, std::strerror(errno), "check the installation");
+      return kInternal;
+    };
+  });
+}
+
+}  // namespace palpate::cli

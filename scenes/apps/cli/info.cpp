@@ -1,0 +1,110 @@
+/// palpate info: lists the content of a .vdb or of a volume in bricks, and the properties
+/// that can be felt in it.
+#include <fmt/format.h>
+
+#include "palpate/samplers/bricks/bricks.h"
+#include "palpate/samplers/grid/volume.h"
+#include "palpate/scenes/apps/cli/bricks_told.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/brick_places.h"
+
+namespace palpate::cli {
+namespace {
+
+std::string feelOf(const GridInfo& grid) {
+  if (!grid.refusal.empty()) return "nothing: " + grid.refusal;
+  if (grid.vector) return "follow its lines; force along it; viscosity by its magnitude";
+  if (grid.grid_class == GridClass::kLevelSet) return "isosurface at 0, solid below";
+  return "surface and viscosity by its value; isosurface at a value you choose";
+}
+
+OrderedJson describe(const GridInfo& grid) {
+  OrderedJson json;
+  json["name"] = grid.name;
+  json["type"] = grid.type;
+  json["class"] = wordFor(grid.grid_class);
+  json["half"] = grid.half;
+  json["voxel_size"] = toJson(grid.voxel);
+  json["active_voxels"] = grid.active_voxels;
+  json["bounds"] = grid.bounds.empty()
+                       ? OrderedJson(nullptr)
+                       : OrderedJson::array({toJson(grid.bounds.lower), toJson(grid.bounds.upper)});
+  json["memory_bytes"] = grid.memory;
+  json[grid.vector ? "magnitude_range" : "value_range"] = {grid.lowest, grid.highest};
+  json["mean"] = grid.mean;
+  json["background"] = grid.background;
+  json["non_finite"] = grid.non_finite;
+  if (!grid.source.empty()) json["source"] = grid.source;
+  json["can_be_felt"] = grid.refusal.empty();
+  json["feel"] = feelOf(grid);
+  return json;
+}
+
+std::string line(const Vec3& v) {
+  return fmt::format("{} x {} x {}", rounded(v.x()), rounded(v.y()), rounded(v.z()));
+}
+
+void print(const GridInfo& grid) {
+  say("{}\n", grid.name.empty() ? "(no name)" : grid.name);
+  say("  type      {}{}, {}\n", grid.type, grid.half ? " (stored as half)" : "",
+      wordFor(grid.grid_class));
+  say("  voxels    {} active, {} each, {} MB in memory\n", grid.active_voxels, line(grid.voxel),
+      rounded(static_cast<double>(grid.memory) / 1e6));
+  if (!grid.bounds.empty()) {
+    const Vec3& a = grid.bounds.lower;
+    const Vec3& b = grid.bounds.upper;
+    say("  bounds    {} .. {}, {} .. {}, {} .. {}\n", rounded(a.x()), rounded(b.x()),
+        rounded(a.y()), rounded(b.y()), rounded(a.z()), rounded(b.z()));
+  }
+  say("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
+      rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean), rounded(grid.background));
+  if (grid.grid_class == GridClass::kStaggered) {
+    say("  note      staggered: each component is read on its face of the voxel\n");
+  }
+  if (grid.was_local) say("  note      vectors in index space: read in world space\n");
+  if (!grid.source.empty()) say("  from      {}\n", grid.source);
+  say("  feel      {}\n", sentence(feelOf(grid)));
+}
+
+int infoOfBricks(const std::string& place, bool json) {
+  const std::unique_ptr<BrickSource> source = openBricks(place);
+  const BrickManifest& manifest = source->manifest();
+  if (json) {
+    OrderedJson grid = describe(manifest.info());
+    grid["bricks"] = bricksJson(manifest);
+    sayJson(OrderedJson{{"file", place}, {"grids", OrderedJson::array({grid})}});
+    return kDone;
+  }
+  print(manifest.info());
+  sayBricks(manifest);
+  return kDone;
+}
+
+}  // namespace
+
+void addInfo(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand("info", "What is in a .vdb, and what one can feel in it");
+  auto file = std::make_shared<std::string>();
+  auto json = std::make_shared<bool>(false);
+  verb->add_option("FILE", *file, "A .vdb file, or a folder or an address of bricks")->required();
+  verb->add_flag("--json", *json, "Print JSON");
+  verb->footer("Example:\n  palpate info head.vdb");
+  verb->callback([=, &body] {
+    body = [=] {
+      if (isBrickPlace(*file)) return infoOfBricks(*file, *json);
+      const std::vector<GridInfo> grids = describeGrids(*file);
+      if (*json) {
+        OrderedJson out;
+        out["file"] = *file;
+        out["grids"] = OrderedJson::array();
+        for (const GridInfo& grid : grids) out["grids"].push_back(describe(grid));
+        sayJson(out);
+      } else {
+        for (const GridInfo& grid : grids) print(grid);
+      }
+      return kDone;
+    };
+  });
+}
+
+}  // namespace palpate::cli

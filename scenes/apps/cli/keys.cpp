@@ -1,0 +1,97 @@
+#include "palpate/scenes/apps/cli/keys.h"
+
+#include <chrono>
+#include <poll.h>
+#include <unistd.h>
+
+#include "palpate/scenes/apps/common/say.h"
+
+namespace palpate::cli {
+namespace {
+
+/// A background process must not change or read the terminal.
+bool ours() {
+  return tcgetpgrp(0) == getpgrp();
+}
+
+}  // namespace
+
+Keys::Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame)
+    : hands_(hands),
+      clock_(clock),
+      frame_(frame),
+      shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
+  if (!shown_) return;
+  sayAside("Esc: force off; Enter: on again; Ctrl-C: end\n");
+  if (frame_ > 0.0) {
+    sayAside(
+        "space: pause, go on; , .: a frame back, on; 0: to the begin; - +: half, twice as fast; "
+        "r: over and over, or once\n");
+  }
+  thread_ = std::thread([this] { run(); });
+}
+
+Keys::~Keys() {
+  quit_ = true;
+  if (thread_.joinable()) thread_.join();
+  if (raw_ && ours()) tcsetattr(0, TCSANOW, &usual_);
+}
+
+void Keys::run() {
+  constexpr int kLook = 10;  // [ms]
+  while (!quit_) {
+    if (ours()) {
+      look();
+      pollfd terminal{0, POLLIN, 0};
+      (void)poll(&terminal, 1, kLook);
+    } else {
+      raw_ = false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
+    }
+  }
+}
+
+void Keys::look() {
+  // Checked each time: after a stop and restart, a shell may have restored its own settings.
+  if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
+    termios raw = usual_;
+    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+    raw.c_cc[VMIN] = 0;
+    raw.c_cc[VTIME] = 0;
+    raw_ = tcsetattr(0, TCSANOW, &raw) == 0;
+  }
+  constexpr char kEscape = 27;
+  char key = 0;
+  while (raw_ && read(0, &key, 1) == 1) {
+    for (HapticThread* hand : hands_) {
+      if (key == kEscape) hand->cut();
+      if (key == '\n' || key == '\r') hand->clear();
+    }
+    if (frame_ > 0.0) steer(key);
+  }
+}
+
+void Keys::steer(char key) {
+  const PlayParams now = clock_.params();
+  constexpr double kFaster = 2.0;
+  switch (key) {
+    case ' ':
+      return clock_.pause(!now.paused);
+    case ',':
+      return clock_.nudge(-frame_);
+    case '.':
+      return clock_.nudge(frame_);
+    case '0':
+      return clock_.seek(now.begin);
+    case '-':
+      return clock_.setSpeed(now.speed / kFaster);
+    case '+':
+      return clock_.setSpeed(now.speed * kFaster);
+    case 'r':
+      return clock_.repeat(!now.repeat);
+    default:
+      return;
+  }
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,175 @@
+/// `palpate`: the program, with one file for each verb. docs/interfaces.md describes the verbs;
+/// docs/scene.md and docs/formats.md describe their input and output.
+#include <algorithm>
+#include <array>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <fcntl.h>
+#include <filesystem>
+#include <functional>
+#include <ios>
+#include <new>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
+#include "palpate/scenes/apps/common/common.h"
+
+namespace palpate::cli {
+
+using Body = std::function<int()>;
+
+// Each verb's own file adds it to the program; its body runs after parsing and returns the exit
+// status.
+void addInfo(CLI::App& app, Body& body);
+void addImport(CLI::App& app, Body& body);
+void addBrick(CLI::App& app, Body& body);
+void addMake(CLI::App& app, Body& body);
+void addScene(CLI::App& app, Body& body);
+void addShatter(CLI::App& app, Body& body);
+void addSample(CLI::App& app, Body& body);
+void addSolve(CLI::App& app, Body& body);
+void addCheck(CLI::App& app, Body& body);
+void addExplain(CLI::App& app, Body& body);
+void addPress(CLI::App& app, Body& body);
+void addFeel(CLI::App& app, Body& body);
+void addView(CLI::App& app, Body& body);
+void addCompare(CLI::App& app, Body& body);
+void addConvert(CLI::App& app, Body& body);
+void addPlot(CLI::App& app, Body& body);
+void addStability(CLI::App& app, Body& body);
+void addDevices(CLI::App& app, Body& body);
+void addSchema(CLI::App& app, Body& body);
+void addCompletion(CLI::App& app, Body& body);
+
+namespace {
+
+constexpr std::array kVerbs{addInfo,    addImport,    addBrick,   addScene,   addMake,
+                            addShatter, addSample,    addSolve,   addCheck,   addExplain,
+                            addPress,   addFeel,      addView,    addCompare, addConvert,
+                            addPlot,    addStability, addDevices, addSchema,  addCompletion};
+
+}  // namespace
+}  // namespace palpate::cli
+
+namespace {
+
+/// Returns name, version and commit; below, the build and the installed importer.
+std::string versionLines() {
+  using namespace palpate;
+  const bool with_vtk = std::filesystem::exists(cli::programFolder() / "palpate-import");
+  return fmt::format("{}\n{}, {}; imports {}", versionText(), kCompiler, kBuildType,
+                     with_vtk ? "with VTK" : "without VTK");
+}
+
+int run(const std::vector<std::string>& words);
+
+/// Adds a verb that calls run() again.
+void addHelp(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand("help", "What palpate VERB --help says");
+  auto about = std::make_shared<std::string>();
+  verb->add_option("VERB", *about, "Which; without one, what palpate --help says");
+  verb->footer("Example:\n  palpate help feel");
+  verb->callback([=, &body] {
+    body = [=] { return about->empty() ? run({"--help"}) : run({*about, "--help"}); };
+  });
+}
+
+/// `words`: the command line without the program's name.
+int run(const std::vector<std::string>& words) {
+  using namespace palpate;
+  // An error in C's stdin would look like the end of the input.
+  std::ios::sync_with_stdio(false);
+  CLI::App app{
+      "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
+      "in them into forces."};
+  app.name("palpate");
+  app.set_version_flag("--version", versionLines);
+  app.require_subcommand(1);
+  app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");
+
+  std::function<int()> body;
+  for (const auto& add : cli::kVerbs) add(app, body);
+  addHelp(app, body);
+
+  // A mistyped verb gets its own message.
+  const std::string first = words.empty() ? "" : words[0];
+  std::vector<std::string> verbs;
+  for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
+  if (!first.empty() && first[0] != '-' &&
+      std::find(verbs.begin(), verbs.end(), first) == verbs.end()) {
+    const std::string near = nearestName(first, verbs);
+    throw Error("usage", "\"" + first + "\" is no verb",
+                near.empty() ? "see palpate --help" : "did you mean \"" + near + "\"?");
+  }
+
+  try {
+    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));
+  } catch (const CLI::CallForHelp& e) {
+    return app.exit(e);
+  } catch (const CLI::CallForAllHelp& e) {
+    return app.exit(e);
+  } catch (const CLI::CallForVersion& e) {
+    return app.exit(e);
+  } catch (const CLI::ParseError& e) {
+    std::string verb;
+    for (const CLI::App* sub : app.get_subcommands()) verb = sub->get_name() + " ";
+    cli::complain(fmt::format("usage: {}: see palpate {}--help", e.what(), verb));
+    return cli::kBadInput;
+  }
+  const int status = body();
+  // The run failed if its output did not arrive.
+  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+    throw Error("standard output", "it cannot be written", "check the disk or the pipe");
+  }
+  return status;
+}
+
+/// Opens closed standard streams: the next opened file would get their numbers.
+void holdStandardStreams() {
+  for (const int fd : {0, 1, 2}) {
+    if (fcntl(fd, F_GETFD) == -1) (void)open("/dev/null", fd == 1 ? O_RDONLY : O_RDWR);
+  }
+  // Writing to a closed pipe or beyond a limit then returns an ordinary error.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+}
+
+/// Restores SIGCHLD, since a parent may have ignored it: the exit status of children is needed.
+void hearChildren() {
+  std::signal(SIGCHLD, SIG_DFL);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace palpate;
+  try {
+    holdStandardStreams();
+    hearChildren();
+    cli::endAtInterrupts();
+    return run({argv + std::min(argc, 1), argv + argc});
+  } catch (const Error& e) {
+    cli::complain(e.what());
+    return cli::kBadInput;
+  } catch (const cli::Interrupted&) {
+    cli::complain("interrupted: nothing is written");
+    return cli::kInterrupted;
+  } catch (const std::bad_alloc&) {
+    cli::complain("memory: there is not enough for this: use a smaller volume");
+    return cli::kEndedEarly;
+  } catch (const std::system_error& e) {
+    cli::complain(
+        fmt::format("standard output: it cannot be written ({}): check the disk or the pipe",
+                    e.code().message()));
+    return cli::kEndedEarly;
+  } catch (const std::exception& e) {
+    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    return cli::kInternal;
+  }
+}

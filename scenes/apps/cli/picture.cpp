@@ -1,0 +1,416 @@
+#include "palpate/scenes/apps/cli/picture.h"
+
+#include <algorithm>
+#include <iterator>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
+#include "palpate/scenes/apps/common/touch.h"
+#include "palpate/scenes/guess/metadata.h"
+#include "palpate/scenes/library/nearby.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr int kPixels = 256;  // along the longest side of the slices
+constexpr int kArrows = 18;   // also along the longest side
+constexpr std::size_t kMostFields = 2;
+constexpr double kLeastShare = 0.01;  // of the force; fields with less are not drawn
+constexpr std::size_t kMostTicks = 20000;
+constexpr double kTouched = 0.05;          // [N]
+constexpr std::size_t kMostTouches = 500;  // examined to choose the fields
+constexpr std::size_t kMostParts = 12;     // drawn as one
+// Horizontal, then vertical axis: x is always to the right, z always up.
+constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
+
+/// Drawn values of a field, at a place in W while the field is at rest.
+struct Look {
+  Vec3 vector = Vec3::Zero();  ///< Value of a vector field.
+  double value = 0.0;          ///< Value, or a vector's magnitude.
+  bool inside = false;
+};
+using Read = std::function<Look(const Vec3&)>;
+
+Read reading(const FieldPtr& field) {
+  auto cache = std::make_shared<FieldCache>();
+  return std::visit(
+      [&](const auto& f) -> Read {
+        f->reset(*cache);
+        return [f, cache](const Vec3& p) {
+          const auto s = f->sample(p, *cache);
+          if constexpr (std::is_same_v<std::decay_t<decltype(s)>, ScalarSample>) {
+            return Look{Vec3::Zero(), s.value, s.inside};
+          } else {
+            return Look{s.value, s.value.norm(), s.inside};
+          }
+        };
+      },
+      field);
+}
+
+bool isVector(const FieldPtr& field) {
+  return std::holds_alternative<std::shared_ptr<const VectorField>>(field);
+}
+
+/// Coordinate frame of a picture.
+struct Frame {
+  Placement world;              ///< W from the frame.
+  Box bounds;                   ///< Box of the drawn volumes, in the frame.
+  Vec3 through = Vec3::Zero();  ///< Point where the slices meet, in the frame.
+  bool patient = false;         ///< The frame is a patient's: +x right, +y anterior, +z superior.
+  std::string unit = "mm";
+
+  [[nodiscard]] Vec3 of(const Vec3& p_W) const {
+    return world.rotation.transpose() * (p_W - world.translate) / world.scale;
+  }
+  /// Adds a box to be drawn, with a map of its corners to W.
+  template <class Map>
+  void take(const Box& box, const Map& world_from_box) {
+    for (int corner = 0; corner < 8; ++corner) {
+      Vec3 p;
+      for (int a = 0; a < 3; ++a) p[a] = ((corner >> a) & 1) != 0 ? box.upper[a] : box.lower[a];
+      bounds.extend(of(world_from_box(p)));
+    }
+  }
+};
+
+/// Returns rows of values on a slice through a frame, `most` along the longest side of its box.
+template <class ValueAt>
+OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value_at) {
+  const auto [a, b] = kPlanes[plane];
+  const Vec3 size = frame.bounds.size();
+  const double step = size.maxCoeff() / most;
+  const int columns = std::max(2, static_cast<int>(std::lround(size[a] / step)));
+  const int rows = std::max(2, static_cast<int>(std::lround(size[b] / step)));
+  OrderedJson json = OrderedJson::array();
+  for (int j = 0; j < rows; ++j) {
+    OrderedJson line = OrderedJson::array();
+    for (int i = 0; i < columns; ++i) {
+      Vec3 p = frame.through;
+      p[a] = frame.bounds.lower[a] + (i + 0.5) / columns * size[a];
+      p[b] = frame.bounds.lower[b] + (j + 0.5) / rows * size[b];
+      line.push_back(value_at(frame.world(p)));
+    }
+    json.push_back(std::move(line));
+  }
+  return json;
+}
+
+/// Returns the parts at these places, those with the most places first.
+std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& touches) {
+  std::vector<std::pair<std::size_t, std::size_t>> counts;
+  for (std::size_t i = 0; i < scene.parts.size(); ++i) {
+    const Box& box = scene.parts[i].bounds;
+    const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
+      return holds(box, t.report.proxy);
+    });
+    if (count > 0) counts.emplace_back(count, i);
+  }
+  std::sort(counts.rbegin(), counts.rend());
+  std::set<std::size_t> parts;
+  for (const auto& [count, part] : counts) {
+    if (parts.size() < kMostParts) parts.insert(part);
+  }
+  return parts;
+}
+
+std::string nameOf(const GraphSpec& graph, std::size_t mode) {
+  const std::string& name = graph.modes[mode].name;
+  return name.empty() ? fmt::format("/modes/{}", mode) : name;
+}
+
+constexpr std::size_t kLongestText = 40;  // [characters]
+/// Shortens text for a picture.
+std::string cut(const std::string& text) {
+  return Legible(text, kLongestText).text();
+}
+
+/// Returns the last part of a path, without folders: a scene's name in a picture.
+std::string lastOf(const std::filesystem::path& path) {
+  const auto name = path.filename();
+  return (name.empty() ? path.parent_path().filename() : name).string();
+}
+
+/// Input of a scene's picture.
+class Drawing {
+ public:
+  Drawing(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
+          const std::vector<Telemetry>& touches)
+      : spec_(spec), built_(built), most_(felt.most()), names_(strongest(felt, touches)) {
+    setFrame();
+  }
+
+  [[nodiscard]] OrderedJson json(const std::vector<Telemetry>& ticks) const {
+    OrderedJson json;
+    json["scene"] = cut(lastOf(spec_.source));
+    json["made_by"] = versionText();
+    json["space"] = {
+        {"unit", frame_.unit}, {"patient", frame_.patient}, {"hand_mm", 1e3 * frame_.world.scale}};
+    json["through"] = toJson(frame_.through);
+    json["felt"] = most_.force > 0.0;
+    const bool moves = std::any_of(names_.begin(), names_.end(), [this](const std::string& name) {
+      return built_.motions.count(name) != 0;
+    });
+    json["stands_at"] = moves ? OrderedJson(most_.time) : OrderedJson();
+    json["extent"] = {toJson(frame_.bounds.lower), toJson(frame_.bounds.upper)};
+    json["fields"] = OrderedJson::array();
+    for (const std::string& name : names_) json["fields"].push_back(fieldOf(name));
+    OrderedJson& rows = json["ticks"] = OrderedJson::array();
+    for (const Telemetry& t : ticks) {
+      const Vec3 proxy = frame_.of(t.report.proxy);
+      const Vec3 force = frame_.world.rotation.transpose() * t.report.force;
+      rows.push_back({t.time, proxy.x(), proxy.y(), proxy.z(), force.x(), force.y(), force.z()});
+    }
+    return json;
+  }
+
+ private:
+  /// Returns the field that a volume or a derived field finally reads; empty: missing.
+  [[nodiscard]] std::string sourceOf(std::string name) const {
+    while (built_.fields.count(name) == 0) {
+      const auto derived = spec_.graph.fields.find(name);
+      if (derived == spec_.graph.fields.end()) return {};
+      name = derived->second.of;
+    }
+    return name;
+  }
+
+  /// Returns the volume that a field's metadata come from; null if unknown.
+  [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const std::string& name) const {
+    const auto computed = built_.computed.find(name);
+    const auto volume =
+        built_.volumes.find(computed == built_.computed.end() ? name : computed->second.from);
+    return volume == built_.volumes.end() ? nullptr : volume->second;
+  }
+
+  /// Returns the field's pose near a place in W [m].
+  [[nodiscard]] Pose poseOf(const std::string& name, const Vec3& p_W, double time) const {
+    const auto motion = built_.motions.find(name);
+    return motion == built_.motions.end() ? Pose{} : motion->second->poseAbout(p_W, time);
+  }
+
+  /// Returns the fields whose modes gave most of the force. If no mode did, returns the field whose
+  /// data contained the hand longest.
+  [[nodiscard]] std::vector<std::string> strongest(const Felt& felt,
+                                                   const std::vector<Telemetry>& touches) const {
+    const std::map<std::string, double> impulses = felt.impulses();
+    std::map<std::string, double> force;
+    double all = 0.0;
+    for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
+      const std::string mode = nameOf(spec_.graph, i);
+      auto found = impulses.find(mode);
+      // For a part, such as "wall[7]", its kind is counted.
+      if (found == impulses.end()) found = impulses.find(mode.substr(0, mode.rfind('[')));
+      const std::string source = sourceOf(spec_.graph.modes[i].of);
+      if (found == impulses.end() || source.empty()) continue;
+      force[source] += found->second;
+      all += found->second;
+    }
+    struct Entry {
+      double force;
+      std::ptrdiff_t touches;
+      std::string name;
+    };
+    std::vector<Entry> entries;
+    const auto& unused = built_.scene->graph.unused;
+    for (const auto& entry : built_.fields) {
+      const std::string& name = entry.first;
+      if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
+      const Read read = reading(entry.second);
+      const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
+        return read(poseOf(name, t.report.proxy, t.time).toRest(t.report.proxy)).inside;
+      });
+      entries.push_back({force[name], count, name});
+    }
+    std::stable_sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+      return a.force != b.force ? a.force > b.force : a.touches > b.touches;
+    });
+    std::vector<std::string> names;
+    for (const Entry& entry : entries) {
+      if (names.size() == kMostFields) break;
+      if (names.empty() || entry.force > kLeastShare * all) names.push_back(entry.name);
+    }
+    return names;
+  }
+
+  /// Uses the patient's frame if the strongest field's file has one and the field rests; else the
+  /// hand's.
+  void setFrame() {
+    frame_.world.scale = 1e-3;
+    const std::string name = names_.empty() ? "" : names_.front();
+    const auto volume = volumeOf(name);
+    const Metadata said = volume ? metadataOf(*volume) : Metadata{};
+    if (said.ras && built_.motions.count(name) == 0) {
+      frame_.patient = true;
+      frame_.unit = cut(said.length_unit);
+      frame_.world = built_.placements.at(name);
+    }
+    if (frame_.patient) {
+      // W's box is larger if it is not aligned with the patient's axes.
+      for (const std::string& drawn : names_) {
+        frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
+      }
+    } else {
+      frame_.take(built_.bounds, [](const Vec3& p) { return p; });
+    }
+    frame_.through = most_.force > 0.0 ? frame_.of(most_.proxy) : frame_.bounds.centre();
+    frame_.through = frame_.through.cwiseMax(frame_.bounds.lower).cwiseMin(frame_.bounds.upper);
+  }
+
+  [[nodiscard]] OrderedJson fieldOf(const std::string& name) const {
+    const FieldPtr& field = built_.fields.at(name);
+    const bool axial = isAxial(name);
+    OrderedJson json;
+    json["name"] = cut(name);
+    json["kind"] = !isVector(field) ? "scalar" : axial ? "axial" : "vector";
+    const std::string ground = axial ? scalarBeside(name) : name;
+    const bool magnitude = isVector(built_.fields.at(ground));
+    const auto computed = built_.computed.find(ground);
+    const std::string called = computed == built_.computed.end() ? ground : computed->second.as;
+    json["label"] = magnitude ? fmt::format("|{}|", cut(called)) : cut(called);
+    json["unit"] = cut(unitOf(ground));
+    json["vector_unit"] = cut(unitOf(name));
+    json["levels"] = OrderedJson::array();
+    for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
+      const ModeSpec& mode = spec_.graph.modes[i];
+      if (mode.kind == ModeKind::kIsosurface && mode.of == name) {
+        json["levels"].push_back({{"mode", cut(nameOf(spec_.graph, i))}, {"value", mode.value}});
+      }
+    }
+    json["slices"] = OrderedJson::array();
+    for (int plane = 0; plane < 3; ++plane) {
+      OrderedJson slice;
+      slice["axes"] = {kPlanes[plane][0], kPlanes[plane][1]};
+      slice["values"] = values(ground, plane);
+      if (isVector(field)) slice["vectors"] = vectors(name, plane);
+      json["slices"].push_back(std::move(slice));
+    }
+    return json;
+  }
+
+  /// Null where no data are known.
+  [[nodiscard]] OrderedJson values(const std::string& name, int plane) const {
+    const Read read = reading(built_.fields.at(name));
+    const auto volume = volumeOf(name);
+    const bool all = !volume || !metadataOf(*volume).mesh;
+    return rowsOf(frame_, plane, kPixels, [&](const Vec3& p_W) {
+      const Look look = read(poseOf(name, p_W, most_.time).toRest(p_W));
+      return look.inside || all ? OrderedJson(static_cast<float>(look.value)) : OrderedJson();
+    });
+  }
+
+  /// Horizontal and vertical component; null without data.
+  [[nodiscard]] OrderedJson vectors(const std::string& name, int plane) const {
+    const Read read = reading(built_.fields.at(name));
+    return rowsOf(frame_, plane, kArrows, [&](const Vec3& p_W) {
+      const Pose pose = poseOf(name, p_W, most_.time);
+      const Look look = read(pose.toRest(p_W));
+      if (!look.inside || look.value == 0.0) return OrderedJson();
+      const Vec3 vector = frame_.world.rotation.transpose() * pose.vector(look.vector);
+      return OrderedJson{static_cast<float>(vector[kPlanes[plane][0]]),
+                         static_cast<float>(vector[kPlanes[plane][1]])};
+    });
+  }
+
+  /// Returns whether the vectors have no sign.
+  [[nodiscard]] bool isAxial(const std::string& name) const {
+    const auto sampling = built_.samplings.find(name);
+    if (sampling != built_.samplings.end() && sampling->second.axial) return true;
+    const auto volume = volumeOf(name);
+    return built_.computed.count(name) == 0 && volume && metadataOf(*volume).axial;
+  }
+
+  /// Returns the scalar that weights a direction: the one that its mode's strength follows. If
+  /// there is none, returns the name itself.
+  [[nodiscard]] std::string scalarBeside(const std::string& name) const {
+    for (const ModeSpec& mode : spec_.graph.modes) {
+      if (sourceOf(mode.of) != name) continue;
+      std::vector<std::string> candidates{mode.by};
+      for (const auto& factor : mode.strength.factors) candidates.push_back(factor.by);
+      for (const std::string& candidate : candidates) {
+        const auto field = built_.fields.find(candidate);
+        if (field != built_.fields.end() && !isVector(field->second)) return candidate;
+      }
+    }
+    return name;
+  }
+
+  /// Returns the unit of a field's values; empty: not known.
+  [[nodiscard]] std::string unitOf(const std::string& name) const {
+    const auto derived = spec_.graph.fields.find(name);
+    if (derived != spec_.graph.fields.end() &&
+        derived->second.derivation != Derivation::kMagnitude) {
+      return {};
+    }
+    const auto volume = volumeOf(name);
+    return volume ? metadataOf(*volume).value_unit : "";
+  }
+
+  const SceneSpec& spec_;
+  const BuiltScene& built_;
+  const Most most_;
+  const std::vector<std::string> names_;
+  Frame frame_;
+};
+
+}  // namespace
+
+const std::string& pngName(const std::string& path) {
+  if (std::filesystem::path(path).extension() == ".png") return path;
+  throw Error(path, "it is not named .png", "give a file name that ends in .png");
+}
+
+std::string formatOf(const std::string& path) {
+  const std::string ending = std::filesystem::path(path).extension().string();
+  for (const char* known : {".png", ".pdf", ".svg"}) {
+    if (ending == known) return ending.substr(1);
+  }
+  throw Error(path, "it is not named .png, .pdf or .svg", "give a file name that ends in one");
+}
+
+Picture::Picture(const std::string& path)
+    : path_(path), format_(formatOf(path)), file_(path), script_("feel_picture.py", "--picture") {}
+
+void Picture::add(const Telemetry& tick) {
+  if (seen_++ % stride_ != 0) return;
+  ticks_.push_back(tick);
+  if (ticks_.size() < kMostTicks) return;
+  // Keeps every second tick: this is enough for a picture.
+  for (std::size_t i = 0; 2 * i < ticks_.size(); ++i) ticks_[i] = ticks_[2 * i];
+  ticks_.resize(ticks_.size() / 2);
+  stride_ *= 2;
+}
+
+void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt) {
+  std::vector<Telemetry> touches;
+  std::copy_if(ticks_.begin(), ticks_.end(), std::back_inserter(touches),
+               [](const Telemetry& t) { return t.report.force.norm() >= kTouched; });
+  const std::size_t every = touches.size() / kMostTouches + 1;
+  std::size_t index = 0;
+  std::erase_if(touches, [&](const Telemetry&) { return index++ % every != 0; });
+  if (!built.scene->parts.empty()) {
+    const std::set<std::size_t> parts = partsAt(*built.scene, touches);
+    SceneSpec some;
+    std::optional<BuiltScene> drawn;
+    try {
+      some = nearby(spec, built, parts);
+      if (!parts.empty()) drawn = buildScene(some);
+    } catch (const Error& e) {
+      complain(fmt::format("picture: only what is no part is drawn: {}", e.what()));
+    }
+    if (drawn) {
+      draw(some, *drawn, felt);
+      return;
+    }
+  }
+  const Drawing drawing(spec, built, felt, touches);
+  script_.draw(drawing.json(ticks_), file_, path_.string(), {format_});
+  file_.commit();
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,42 @@
+/// Draws the picture of a run: the path over the volumes' slices and the force over time.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "palpate/engine/loop/telemetry.h"
+#include "palpate/scenes/apps/cli/felt.h"
+#include "palpate/scenes/apps/cli/script.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/build_scene.h"
+
+namespace palpate::cli {
+
+/// Returns the path if its ending is .png; otherwise throws Error.
+[[nodiscard]] const std::string& pngName(const std::string& path);
+/// Returns the format of a picture for print: "png", "pdf" or "svg". Throws Error for other
+/// endings.
+[[nodiscard]] std::string formatOf(const std::string& path);
+
+/// Collects a run; feel_picture.py (matplotlib) draws it.
+class Picture {
+ public:
+  /// Throws Error at once if the place cannot be written, the ending is not a known format or
+  /// matplotlib is missing.
+  explicit Picture(const std::string& path);
+  void add(const Telemetry& tick);
+  /// Throws Error; leaves no partial file.
+  void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt);
+
+ private:
+  std::filesystem::path path_;
+  std::string format_;
+  WholeFile file_;
+  Script script_;
+  std::vector<Telemetry> ticks_;  ///< Every stride_-th tick.
+  std::size_t stride_ = 1;
+  std::size_t seen_ = 0;
+};
+
+}  // namespace palpate::cli

@@ -1,0 +1,465 @@
+/// palpate press: prints the force-depth curve of a hand that moves straight in and out again.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/loop/telemetry.h"
+#include "palpate/scenes/apps/cli/picture.h"
+#include "palpate/scenes/apps/common/touch.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr double kMostSteps = 1e6;  // in each direction
+
+struct PressOptions {
+  std::string scene;
+  std::string at;
+  std::string along;
+  double speed = 0.05;  // [m/s]
+  double rate = 1000.0;
+  std::string csv;
+  std::string picture;
+  bool json = false;
+};
+
+/// Path of the hand: straight in, straight out, in equal steps.
+struct Way {
+  Vec3 at;
+  Vec3 along;
+  int steps = 1;  ///< In each direction.
+
+  [[nodiscard]] double length() const { return along.norm(); }
+  [[nodiscard]] Vec3 direction() const { return along / length(); }
+  [[nodiscard]] bool inwards(int tick) const { return tick <= steps; }
+  /// Returns the share of the depth, 0 to 1.
+  [[nodiscard]] double share(int tick) const {
+    return static_cast<double>(inwards(tick) ? tick : 2 * steps - tick) / steps;
+  }
+  [[nodiscard]] Vec3 hand(int tick) const { return at + share(tick) * along; }
+};
+
+/// One tick, in components along the path.
+struct Row {
+  bool in = true;
+  double depth = 0.0;         ///< Depth of the hand [m].
+  double force_along = 0.0;   ///< > 0 pushes back out [N].
+  double force_across = 0.0;  ///< Magnitude [N].
+  double proxy_depth = 0.0;   ///< [m]
+  double proxy_across = 0.0;  ///< Distance of the proxy from the path [m].
+  double injected = 0.0;      ///< [J]
+  StepStatus status = StepStatus::kConverged;
+  bool limited = false;
+  std::string contacts;  ///< "bone=holds; blood=yields"
+};
+
+/// A mode's yield.
+struct Yield {
+  double depth = 0.0;        ///< Depth of the hand [m].
+  double proxy_depth = 0.0;  ///< [m]
+  /// Its load without friction and drag [N]; unset if the tick passed it.
+  std::optional<double> force;
+  double force_along = 0.0;  ///< Force on the hand [N].
+};
+
+/// Results of one mode on the way in.
+struct ModePressed {
+  std::optional<double> touched;  ///< Depth at which its load begins [m].
+  double held = 0.0;              ///< Largest load, in and out [N].
+  bool ready = false;             ///< A tick without yielding was seen,
+  std::optional<Yield> yield;     ///< so that this is a first yield.
+  std::optional<double> let_go;   ///< Depth at which its load ends [m].
+};
+
+/// Collects the curve and its totals.
+class Curve {
+ public:
+  Curve(const Opened& opened, const Way& way)
+      : scene_(*opened.built.scene), way_(way), modes_(scene_.graph.modes.size()) {
+    for (const std::string& name : scene_.graph.mode_names) names_.push_back(Legible(name).text());
+  }
+
+  void add(int tick, const StepReport& r, const ProxyState& state, const StepTrace& trace) {
+    Row row = seen(tick, r);
+    for (std::size_t i = 0; i < modes_.size(); ++i) {
+      const std::vector<Load> loads = loadsOf(state, r, i);
+      follow(modes_[i], loads, yielded(trace, i), row);
+      tell(row, i, loads, sideOf(state.memory(i)));
+    }
+    count(tick, r, row);
+    rows_.push_back(std::move(row));
+  }
+
+  [[nodiscard]] const std::vector<Row>& rows() const { return rows_; }
+  [[nodiscard]] OrderedJson summary(const PressOptions& options, const std::string& source) const;
+
+ private:
+  [[nodiscard]] Row seen(int tick, const StepReport& r) const {
+    const Vec3 u = way_.direction();
+    const Vec3 proxy = r.proxy - way_.at;
+    Row row;
+    row.in = way_.inwards(tick);
+    row.depth = way_.share(tick) * way_.length();
+    row.force_along = 0.0 - r.force.dot(u);
+    row.force_across = (r.force - r.force.dot(u) * u).norm();
+    row.proxy_depth = proxy.dot(u);
+    row.proxy_across = (proxy - proxy.dot(u) * u).norm();
+    row.injected = r.injected;
+    row.status = r.status;
+    row.limited = r.limited;
+    return row;
+  }
+
+  /// Returns true if mode i reached its full strength in a reading of the tick, also if it does not
+  /// yield at the tick's end.
+  static bool yielded(const StepTrace& trace, std::size_t i) {
+    const auto steps = trace.steps();
+    return std::any_of(steps.begin(), steps.end(), [i](const StepTrace::Step& step) {
+      return !step.foreseen && step.yields.test(i);
+    });
+  }
+
+  static void follow(ModePressed& mode, const std::vector<Load>& loads, bool yielded,
+                     const Row& row) {
+    constexpr double kNewtons = 1e-6;  // below is rounding
+    const double held = totalOf(loads).norm();
+    const bool carries = held > kNewtons;
+    mode.held = std::max(mode.held, held);
+    if (!row.in) return;
+    if (carries && !mode.touched) mode.touched = row.depth;
+    // The last loads of a tick do not contain a surface that was passed within it.
+    const bool gone = yielded && !carries;
+    const bool yields = gone || holdOf(loads) == Hold::kYields;
+    if (yields && mode.ready && !mode.yield) {
+      mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along};
+      if (!gone) mode.yield->force = totalOf(bearersOf(loads)).norm();
+    }
+    mode.ready = mode.ready || !yields;
+    if (!carries && mode.yield && !mode.let_go) mode.let_go = row.depth;
+  }
+
+  void tell(Row& row, std::size_t i, const std::vector<Load>& loads, Side side) const {
+    const bool inside = side == Side::kInside;
+    if (loads.empty() && !inside) return;
+    const char* word = inside && holdOf(loads) == Hold::kIdle ? "inside" : wordFor(holdOf(loads));
+    row.contacts += (row.contacts.empty() ? "" : "; ") + names_[i] + "=" + word;
+  }
+
+  /// Adds up energies at the hand: a force holds until the next tick.
+  void count(int tick, const StepReport& r, const Row& row) {
+    const Vec3 hand = way_.hand(tick);
+    if (rows_.empty()) {
+      bound_ = 0.5 * r.stiffness * (r.proxy - hand).squaredNorm();
+    } else {
+      const Vec3 moved = hand - way_.hand(tick - 1);
+      net_ += last_force_.dot(moved);
+      bound_ += r.injected + 0.5 * last_stiffness_ * moved.squaredNorm();
+      injected_ += r.injected;
+      const double work =
+          0.5 * (row.force_along + rows_.back().force_along) * (row.depth - rows_.back().depth);
+      (row.in ? work_in_ : work_out_) += row.in ? work : -work;
+    }
+    ++statuses_[static_cast<std::size_t>(r.status)];
+    limited_ += static_cast<int>(r.limited);
+    last_force_ = r.force;
+    last_stiffness_ = r.stiffness;
+  }
+
+  /// Returns the slope of a straight fit from the first force to the first yield [N/m].
+  [[nodiscard]] std::optional<double> slope() const;
+
+  const Scene& scene_;
+  const Way way_;
+  std::vector<Row> rows_;
+  std::vector<ModePressed> modes_;
+  std::vector<std::string> names_;  ///< Names in rows, which may be shared by several modes.
+  std::array<int, kStepStatuses> statuses_{};
+  Vec3 last_force_ = Vec3::Zero();
+  double last_stiffness_ = 0.0;
+  double net_ = 0.0;    ///< Energy given to the hand [J].
+  double bound_ = 0.0;  ///< Largest energy from a passive engine [J].
+  double injected_ = 0.0;
+  double work_in_ = 0.0;
+  double work_out_ = 0.0;
+  int limited_ = 0;
+};
+
+std::optional<double> Curve::slope() const {
+  constexpr double kNewtons = 1e-6;
+  double first_yield = std::numeric_limits<double>::infinity();
+  for (const ModePressed& mode : modes_) {
+    if (mode.yield) first_yield = std::min(first_yield, mode.yield->depth);
+  }
+  double n = 0.0;
+  double x = 0.0;
+  double y = 0.0;
+  double xx = 0.0;
+  double xy = 0.0;
+  for (const Row& row : rows_) {
+    if (!row.in || row.depth >= first_yield || std::abs(row.force_along) <= kNewtons) continue;
+    n += 1.0;
+    x += row.depth;
+    y += row.force_along;
+    xx += row.depth * row.depth;
+    xy += row.depth * row.force_along;
+  }
+  const double spread = n * xx - x * x;
+  if (n < 3.0 || !(spread > 0.0)) return std::nullopt;
+  return (n * xy - x * y) / spread;
+}
+
+OrderedJson orNull(const std::optional<double>& value) {
+  return value ? OrderedJson(*value) : OrderedJson();
+}
+
+OrderedJson report(const std::string& name, const ModePressed& mode) {
+  OrderedJson json;
+  json["mode"] = name;
+  json["touched_at"] = orNull(mode.touched);
+  json["held_max"] = mode.held;
+  json["yield"] = nullptr;
+  if (mode.yield) {
+    json["yield"] = {{"depth", mode.yield->depth},
+                     {"proxy_depth", mode.yield->proxy_depth},
+                     {"force", mode.yield->force ? OrderedJson(*mode.yield->force) : OrderedJson()},
+                     {"force_along", mode.yield->force_along}};
+  }
+  json["let_go_at"] = orNull(mode.let_go);
+  return json;
+}
+
+OrderedJson Curve::summary(const PressOptions& options, const std::string& source) const {
+  const auto most = std::max_element(rows_.begin(), rows_.end(), [](const Row& a, const Row& b) {
+    return std::hypot(a.force_along, a.force_across) < std::hypot(b.force_along, b.force_across);
+  });
+  OrderedJson json;
+  json["scene"] = source;
+  json["at"] = toJson(way_.at);
+  json["along"] = toJson(way_.along);
+  json["depth"] = way_.length();
+  json["speed"] = way_.length() / way_.steps * options.rate;
+  json["rate"] = options.rate;
+  json["ticks"] = rows_.size();
+  json["force_max"] = {{"force", std::hypot(most->force_along, most->force_across)},
+                       {"depth", most->depth},
+                       {"phase", most->in ? "in" : "out"}};
+  json["stiffness"] = orNull(slope());
+  json["work_in"] = work_in_;
+  json["work_out"] = work_out_;
+  json["hysteresis"] = work_in_ - work_out_;
+  json["net_energy"] = net_;
+  json["net_energy_bound"] = bound_;
+  json["injected_energy"] = injected_;
+  json["limited"] = limited_;
+  json["status"] = OrderedJson::object();
+  for (std::size_t i = 0; i < statuses_.size(); ++i) {
+    json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
+  }
+  json["modes"] = OrderedJson::array();
+  for (std::size_t i = 0; i < modes_.size(); ++i) {
+    json["modes"].push_back(report(scene_.graph.mode_names[i], modes_[i]));
+  }
+  return json;
+}
+
+/// Returns a CSV field, quoted if necessary.
+std::string field(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
+  return quoted + "\"";
+}
+
+std::string csv(const std::vector<Row>& rows) {
+  std::string text =
+      "phase,depth,force_along,force_across,proxy_depth,proxy_across,injected,status,limited,"
+      "contacts\n";
+  for (const Row& row : rows) {
+    text += fmt::format("{},{},{},{},{},{},{},{},{},{}\n", row.in ? "in" : "out", number(row.depth),
+                        number(row.force_along), number(row.force_across), number(row.proxy_depth),
+                        number(row.proxy_across), number(row.injected), wordFor(row.status),
+                        row.limited ? 1 : 0, field(sentence(row.contacts).text()));
+  }
+  return text;
+}
+
+/// Prints about a dozen rows for the user.
+void printTable(const Curve& curve, int steps) {
+  constexpr int kLines = 10;
+  say("{:>12} {:>12} {:>12} {:>12}  contacts on the way in\n", "depth mm", "in N", "out N",
+      "proxy mm");
+  const std::vector<Row>& rows = curve.rows();
+  int last = -1;
+  for (int line = 0; line <= kLines; ++line) {
+    const int i = static_cast<int>(std::llround(static_cast<double>(line) / kLines * steps));
+    if (i == last) continue;
+    last = i;
+    const Row& in = rows[static_cast<std::size_t>(i)];
+    const Row& out = rows[static_cast<std::size_t>(2 * steps - i)];
+    say("{:>12} {:>12} {:>12} {:>12}  {}\n", shown(1e3 * in.depth), shown(in.force_along),
+        shown(out.force_along), shown(1e3 * in.proxy_depth), sentence(in.contacts));
+  }
+}
+
+std::string millimetres(const OrderedJson& metres) {
+  return shown(1e3 * metres.get<double>()) + " mm";
+}
+
+void printPressed(const OrderedJson& mode) {
+  std::string text = "not felt";
+  if (!mode["touched_at"].is_null()) {
+    text = fmt::format("felt from {} on, up to {} N", millimetres(mode["touched_at"]),
+                       shown(mode["held_max"].get<double>()));
+  }
+  const OrderedJson& yield = mode["yield"];
+  if (!yield.is_null()) {
+    text += "; gave way at " + millimetres(yield["depth"]);
+    text += yield["force"].is_null()
+                ? " within a tick"
+                : fmt::format(" with {} N", shown(yield["force"].get<double>()));
+  }
+  if (!mode["let_go_at"].is_null()) text += "; let go at " + millimetres(mode["let_go_at"]);
+  say("mode      {}: {}\n", mode["mode"].get<std::string>(), sentence(text));
+}
+
+void printPress(const OrderedJson& json) {
+  const auto of = [](const OrderedJson& value) { return shown(value.get<double>()); };
+  say("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]), of(json["speed"]),
+      json["ticks"].get<std::size_t>());
+  say("force     at most {} N, at {} on the way {}; the limiter acted in {} ticks\n",
+      of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
+      json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
+  say("stiffness {}\n", json["stiffness"].is_null()
+                            ? "not felt"
+                            : of(json["stiffness"]) + " N/m up to the first yield");
+  for (const OrderedJson& mode : json["modes"]) printPressed(mode);
+  say("energy    {} J in, {} J back: hysteresis {} J\n", of(json["work_in"]), of(json["work_out"]),
+      of(json["hysteresis"]));
+  say("          {} J given to the hand, at most {} J if passive; {} J added by the proxy's "
+      "own motion\n",
+      of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
+}
+
+Way wayOf(const PressOptions& options) {
+  Way way;
+  way.at = readVector("--at", options.at);
+  way.along = readVector("--along", options.along);
+  checkReach("--along", way.at + way.along);
+  if (!(way.length() > 1e-9)) {
+    throw Error("--along", "its length is how deep to press, and it is none",
+                "give metres, as 0,0,-0.01");
+  }
+  if (!(options.speed > 0.0) || !std::isfinite(options.speed)) {
+    throw Error("--speed", fmt::format("{} m/s is not more than 0", options.speed), "use 0.05");
+  }
+  const double steps = std::ceil(way.length() * options.rate / options.speed * (1.0 - 1e-12));
+  if (!(steps <= kMostSteps)) {
+    throw Error("--speed", fmt::format("the way takes more than {} ticks", kMostSteps),
+                "press faster, less deep or at a lower rate");
+  }
+  way.steps = std::max(1, static_cast<int>(steps));
+  return way;
+}
+
+/// Rejects two outputs at one place, and an output that is also an input.
+void checkOutputs(const PressOptions& options, const SceneSpec& spec) {
+  checkOutputsApart({options.csv, options.picture, options.json ? "-" : ""},
+                    inputsOf(options.scene, spec));
+}
+
+/// Runs ticks along the whole path; returns true if all went without a fault.
+template <class Seen>
+bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
+  Reader reader;
+  ProxyState state(pathLimits());
+  const double dt = 1.0 / rate;
+  StepTrace trace;
+  Telemetry tick;
+  tick.scene = scene.id;
+  tick.report = restAt(scene, reader, state, way.at, dt).report;
+  for (int i = 0; i <= 2 * way.steps; ++i) {
+    tick.probe = way.hand(i);
+    tick.time = i * dt;
+    if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt, &trace);
+    seen(i, tick, state, trace);
+  }
+  return !state.faulted();
+}
+
+int press(const PressOptions& options) {
+  checkRate("--rate", options.rate);
+  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
+  const Way way = wayOf(options);
+  const auto trial = [&](const BuiltScene& built) {
+    Near near;
+    run(*built.scene, way, options.rate,
+        [&](int, const Telemetry& tick, const ProxyState& state, const StepTrace&) {
+          near.add(state, tick.report);
+        });
+    return near;
+  };
+  const Opened opened = openFor(options.scene, trial);
+  checkOutputs(options, opened.spec);
+  std::optional<Picture> picture;
+  if (!options.picture.empty()) picture.emplace(options.picture);
+  std::optional<WholeFile> file;
+  if (!options.csv.empty()) file.emplace(options.csv);
+
+  Felt felt(*opened.built.scene, options.rate);
+  Curve curve(opened, way);
+  const auto seen = [&](int i, const Telemetry& tick, const ProxyState& state,
+                        const StepTrace& trace) {
+    curve.add(i, tick.report, state, trace);
+    if (!picture) return;
+    picture->add(tick);
+    felt.add(tick, state);
+  };
+  std::function<void(double)> progress = showProgress("pressing");
+  const bool good = run(*opened.built.scene, way, options.rate, seen);
+  progress = nullptr;
+  if (file) {
+    file->write(csv(curve.rows()));
+    file->commit();
+  }
+  if (picture) picture->draw(opened.told, opened.built, felt);
+  const OrderedJson summary = curve.summary(options, opened.spec.source);
+  if (options.json) {
+    sayJson(summary);
+  } else if (options.csv != "-") {
+    printTable(curve, way.steps);
+    printPress(summary);
+  }
+  if (good) return kDone;
+  complain("press: the force was cut: a sample was not finite: mend the volume");
+  return kEndedEarly;
+}
+
+}  // namespace
+
+void addPress(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb =
+      app.add_subcommand("press", "Presses straight in and out; prints the force-depth curve");
+  auto options = std::make_shared<PressOptions>();
+  verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
+      ->required();
+  verb->add_option("--at", options->at, "x,y,z: where the hand begins and ends [m]")->required();
+  verb->add_option("--along", options->along,
+                   "x,y,z: where it goes from there; its length is how deep [m]")
+      ->required();
+  verb->add_option("--speed", options->speed, "Of the hand [m/s] (default 0.05)");
+  verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  verb->add_option("--csv", options->csv, "The curve, one row a tick; - is standard output");
+  verb->add_option("--picture", options->picture,
+                   ".png, .pdf or .svg: the way over the slices, force over time");
+  verb->add_flag("--json", options->json, "Print the summary as JSON");
+  verb->footer(
+      "Example:\n  palpate press head.json --at 0,0,0.06 --along 0,0,-0.02 --csv curve.csv");
+  verb->callback([=, &body] { body = [=] { return press(*options); }; });
+}
+
+}  // namespace palpate::cli

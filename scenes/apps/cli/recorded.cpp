@@ -1,0 +1,231 @@
+#include "palpate/scenes/apps/cli/recorded.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <set>
+#include <span>
+#include <system_error>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/recording/crc32c.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/cli/dials.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/brick_places.h"
+#include "palpate/scenes/library/frames.h"
+#include "palpate/scenes/library/scene_cache.h"
+#include "palpate/scenes/library/scene_file.h"
+
+namespace palpate::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Returns the size and the checksum of a file; null if it cannot be read.
+OrderedJson stateOf(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) return nullptr;  // other kinds may never end
+  std::ifstream in(file, std::ios::binary);
+  if (!in) return nullptr;
+  std::vector<char> piece(std::size_t{1} << 20U);
+  std::uint32_t crc = 0;
+  std::uint64_t bytes = 0;
+  while (in) {
+    in.read(piece.data(), static_cast<std::streamsize>(piece.size()));
+    const auto got = static_cast<std::size_t>(in.gcount());
+    crc = crc32c(std::as_bytes(std::span(piece.data(), got)), crc);
+    bytes += got;
+  }
+  return {{"bytes", bytes}, {"crc32c", crc}};
+}
+
+/// Returns the identity of remote bricks.
+OrderedJson stateOf(const BrickManifest& manifest) {
+  return {{"identity", fmt::format("{:016x}", manifest.identity())}};
+}
+
+/// Returns the present state of a place; null if it cannot be read. The later load reports the
+/// error.
+OrderedJson stateNow(const fs::path& place) {
+  if (!isRemote(place)) return stateOf(place);
+  try {
+    return stateOf(openBricks(place)->manifest());
+  } catch (const Error&) {
+    return nullptr;
+  }
+}
+
+/// Returns a recorded scene's JSON; throws Error if it is invalid.
+OrderedJson jsonOf(const RecordedScene& scene) {
+  OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
+  const auto good = [&] {
+    const auto list = [&](const char* key) { return json.contains(key) && json[key].is_array(); };
+    return json.is_object() && json.contains("text") && json.contains("file") &&
+           json["file"].is_string() && list("dials") && list("volumes");
+  };
+  if (!good()) {
+    throw Error("the recording's scene", "it cannot be read", "give the scene's file instead");
+  }
+  return json;
+}
+
+/// Returns the scene's files that have changed, with their present state.
+std::map<std::string, OrderedJson> changedFiles(const OrderedJson& json) {
+  std::map<std::string, OrderedJson> changed;
+  for (const OrderedJson& volume : json["volumes"]) {
+    const auto file = volume.at("file").get<std::string>();
+    OrderedJson now = stateNow(file);
+    if (now != volume.at("state")) changed.emplace(file, std::move(now));
+  }
+  return changed;
+}
+
+/// Restores a scene from a recording, with its gains. Throws Error if its files are gone, or if
+/// this version cannot read it.
+SceneInput parseSceneInput(const OrderedJson& json) {
+  SceneInput out;
+  out.file = json["file"].get<std::string>();
+  if (json["text"].is_null()) {
+    out.spec = openScene(out.file, showProgress("loading"));
+  } else {
+    out.text = json["text"].get<std::string>();
+    out.spec = parseScene(out.text, out.file, fs::path(out.file).parent_path());
+  }
+  std::vector<LiveDial> dials;
+  for (const OrderedJson& turned : json["dials"]) {
+    dials.push_back({turned.at(0).get<std::uint32_t>(), turned.at(1).get<float>()});
+  }
+  if (!dials.empty()) dial(out.spec, dials);
+  return out;
+}
+
+/// Does the same, and reports files that have changed.
+SceneInput sceneInputOf(const RecordedScene& scene) {
+  try {
+    const OrderedJson json = jsonOf(scene);
+    SceneInput out = parseSceneInput(json);
+    for (const auto& [file, now] : changedFiles(json)) {
+      if (now.is_null()) continue;
+      complain(file + ": it is not the file that was recorded: what is felt differs with it");
+    }
+    return out;
+  } catch (const nlohmann::json::exception& error) {
+    throw Error("the recording's scene", fmt::format("it cannot be read ({})", error.what()),
+                "give the scene's file instead");
+  }
+}
+
+/// Returns the scene of the first tick that has one. Throws Error if it is missing.
+const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
+  const auto& scenes = recording.scenes();
+  std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
+  for (std::int64_t i = 0; i < recording.size(); ++i) {
+    const std::uint64_t felt = recording.tick(i).scene;
+    if (felt == 0) continue;
+    id = felt;
+    break;
+  }
+  const auto found = std::find_if(scenes.begin(), scenes.end(),
+                                  [&](const RecordedScene& scene) { return scene.id == id; });
+  if (found == scenes.end()) {
+    const std::string words = recording.incomplete();
+    throw Error(
+        file,
+        words.empty() ? "its first scene is not in it" : "its first scene is not in it: " + words,
+        "give the scene's file");
+  }
+  return *found;
+}
+
+/// Adds the files of a scene. Invalid text is ignored: parseSceneInput reports it.
+void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
+  const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
+  if (!json.is_object() || !json.contains("file") || !json["file"].is_string()) return;
+  files.emplace_back(json["file"].get<std::string>());
+  if (!json.contains("volumes") || !json["volumes"].is_array()) return;
+  for (const OrderedJson& volume : json["volumes"]) {
+    if (volume.is_object() && volume.contains("file") && volume["file"].is_string()) {
+      files.emplace_back(volume["file"].get<std::string>());
+    }
+  }
+}
+
+}  // namespace
+
+SceneInput openSceneInput(const std::string& scene) {
+  if (!isRecording(scene)) return openWithText(scene, showProgress("loading"));
+  const Recording recording(scene);
+  SceneInput first = sceneInputOf(firstFelt(recording, scene));
+  for (const RecordedScene& each : recording.scenes()) addFiles(each, first.files);
+  return first;
+}
+
+SceneInput openWithText(const std::string& file, const Progress& progress) {
+  SceneInput out;
+  out.file = file;
+  out.spec = openScene(file, progress, &out.text);
+  return out;
+}
+
+std::optional<SceneInput> sceneAsItIs(const Recording& recording, std::uint64_t id) {
+  for (const RecordedScene& scene : recording.scenes()) {
+    if (scene.id != id) continue;
+    const OrderedJson json = jsonOf(scene);
+    if (!json["dials"].empty() || !changedFiles(json).empty()) return std::nullopt;
+    SceneInput now = openWithText(json["file"].get<std::string>(), showProgress("loading"));
+    if (!json["text"].is_null() && json["text"] != now.text) return std::nullopt;
+    return now;
+  }
+  return std::nullopt;
+}
+
+std::string recordedScene(const std::string& file, const std::string& text, const SceneSpec& spec,
+                          const std::vector<LiveDial>& dials, const Windows& windows) {
+  OrderedJson json;
+  json["file"] = absolutePlace(file).string();
+  json["text"] = text.empty() ? OrderedJson() : OrderedJson(text);
+  json["dials"] = OrderedJson::array();
+  for (const LiveDial& dial : dials) json["dials"].push_back({dial.mode, dial.factor});
+  json["volumes"] = OrderedJson::array();
+  std::set<fs::path> files;
+  const auto add = [&](const fs::path& at, const auto& of) {
+    if (!files.insert(at).second) return;
+    json["volumes"].push_back({{"file", absolutePlace(at).string()}, {"state", stateOf(of)}});
+  };
+  for (const auto& [name, volume] : spec.volumes) {
+    for (const fs::path& at : filesOf(volume)) add(at, at);
+    // Remote bricks are not read again: the window has their manifest.
+    const auto window = windows.find(name);
+    if (isRemote(volume.file) && window != windows.end()) {
+      add(volume.file, window->second->manifest());
+    }
+  }
+  return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
+}
+
+ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> first,
+                    SceneCache& cache) {
+  ScenesById scenes;
+  const std::uint64_t felt = recording.scenes().empty() ? 0 : firstFelt(recording, {}).id;
+  for (const RecordedScene& scene : recording.scenes()) {
+    if (scenes.contains(scene.id)) continue;
+    if (scene.id == felt) {
+      scenes.emplace(scene.id, SceneAgain{first, scene.text});
+      continue;
+    }
+    SceneSpec spec = sceneInputOf(scene).spec;
+    static_cast<void>(fitCoupling(spec, recording.setting().device));
+    spec.waits = true;
+    scenes.emplace(scene.id,
+                   SceneAgain{buildScene(spec, showProgress("loading"), &cache).scene, scene.text});
+  }
+  return scenes;
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,95 @@
+#include "palpate/scenes/apps/cli/room.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/simulated/stability.h"
+
+namespace palpate::cli {
+namespace {
+
+/// A hand that holds the arm like a pen.
+constexpr GripParams kRelaxed{};
+
+}  // namespace
+
+OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams& coupling) {
+  const ArmDissipation& known = device.limits.tank.arm;
+  if (!(device.mass > 0.0) || !(known.viscous > 0.0)) return nullptr;
+  ArmParams arm;
+  arm.mass = device.mass;
+  arm.viscous = known.viscous;
+  arm.coulomb = known.coulomb;
+  arm.encoder = known.step / std::sqrt(3.0);
+  arm.delay = known.delay + known.doubt;
+  arm.lag = known.lag;
+  if (device.output_rate > 0.0) rate = std::min(rate, device.output_rate);
+  const CouplingRoom room =
+      palpate::roomFor(arm, kRelaxed, rate, coupling.stiffness, coupling.damping);
+  OrderedJson json;
+  json["device"] = device.name;
+  json["rate"] = rate;
+  json["stiffness"] = coupling.stiffness;
+  json["damping"] = coupling.damping;
+  json["passive"] = room.passive;
+  json["stable"] = finite(room.stable);
+  json["hand"] = {{"stiffness", kRelaxed.stiffness}, {"damping", kRelaxed.damping}};
+  json["quiet"] = finite(quietStiffness(arm, rate, coupling.damping));
+  json["holds"] = finite(room.amplitude);
+  json["passive_rate"] = room.rate > 0.0 ? OrderedJson(room.rate) : OrderedJson();
+  json["passive_viscous"] = room.viscous;
+  return json;
+}
+
+bool swingsUp(const OrderedJson& room) {
+  return !room["stable"].is_null() &&
+         room["stiffness"].get<double>() > room["stable"].get<double>();
+}
+
+std::string roomWords(const OrderedJson& room) {
+  const auto newtons = [&](const char* key) { return rounded(room[key].get<double>()) + " N/m"; };
+  const std::string asked = newtons("stiffness");
+  const std::string name = room["device"].get<std::string>();
+  const std::string arm = name == "simulated" ? "the simulated arm" : name;
+  if (swingsUp(room)) {
+    return fmt::format("{} is too stiff for {}, which swings up even in a hand: use less than {}",
+                       asked, arm, newtons("stable"));
+  }
+  const auto passive = room["passive"].get<double>();
+  if (room["stiffness"].get<double>() <= passive) {
+    return fmt::format("{} is fine on {}, with a hand on it or without", asked, arm);
+  }
+  return fmt::format("{} is fine on {} with a hand on it, as {}; without, {}", asked, arm,
+                     room["stable"].is_null() ? "any is" : "less than " + newtons("stable") + " is",
+                     passive > 0.0 ? "up to " + newtons("passive") : "it may swing at any");
+}
+
+std::string roomNumbers(const OrderedJson& room) {
+  std::string words = fmt::format(
+      "{} N/m and {} N s/m of coupling at {} Hz: passive with any hand to {} N/m, stable with a "
+      "relaxed one ({} N/m, {} N s/m) to {}, let go of it friction holds swings of {} mm",
+      rounded(room["stiffness"].get<double>()), rounded(room["damping"].get<double>()),
+      rounded(room["rate"].get<double>()), rounded(room["passive"].get<double>()),
+      rounded(room["hand"]["stiffness"].get<double>()),
+      rounded(room["hand"]["damping"].get<double>()),
+      room["stable"].is_null() ? "any" : rounded(room["stable"].get<double>()),
+      room["holds"].is_null() ? "any" : rounded(1e3 * room["holds"].get<double>()));
+  if (room["stiffness"].get<double>() > room["passive"].get<double>()) {
+    words += fmt::format("; passive at {} or with {} N s/m of friction",
+                         room["passive_rate"].is_null()
+                             ? "no rate"
+                             : rounded(room["passive_rate"].get<double>()) + " Hz",
+                         rounded(room["passive_viscous"].get<double>()));
+  }
+  return words;
+}
+
+void sayRoom(const OrderedJson& room, int column, bool verbose) {
+  if (room.is_null()) return;
+  say("{:<{}}{}\n", "room", column, sentence(roomWords(room)));
+  if (verbose) say("{:<{}}{}\n", "", column, sentence(roomNumbers(room)));
+}
+
+}  // namespace palpate::cli

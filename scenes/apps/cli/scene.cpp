@@ -1,0 +1,48 @@
+/// palpate scene: prints a first scene for a .vdb, and the reasons for it.
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/library/brick_places.h"
+#include "palpate/scenes/library/scene_file.h"
+
+namespace palpate::cli {
+
+void addScene(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "scene", "Prints a first scene for a .vdb, and says why it is that one (to stderr)");
+  auto file = std::make_shared<std::string>();
+  auto what = std::make_shared<GuessFor>(GuessFor::kAnything);
+  const std::map<std::string, GuessFor> words{{"ct", GuessFor::kCt},
+                                              {"mri", GuessFor::kMri},
+                                              {"cfd", GuessFor::kCfd},
+                                              {"fibres", GuessFor::kFibres},
+                                              {"labels", GuessFor::kLabels}};
+  verb->add_option("FILE", *file, "A .vdb file, or a folder of bricks")->required();
+  verb->add_option("--for", *what, "What it holds, whatever it looks like")
+      ->transform(CLI::CheckedTransformer(words, CLI::ignore_case)
+                      .description("{ct,mri,cfd,fibres,labels}"))
+      ->type_name("KIND");
+  verb->footer(
+      "Examples:\n  palpate scene head.vdb > head.json\n"
+      "  palpate scene atlas.vdb --for labels > atlas.json");
+  verb->callback([=, &body] {
+    body = [=] {
+      // A scene's file names are relative to its folder, which is not known yet.
+      std::filesystem::path place(*file);
+      if (place.has_parent_path()) place = absolutePlace(place);
+      const Guess guess = guessVdb(place, *what, showProgress("loading"));
+      for (const std::string& line : guess.seen) complain("saw: " + line);
+      for (const std::string& line : guess.made) complain("made: " + line);
+      for (const std::string& line : guess.left) complain("left out: " + line);
+      sayRaw(guess.scene);
+      return kDone;
+    };
+  });
+}
+
+}  // namespace palpate::cli

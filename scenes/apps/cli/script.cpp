@@ -1,0 +1,86 @@
+#include "palpate/scenes/apps/cli/script.h"
+
+#include <cerrno>
+#include <csignal>
+#include <fcntl.h>
+#include <poll.h>
+#include <string_view>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::cli {
+namespace {
+
+/// Runs a program with `input` on its standard input and its standard output to a descriptor.
+/// Returns its exit status, or -1. If the user ends the run, ends the program and throws
+/// Interrupted.
+int run(std::vector<std::string> command, const std::string& input, int output) {
+  int pipe_ends[2];
+  if (pipe(pipe_ends) != 0) return -1;
+  const pid_t child = fork();
+  if (child < 0) return -1;
+  if (child == 0) {
+    // A terminal sends Ctrl-C to both processes. The child ignores it: the parent decides, and the
+    // child ends with the parent.
+    signal(SIGINT, SIG_IGN);
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    dup2(pipe_ends[0], STDIN_FILENO);
+    dup2(output, STDOUT_FILENO);
+    close(pipe_ends[0]);
+    close(pipe_ends[1]);
+    const std::vector<char*> argv = argumentsOf(command);
+    execvp(argv[0], argv.data());
+    _exit(127);
+  }
+  close(pipe_ends[0]);
+  fcntl(pipe_ends[1], F_SETFL, O_NONBLOCK);
+  constexpr int kLook = 10;  // [ms]
+  std::string_view rest = input;
+  pollfd ear{pipe_ends[1], POLLOUT, 0};
+  int status = 0;
+  pid_t ended = 0;
+  while (ended == 0) {
+    if (interrupted != 0) kill(child, SIGKILL);
+    if (ear.fd >= 0) {
+      const ssize_t n = write(ear.fd, rest.data(), rest.size());
+      if (n > 0) rest.remove_prefix(static_cast<std::size_t>(n));
+      if (rest.empty() || (n < 0 && errno != EAGAIN && errno != EINTR)) {
+        close(ear.fd);
+        ear.fd = -1;  // poll() ignores negative descriptors
+      }
+    }
+    (void)poll(&ear, 1, kLook);
+    ended = waitpid(child, &status, WNOHANG);
+  }
+  if (ear.fd >= 0) close(ear.fd);
+  if (ended < 0) return -1;
+  if (interrupted != 0) throw Interrupted{};
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+}  // namespace
+
+Script::Script(const std::string& name, const std::string& option)
+    : script_(programFolder() / name) {
+  if (!std::filesystem::exists(script_)) {
+    script_ = programFolder().parent_path() / "share" / "palpate" / name;
+  }
+  if (run({script_.string(), "--check"}, "", STDERR_FILENO) != 0) {
+    throw Error(option, "python3 with matplotlib is not there", "install python3-matplotlib");
+  }
+}
+
+void Script::draw(const OrderedJson& json, const WholeFile& file, const std::string& path,
+                  const std::vector<std::string>& arguments) const {
+  std::vector<std::string> command{script_.string()};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  const auto progress = showProgress("drawing");
+  if (run(command, dump(json), file.descriptor()) != 0) {
+    throw Error(path, "the picture could not be drawn", "see the message of matplotlib above");
+  }
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,474 @@
+#include "palpate/scenes/apps/cli/session.h"
+
+#include <algorithm>
+#include <chrono>
+#include <system_error>
+#include <thread>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/loop/hand_tick.h"
+#include "palpate/engine/loop/haptic_thread.h"
+#include "palpate/scenes/apps/cli/bare_loop.h"
+#include "palpate/scenes/apps/cli/keys.h"
+#include "palpate/scenes/apps/cli/watcher.h"
+
+namespace palpate::cli {
+namespace {
+
+/// A hand's real-time loop, and the state that its owner monitors.
+class OnTime {
+ public:
+  OnTime(const Run& run, std::size_t number, Guardian& guardian, const PlayClock& clock)
+      : run_(run), hand_(*run.hands[number]), name_(run.nameOf(number)), guardian_(guardian) {
+    LoopParams params;
+    params.rate = run.options.rate;
+    params.clock = &clock;
+    params.reengage = run.options.reengage.value_or(kReengage);
+    if (run.sites != nullptr && number == 0) params.links = run.sites->links();
+    if (run.window != nullptr && number == 0) params.realtime.core = loopsCore();
+    const ZeroForce zero = hand_.device->zeroForce();
+    if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
+    watch_ = params.watch;
+    plugging_ = zero.version;
+    thread_.emplace(*hand_.device, params, &hand_.log);
+    if (!thread_->realtime().refused.empty()) {
+      sayAside("{}: {}: the loop runs without it\n", name_, thread_->realtime().refused);
+    }
+  }
+  [[nodiscard]] HapticThread& thread() { return *thread_; }
+  /// Returns the state at the last look().
+  [[nodiscard]] const IgtlHand& shown() const { return shown_; }
+  /// Returns false once the hand has ended.
+  bool look() {
+    hand_.drain();
+    hand_.tellUnwritten(name_);
+    const Telemetry& now = thread_->latest();
+    shown_ = {now.probe, now.report.proxy, now.report.force, now.fault, now.tick > 0};
+    if (now.fault != told_ && now.fault != Fault::kNone) {
+      complain(fmt::format("{}: the force is cut: {}: {}{}", name_, wordsFor(now.fault),
+                           remedyFor(now.fault), now.fault == Fault::kLate ? returns() : ""));
+    }
+    if (now.fault == Fault::kNone && told_ != Fault::kNone)
+      complain(name_ + ": the force is on again");
+    told_ = now.fault;
+    // A trembling hand does not reduce the force by half.
+    const bool still = now.report.moving < 0.5;
+    if (still && !told_still_) {
+      complain(name_ +
+               ": its counters stand still under the force, which fades until they move: "
+               "see to its firmware and encoders");
+    }
+    told_still_ = still;
+    // Less than half of the requested force feels like another surface.
+    const bool weak = now.input.given < 0.5;
+    if (weak && !told_weak_) {
+      complain(name_ +
+               ": its motors give less than half of the force: it is more than they may have, or "
+               "they are hot: let it rest, or use weaker modes");
+    }
+    told_weak_ = weak;
+    if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
+      plugging_ = another.version;
+      guardian_.renew(watch_, another);
+      complain(name_ + ": the arm is back: Enter when the hand is ready");
+    }
+    return thread_->running() && now.tick < run_.ticks;
+  }
+  void feel(const std::shared_ptr<const Scene>& scene, const std::vector<LiveDial>& dials) {
+    hand_.log.expect(*scene, dials);
+    thread_->publish(scene);
+  }
+  void end() {
+    thread_->stop();
+    // The guardian must not overwrite the profile's final output.
+    if (watch_.heart != nullptr) guardian_.forget(watch_);
+    hand_.drain();
+    const std::int64_t lost = hand_.log.lost();
+    if (lost > 0) {
+      complain(
+          fmt::format("{}: {} rows of the trace came too fast to be written: use a lower rate "
+                      "or a faster place",
+                      name_, lost));
+    }
+    const RealtimeReport& got = thread_->realtime();
+    hand_.granted = {{"priority", got.priority},
+                     {"memory_locked", got.memory},
+                     {"cores_awake", got.awake},
+                     {"early_us", 1e6 * thread_->early()},
+                     {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
+                     {"page_faults", thread_->pageFaultsSinceStart()},
+                     {"rows_lost", lost}};
+  }
+
+ private:
+  /// Returns when the force will return automatically.
+  [[nodiscard]] std::string returns() const {
+    const double after = run_.options.reengage.value_or(kReengage);
+    if (!(after > 0.0)) return "";
+    return fmt::format(
+        "; if nothing else is wrong it returns {} s after the last late tick, at "
+        "most {} times a minute",
+        after, Reengagement::kMost);
+  }
+
+  const Run& run_;
+  Hand& hand_;
+  std::string name_;
+  Guardian& guardian_;
+  LoopWatch watch_;
+  std::uint32_t plugging_ = 1;
+  Fault told_ = Fault::kNone;
+  bool told_still_ = false;
+  bool told_weak_ = false;
+  IgtlHand shown_;
+  std::optional<HapticThread> thread_;
+};
+
+/// Delays ticks until their time, at a given speed.
+class Pacer {
+ public:
+  explicit Pacer(std::optional<double> speed) : speed_(speed) {}
+  /// Waits for a tick at `time` [s]; the first call sets the origin.
+  void wait(double time) {
+    if (!speed_) return;
+    using Clock = std::chrono::steady_clock;
+    if (!begun_) begun_ = Begin{Clock::now(), time};
+    const std::chrono::duration<double> since((time - begun_->time) / *speed_);
+    std::this_thread::sleep_until(begun_->at + std::chrono::duration_cast<Clock::duration>(since));
+  }
+
+ private:
+  struct Begin {
+    std::chrono::steady_clock::time_point at;
+    double time;
+  };
+  std::optional<double> speed_;
+  std::optional<Begin> begun_;
+};
+
+/// Returns how far a key steps in time [s]; 0: no sequence is played.
+double stepOf(const Fetched& of) {
+  double shortest = 0.0;
+  for (const auto& [name, sequence] : of.sequences()) {
+    const std::vector<double>& times = sequence->times().times;
+    if (times.size() < 2) continue;
+    const double step = times[1] - times[0];
+    shortest = shortest > 0.0 ? std::min(shortest, step) : step;
+  }
+  return shortest;
+}
+
+/// Announces to the recordings a scene that hands are about to use.
+void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
+  const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
+  if (std::none_of(run.hands.begin(), run.hands.end(), recorded)) return;
+  const std::string& read = watcher.text().empty() ? run.from.text : watcher.text();
+  const std::string text =
+      recordedScene(run.from.file, read, watcher.spec(), watcher.dials(), built.windows);
+  for (const auto& hand : run.hands) hand->recorder->expect({built.scene->id, text});
+}
+
+/// Allows clients to cut the force while it lives.
+class Obeyed {
+ public:
+  Obeyed(IgtlServer* server, const std::vector<HapticThread*>& hands) : server_(server) {
+    if (server_ != nullptr) server_->cuts(hands);
+  }
+  ~Obeyed() {
+    if (server_ != nullptr) server_->cuts({});
+  }
+  Obeyed(const Obeyed&) = delete;
+  Obeyed& operator=(const Obeyed&) = delete;
+
+ private:
+  IgtlServer* server_;
+};
+
+/// Returns whether the engine cuts this hand's force if a tick is late.
+bool canBeLate(const Device* device) {
+  constexpr double kAnyTime = 1.0;  // [s]
+  return device->info().hand && device->info().watch.late < kAnyTime;
+}
+
+/// Reports the machine's own share of late ticks.
+void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
+  if (!seen || seen->late == 0) return;
+  complain(fmt::format(
+      "feel: this machine woke a thread that does nothing up to {:.1f} ms late, {} times more than "
+      "{:.0f} ms: the force will be cut now and then: end other programs, or give palpate "
+      "real-time "
+      "priority and a core of its own (docs/loop.md)",
+      1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
+}
+
+/// Shows the hands to clients, and takes data that clients send.
+void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands, Watcher& watcher,
+           std::chrono::steady_clock::time_point& next_image) {
+  IgtlShown shown;
+  for (const auto& hand : hands) {
+    if (shown.count < shown.hands.size()) shown.hands[shown.count++] = hand->shown();
+  }
+  server.show(shown);
+  // Each image starts an engagement, which must end before the next one.
+  constexpr auto kBetweenImages = std::chrono::seconds(2);
+  const auto now = std::chrono::steady_clock::now();
+  if (watcher.takesImage() && now >= next_image) {
+    if (auto image = server.takeImage()) {
+      watcher.replace(std::move(image));
+      next_image = now + kBetweenImages;
+    }
+  }
+  const std::string news = watcher.takeNews();
+  if (!news.empty()) server.tell(news);
+}
+
+}  // namespace
+
+void Fetched::tellTroubles() const {
+  const auto tell = [](const auto& all) {
+    for (const auto& [name, of] : all) {
+      for (const std::string& trouble : of->takeTroubles()) complain(trouble);
+    }
+  };
+  tell(windows_);
+  tell(sequences_);
+}
+
+void Fetched::addTo(OrderedJson& summary) const {
+  for (const auto& [name, window] : windows_) {
+    const WindowState state = window->state();
+    summary["bricks"][name] = {{"slots", state.slots},   {"resident", state.resident},
+                               {"bytes", state.bytes},   {"fetched", state.fetched},
+                               {"failed", state.failed}, {"locked", state.locked},
+                               {"gone", state.gone}};
+  }
+  for (const auto& [name, sequence] : sequences_) {
+    const SequenceState state = sequence->state();
+    summary["sequences"][name] = {{"frames", state.frames},     {"slots", state.slots},
+                                  {"resident", state.resident}, {"bytes", state.bytes},
+                                  {"fetched", state.fetched},   {"failed", state.failed}};
+  }
+}
+
+void Fetched::sayThem() const {
+  for (const auto& [name, window] : windows_) {
+    const WindowState state = window->state();
+    say("bricks    {}: {} fetched, {} there, in a window of {} ({} MB){}\n", name, state.fetched,
+        state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
+        state.failed > 0 ? fmt::format("; {} could not be had and were felt coarsely", state.failed)
+                         : "");
+  }
+  for (const auto& [name, sequence] : sequences_) {
+    const SequenceState state = sequence->state();
+    say("frames    {}: {} of {} in memory ({} MB), {} fetched{}\n", name, state.resident,
+        state.frames, rounded(static_cast<double>(state.bytes) / 1e6), state.fetched,
+        state.failed > 0 ? fmt::format("; {} could not be had", state.failed) : "");
+  }
+}
+
+WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const SceneInput& from) {
+  if (options.site.empty()) return;
+  SiteParams params = siteFrom(options.site, options.with);
+  params.keys = options.site_keys;
+  name_ = params.name;
+  // Only known sites may edit a felt scene: programs of this machine, or sites with keys.
+  const bool known = options.with.empty() || !options.site_keys.empty();
+  params.scene = shares_ = known && !options.own_scene && !from.text.empty();
+  if (!known && options.watch && !options.own_scene) {
+    complain("feel: edits are not told to other machines' sites without --site-keys");
+  } else if (!options.own_scene && !shares_ && known) {
+    complain("feel: " + from.file + ": it is no scene file: what other sites edit is not felt");
+  }
+  // The time of day: a restarted program has a later life.
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+  LinkParams link;
+  // The link's limits leave room for the scene's own coupling.
+  link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
+  link.peak = std::min(link.peak, 0.5 * device.limits.peak);
+  if (device.limits.tank.arm.step > 0.0) link.step = device.limits.tank.arm.step;
+  links_.emplace(static_cast<std::uint64_t>(life), link);
+  site_.emplace(params, *links_);
+}
+
+void WithSites::tellNews() {
+  if (!site_) return;
+  for (const std::string& line : site_->takeNews()) complain("feel: " + line);
+}
+
+void WithSites::begin(Watcher& watcher, const SceneInput& from) const {
+  watcher.share(name_, from.file, from.text);
+}
+
+void WithSites::hear(Watcher& watcher) {
+  for (const auto& [name, text] : site_->takeScenes()) watcher.hear(name, text);
+}
+
+void WithSites::tell(Watcher& watcher) {
+  if (auto told = watcher.takeTold()) site_->tellScene(std::move(*told));
+}
+
+void WithSites::addTo(OrderedJson& summary) const {
+  if (!site_) return;
+  OrderedJson& sites = summary["sites"] = OrderedJson::object();
+  for (const auto& [name, other] : site_->others()) {
+    sites[name] = {{"here", other.here},     {"lives", other.lives},       {"heard", other.heard},
+                   {"missed", other.missed}, {"presence", other.presence}, {"paid", other.paid},
+                   {"energy", other.energy}};
+  }
+}
+
+void WithSites::sayThem() const {
+  if (!site_) return;
+  for (const auto& [name, other] : site_->others()) {
+    say("site      {}: {} messages heard, {} overtaken or lost{}\n", name, other.heard,
+        other.missed, other.here ? "" : "; gone");
+  }
+}
+
+void runInVirtualTime(const Run& run) {
+  const PlayClock clock(run.play);
+  std::vector<std::unique_ptr<HapticLoop>> loops;
+  for (const auto& hand : run.hands) {
+    loops.push_back(std::make_unique<HapticLoop>(*hand->device, run.options.rate, &hand->log));
+    loops.back()->playBy(&clock);
+    loops.back()->publish(run.scene);
+  }
+  const auto progress = showProgress("feeling");
+  TickTime time;
+  time.dt = 1.0 / run.options.rate;
+  bool feeling = true;
+  for (std::int64_t i = 0; i < run.ticks && feeling && interrupted == 0; ++i) {
+    time.now = static_cast<double>(i) / run.options.rate;
+    feeling = false;
+    for (std::size_t h = 0; h < loops.size(); ++h) {
+      Hand& hand = *run.hands[h];
+      if (hand.device->ended()) continue;
+      if (hand.recorder) hand.recorder->wait();
+      loops[h]->tick(time);
+      hand.drain();
+      feeling = true;
+    }
+    if (progress && !run.whole_path) {
+      progress(static_cast<double>(i) / static_cast<double>(run.ticks));
+    }
+  }
+}
+
+void runAgain(const Run& run, const ScenesById& scenes) {
+  const auto progress = run.window == nullptr ? showProgress("feeling again") : Progress();
+  constexpr std::int64_t kLook = 10;  // ticks
+  for (const auto& hand : run.hands) {
+    const auto& device = dynamic_cast<const ReplayDevice&>(*hand->device);
+    const Recording& recording = device.recording();
+    HandTick tick(recording.setting().device.limits);
+    const std::int64_t end =
+        device.begin() + std::min(recording.size() - device.begin(), run.ticks);
+    std::uint64_t id = 0;
+    const Scene* scene = nullptr;
+    Pacer pacer(run.options.speed);
+    for (std::int64_t i = device.begin(); i < end && interrupted == 0; ++i) {
+      if (run.window != nullptr && i % kLook == 0) {
+        if (run.window->look({}).closed || run.window->lost()) return;
+      }
+      Telemetry told = telemetryOf(recording.tick(i));
+      pacer.wait(told.time);
+      if (told.scene != id) {
+        id = told.scene;
+        const auto found = scenes.find(id);
+        const Scene* next = id == 0 ? nullptr : run.scene.get();
+        if (found != scenes.end()) next = found->second.scene.get();
+        if (id != 0 && found == scenes.end() && !scenes.empty()) {
+          complain(fmt::format("feel: tick {}: its scene is not in the recording: it is felt in {}",
+                               told.tick, run.from.file));
+        }
+        if (next != nullptr && next != run.scene.get() && next != scene) {
+          hand->log.expect(*next, {});
+          if (hand->recorder) hand->recorder->expect({next->id, found->second.text});
+        }
+        scene = next;
+      }
+      if (hand->recorder) hand->recorder->wait();
+      const auto begin = std::chrono::steady_clock::now();
+      told.report = tick.step(scene, told.input);
+      told.tick_ns = std::chrono::nanoseconds(std::chrono::steady_clock::now() - begin).count();
+      tick.withhold(told.input, told.report);
+      tick.sent(told.input);
+      told.fault = tick.state().fault();
+      told.scene = scene == nullptr ? 0 : scene->id;
+      hand->log.take(told, tick.state());
+      hand->drain();
+      if (progress) {
+        const double all = static_cast<double>(end - device.begin());
+        progress(static_cast<double>(i - device.begin()) / all);
+      }
+    }
+  }
+}
+
+void runOnTime(Run& run, Guardian& guardian) {
+  std::vector<const Device*> devices;
+  for (const auto& hand : run.hands) devices.push_back(hand->device.get());
+  std::optional<Watcher> watcher;
+  const bool shared = run.sites != nullptr && run.sites->share();
+  if (run.options.watch || run.window != nullptr || run.igtl != nullptr || shared) {
+    watcher.emplace(run.spec, run.options.scene, run.written, run.options.watch, devices,
+                    run.cache);
+  }
+  if (shared) run.sites->begin(*watcher, run.from);
+  PlayClock clock(run.play);
+  std::vector<std::unique_ptr<OnTime>> hands;
+  std::vector<HapticThread*> threads;
+  for (std::size_t h = 0; h < run.hands.size(); ++h) {
+    hands.push_back(std::make_unique<OnTime>(run, h, guardian, clock));
+    threads.push_back(&hands.back()->thread());
+  }
+  Keys keys(threads, clock, stepOf(run.fetched));
+  const Obeyed obeyed(run.igtl, threads);  // before there is a force
+  for (HapticThread* thread : threads) thread->publish(run.scene);
+  constexpr auto kLook = std::chrono::milliseconds(10);
+  constexpr int kWatch = 25;  // looks
+  std::chrono::steady_clock::time_point next_image;
+  constexpr double kMeasured = 5.0;  // [s]
+  std::optional<BareLoop> bare;
+  if (std::any_of(devices.begin(), devices.end(), canBeLate)) {
+    try {
+      bare.emplace(kMeasured, RealtimeRequest{}.priority - 1);
+    } catch (const std::system_error&) {
+      bare.reset();  // the hand feels without this measurement
+    }
+  }
+  bool feeling = true;
+  for (int looks = 0; feeling && interrupted == 0; ++looks) {
+    std::this_thread::sleep_for(kLook);
+    feeling = false;
+    for (const auto& hand : hands) feeling = hand->look() || feeling;
+    if (run.sites != nullptr) run.sites->tellNews();
+    if (bare) tellOfMachine(bare->take());
+    if (run.window != nullptr) {
+      const Asked asked = run.window->look(threads);
+      if (asked.closed || run.window->lost()) break;
+      if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
+      run.window->tellRefused(watcher->refused());
+    }
+    if (run.igtl != nullptr) serve(*run.igtl, hands, *watcher, next_image);
+    if (looks % kWatch != 0) continue;
+    run.fetched.tellTroubles();
+    if (!watcher) continue;
+    if (shared) run.sites->hear(*watcher);
+    if (const auto built = watcher->look()) {
+      run.fetched.now(*built);
+      keys.step(stepOf(run.fetched));
+      // If the file's playback is unchanged, the playback that keys have set remains.
+      if (!(built->play == run.play)) clock.steer(run.play = built->play);
+      record(run, *built, *watcher);
+      if (run.igtl != nullptr) run.igtl->expect(*built);
+      for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
+    }
+    if (shared) run.sites->tell(*watcher);
+  }
+  for (const auto& hand : hands) hand->end();
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,81 @@
+#!/usr/bin/python3
+"""Draws the results of `palpate stability`: JSON on standard input, a picture on standard output.
+
+The argument is the format, png or svg. With --check the program only checks whether matplotlib is installed.
+"""
+import json
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+from matplotlib.colors import ListedColormap  # noqa: E402
+from matplotlib.patches import Patch  # noqa: E402
+
+# Rests, cycles, leaves; paler where no energy was generated.
+COLOURS = {"r": "#e8f2e4", "R": "#b7d7a8", "c": "#fde2b3", "C": "#f5b041", "l": "#f1b0a8",
+           "L": "#c0392b"}
+WORDS = {"r": "rests", "R": "rests, energy came out", "c": "swings", "C": "swings, energy came out",
+         "l": "runs away", "L": "runs away, energy came out"}
+ORDER = "rRcClL"
+
+
+def draw_map(ax, method, boundaries):
+    stiffness = np.array(method["stiffness"])
+    damping = np.array(method["damping"])
+    cells = np.array([[ORDER.index(letter) for letter in row] for row in method["rows"]])
+    rows = np.arange(len(damping))
+    ax.pcolormesh(stiffness, rows, cells, cmap=ListedColormap([COLOURS[k] for k in ORDER]),
+                  vmin=-0.5, vmax=5.5, shading="nearest", rasterized=True)
+    ax.set_xscale("log")
+    # Consecutive rows have equal ratios of damping, except for the first one, which has no damping.
+    place = np.interp(np.log([max(b["damping"], damping[1] / 2) for b in boundaries]),
+                      np.log(np.maximum(damping, damping[1] / 2)), rows)
+    for key, style in (("stable", "-"), ("passive", ":")):
+        values = np.array([b[key] if b[key] is not None else np.nan for b in boundaries])
+        ax.plot(np.where(values > 0, values, np.nan), place, style, color="black", linewidth=1.2)
+    ticks = np.linspace(0, len(damping) - 1, 5).astype(int)
+    ax.set_yticks(ticks, [f"{damping[i]:.2g}" for i in ticks])
+    ax.set_xlim(stiffness[0], stiffness[-1])
+    ax.set_ylim(-0.5, rows[-1] + 0.5)
+    ax.set_title(method["name"], fontsize=9)
+
+
+def main():
+    if "--check" in sys.argv:
+        return
+    data = json.load(sys.stdin)
+    methods = data["methods"]
+    columns = 3 if len(methods) == 8 else 4
+    lines = -(-(len(methods) + 1) // columns)  # the last panel is the legend
+    figure, axes = plt.subplots(lines, columns, figsize=(3 * columns, 2.7 * lines + 1.0), sharex=True,
+                                squeeze=False, layout="constrained")
+    for ax in axes.flat[len(methods):]:
+        ax.set_axis_off()
+    for ax, method in zip(axes.flat, methods):
+        draw_map(ax, method, data["boundaries"])
+    for ax in axes[:, 0]:
+        ax.set_ylabel("damping [N s/m]")
+    for i, ax in enumerate(axes.flat[:len(methods)]):
+        if i + columns >= len(methods):
+            ax.set_xlabel("stiffness [N/m]")
+            ax.tick_params(labelbottom=True)
+    handles = [Patch(color=COLOURS[k], label=WORDS[k]) for k in ORDER]
+    handles += [plt.Line2D([], [], color="black", linestyle=s, label=w) for s, w in
+                (("-", "one wall: stable with this hand"), (":", "one wall: passive with any hand"))]
+    axes.flat[len(methods)].legend(handles=handles, loc="center", fontsize=8, frameon=False)
+    arm = data["arm"]
+    figure.suptitle(f"{data['of']} at {data['rate']:g} Hz: {arm['mass']:g} kg, "
+                    f"{arm['viscous']:g} N s/m, {arm['coulomb']:g} N, "
+                    f"encoder {1e6 * arm['encoder']:g} um, delay {1e3 * arm['delay']:g} ms",
+                    fontsize=10)
+    kind = "svg" if "svg" in sys.argv else "png"
+    matplotlib.rcParams["svg.hashsalt"] = "palpate"  # the same bytes every time
+    figure.savefig(sys.stdout.buffer, format=kind, dpi=110,
+                   metadata={"Date": None} if kind == "svg" else None)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,402 @@
+#include "palpate/scenes/apps/cli/test_arm.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <optional>
+#include <poll.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/arm/guardian.h"
+#include "palpate/devices/arm/self_test.h"
+#include "palpate/devices/arm/tested_arms.h"
+#include "palpate/devices/open_device.h"
+#include "palpate/devices/plugins/plugin_process.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/engine/loop/realtime.h"
+#include "palpate/engine/safety/limit_force.h"
+#include "palpate/scenes/apps/cli/room.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr double kRate = 1000.0;
+constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
+constexpr double kSlew = 100.0;     // [N/s]: keeps all forces of a test gradual
+constexpr double kMostForce = 3.0;  // [N]
+constexpr double kPatience = 5.0;   // [s] for the arm to be ready
+
+struct Tested {
+  ArmAxes axes;  ///< Axes that were tested.
+  SelfTestResult result;
+  Fault fault = Fault::kNone;
+  std::string not_ready;  ///< Reason why the arm was not ready, if so.
+};
+
+/// Returns the tip's position when the user presses Enter, at zero force; unset if there is no
+/// user. Ignores earlier key presses.
+std::optional<Vec3> atEnter(Arm& arm) {
+  (void)tcflush(STDIN_FILENO, TCIFLUSH);
+  for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
+    sleepUntil(next);
+    const HandState hand = arm.read();
+    arm.write(Vec3::Zero());  // some firmware only sends replies
+    pollfd keys{STDIN_FILENO, POLLIN, 0};
+    if (poll(&keys, 1, 0) <= 0) continue;
+    char key = 0;
+    if (::read(STDIN_FILENO, &key, 1) != 1) return std::nullopt;
+    if (key != '\n') continue;
+    const bool old = hand.age > arm.info().watch.stale;
+    if (!hand.ready || hand.fault != Fault::kNone || old || !hand.position.allFinite()) {
+      const Fault fault = old ? Fault::kStale : hand.fault;
+      complain("devices: the arm is not ready: " +
+               (fault == Fault::kNone ? arm.whyNotReady() : wordsFor(fault)) +
+               ": then Enter again");
+      continue;
+    }
+    return hand.position;
+  }
+  return std::nullopt;
+}
+
+/// Result of the user's measurement.
+struct Ruled {
+  std::array<double, 3> scale{};  ///< SelfTestResult::scale.
+  std::string trouble;            ///< The first trouble from rulerTrouble; empty: no trouble.
+};
+
+/// Lets the user move the tip along each movable axis in turn, each from the end of the last.
+/// Unset: measurement skipped.
+std::optional<Ruled> measureWays(Arm& arm, double ruler) {
+  if (ruler == 0.0) return std::nullopt;
+  const ArmAxes axes = axesWithin(arm.traits().moves);
+  Ruled ruled;
+  std::string ways;
+  for (int a = 0; a < 3; ++a) {
+    if (axes.has[static_cast<std::size_t>(a)]) ways += (ways.empty() ? "+" : ", +") + axes.name(a);
+  }
+  complain(fmt::format(
+      "devices: hold the tip still where it has {} m of way to {} (the profile's mount says which "
+      "way these are) and press Enter",
+      ruler, ways));
+  std::optional<Vec3> from = atEnter(arm);
+  for (int a = 0; a < 3 && from; ++a) {
+    if (!axes.has[static_cast<std::size_t>(a)]) continue;
+    complain(fmt::format("devices: from there move it along a ruler {} m to +{} and press Enter",
+                         ruler, axes.name(a)));
+    const std::optional<Vec3> to = atEnter(arm);
+    if (!to) return std::nullopt;
+    ruled.scale[static_cast<std::size_t>(a)] = (*to - *from).norm() / ruler;
+    ruled.trouble = rulerTrouble(*to - *from, ruler, axes, a);
+    if (!ruled.trouble.empty()) return ruled;
+    from = to;
+  }
+  if (!from) return std::nullopt;
+  complain("devices: bring the tip to the middle, hold it still and press Enter");
+  if (!atEnter(arm)) return std::nullopt;
+  return ruled;
+}
+
+/// Returns a ruler length that fits three times in a row into the arm's space [m].
+double rulerFor(const ArmTraits& traits) {
+  const double most = 2.0 / std::sqrt(3.0) * traits.workspace_radius;
+  return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
+}
+
+/// Reports the guardian's faults of this loop; the loop continues while it returns kNone.
+class GuardianSays {
+ public:
+  explicit GuardianSays(const LoopWatch& watch)
+      : watch_(watch), cuts_(of(watch.cuts)), stops_(of(watch.stops)) {}
+  [[nodiscard]] Fault look(double now) noexcept {
+    if (of(watch_.stops) != stops_) return Fault::kStopped;
+    if (of(watch_.cuts) != cuts_) return Fault::kLate;
+    const bool still =
+        watch_.guard != nullptr && guard_.still(watch_.guard->load(), now) > watch_.patience();
+    return still ? Fault::kUnguarded : Fault::kNone;
+  }
+
+ private:
+  static std::uint32_t of(const std::atomic<std::uint32_t>* count) noexcept {
+    return count != nullptr ? count->load() : 0;
+  }
+  LoopWatch watch_;
+  std::uint32_t cuts_, stops_;
+  Pulse guard_;
+};
+
+/// Runs the test in real time, with the force limiter in between and the guardian beside it.
+Tested run(Arm& arm, Guardian& guardian, double force) {
+  LoopWatch watch;
+  if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
+  const StayAwake awake(true);
+  (void)becomeRealtime({}, awake);
+  SelfTestParams params;
+  params.axes = axesWithin(arm.read().drives);
+  params.down = arm.traits().down_W;
+  params.force = force;
+  params.input_rate = arm.traits().input_rate;
+  params.stale = arm.info().watch.stale;
+  SelfTest test(params);
+  GuardianSays guardian_says(watch);
+  ForceLimits limits = arm.info().limits;
+  limits.peak = std::min(limits.peak, force);
+  limits.slew = std::min(limits.slew, kSlew);
+  LimiterState limiter;
+  HandWatch hand_watch(arm.info().watch);
+  Tested out;
+  out.axes = params.axes;
+  const std::int64_t begin = nowNs();
+  std::int64_t last = begin - kPeriod;
+  for (std::int64_t i = 0; !test.done() && interrupted == 0; ++i) {
+    sleepUntil(begin + i * kPeriod);
+    const std::int64_t now = nowNs();
+    const double t = 1e-9 * static_cast<double>(now - begin);
+    const double dt = 1e-9 * static_cast<double>(now - last);
+    last = now;
+    if (dt > 2.0 / kRate) i = (now - begin) / kPeriod;
+    HandState hand = arm.read();
+    out.fault = hand_watch.look(hand, t);
+    if (dt > arm.info().watch.late) out.fault = Fault::kLate;
+    if (const Fault said = guardian_says.look(t); said != Fault::kNone) out.fault = said;
+    if (out.fault != Fault::kNone) break;
+    // Wait until the arm has reported, is homed and is held.
+    arm.carry(hand.ready);
+    if (!hand.ready) {
+      arm.write(Vec3::Zero());
+      if (test.begun() || t > kPatience) {
+        out.not_ready = arm.whyNotReady();
+        break;
+      }
+      if (watch.heart != nullptr) watch.heart->fetch_add(1);
+      hand_watch.forget();
+      continue;
+    }
+    const Vec3 wanted = test.next(hand, t, limiter.sent);
+    arm.write(limitForce(wanted, hand.position, dt, limits, limiter).force);
+    if (watch.heart != nullptr) watch.heart->fetch_add(1);
+  }
+  arm.carry(false);
+  arm.write(Vec3::Zero());
+  // The guardian must not overwrite the profile's final output.
+  if (watch.heart != nullptr) guardian.forget(watch);
+  out.result = test.result();
+  return out;
+}
+
+/// Returns the measured arm's stability margin for the stiffest coupling that the profile allows.
+OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
+  DeviceInfo info = arm.info();
+  ArmDissipation& known = info.limits.tank.arm;
+  known = {};
+  bool first = true;
+  for (const AxisResult& axis : result.axes) {
+    if (!axis.driven) continue;
+    if (!axis.fitted) return nullptr;
+    const auto least = [&](double& value, double another) {
+      value = first ? std::max(0.0, another) : std::min(value, std::max(0.0, another));
+    };
+    least(info.mass, axis.mass);
+    least(known.viscous, axis.viscous);
+    least(known.coulomb, axis.coulomb);
+    known.delay = std::max(known.delay, axis.delay);
+    first = false;
+  }
+  for (const double step : arm.steps()) known.step += step;
+  return roomFor(info, kRate, {arm.traits().stiffness, 0.0});
+}
+
+OrderedJson describe(const Tested& tested, const Arm& arm, bool passed) {
+  const SelfTestResult& r = tested.result;
+  OrderedJson json;
+  json["device"] = arm.info().name;
+  json["passed"] = passed;
+  json["problems"] = r.problems;
+  json["fault"] = wordFor(tested.fault);
+  json["not_ready"] = tested.not_ready;
+  json["scale"] = OrderedJson::array();
+  for (const double scale : r.scale) {
+    json["scale"].push_back(scale > 0.0 ? OrderedJson(scale) : OrderedJson());
+  }
+  json["input_rate"] = r.seconds > 0.0 ? static_cast<double>(r.positions) / r.seconds : 0.0;
+  json["longest_pause"] = r.slowest;
+  json["reports_dropped"] = arm.traffic().dropped;
+  json["writes"] = arm.traffic().writes;
+  json["longest_write"] = 1e-9 * static_cast<double>(arm.traffic().longest_ns);
+  json["noise"] = r.noise;
+  json["falls"] = r.weight > 0.0 ? toJson(r.falls) : OrderedJson();
+  json["weight"] = r.weight > 0.0 ? OrderedJson(r.weight) : OrderedJson();
+  json["resolution"] = arm.steps();
+  json["room"] = roomOf(r, arm);
+  json["axes"] = OrderedJson::array();
+  for (const AxisResult& axis : r.axes) {
+    OrderedJson one;
+    one["driven"] = axis.driven;
+    one["moved"] = axis.moved;
+    one["breakaway"] = axis.breakaway;
+    one["along"] = axis.along;
+    const auto number = [&](double value) {
+      return axis.fitted ? OrderedJson(value) : OrderedJson();
+    };
+    one["viscous"] = number(axis.viscous);
+    one["viscous_error"] = number(axis.viscous_error);
+    one["coulomb"] = number(axis.coulomb);
+    one["coulomb_error"] = number(axis.coulomb_error);
+    one["mass"] = number(axis.mass);
+    one["bias"] = number(axis.bias);
+    one["delay"] = number(axis.delay);
+    one["delay_error"] = number(axis.delay_error);
+    json["axes"].push_back(one);
+  }
+  return json;
+}
+
+/// Prints the measurements.
+void sayMeasured(const Tested& tested, const Arm& arm) {
+  const SelfTestResult& r = tested.result;
+  const ArmAxes moves = axesWithin(arm.traits().moves);
+  say("input      {} positions a second, the longest pause {} ms, {} reports thrown away\n",
+      rounded(static_cast<double>(r.positions) / std::max(r.seconds, 1e-9)),
+      rounded(1e3 * r.slowest), arm.traffic().dropped);
+  say("output     {} writes, the longest {} ms\n", arm.traffic().writes,
+      rounded(1e-6 * static_cast<double>(arm.traffic().longest_ns)));
+  const std::vector<double> steps = arm.steps();
+  say("position   steps of ");
+  if (steps.empty()) say("not said how many");
+  for (const double& step : steps) {
+    say("{}{}", &step == &steps[0] ? "" : ", ", rounded(1e6 * step));
+  }
+  say(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
+  for (std::size_t a = 0; a < 3; ++a) {
+    if (r.scale[a] == 0.0) continue;
+    say("ruler      what is 1 m to {} is {} m\n", moves.name(static_cast<int>(a)),
+        rounded(r.scale[a]));
+  }
+  for (std::size_t a = 0; a < 3; ++a) {
+    const AxisResult& axis = r.axes[a];
+    const std::string name = tested.axes.name(static_cast<int>(a));
+    if (!axis.fitted) {
+      say("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);
+      continue;
+    }
+    say("{:<10} goes where it is pushed (cosine {}); begins to move at {} N; friction "
+        "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself; force {} +- {} ms late\n",
+        name, rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
+        rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
+        rounded(axis.mass), rounded(axis.bias), rounded(1e3 * axis.delay),
+        rounded(1e3 * axis.delay_error));
+  }
+}
+
+/// Reports why a test did not pass.
+void complainOf(const Tested& tested) {
+  for (const std::string& problem : tested.result.problems) complain("devices: " + problem);
+  if (tested.fault != Fault::kNone) {
+    complain(fmt::format("devices: the test was cut off: {}: {}", wordsFor(tested.fault),
+                         remedyFor(tested.fault)));
+  }
+  if (!tested.not_ready.empty()) {
+    complain("devices: the test was cut off: the arm is not ready: " + tested.not_ready);
+  }
+}
+
+/// Remembers an arm that passed, if its scale was measured and it can be recognized.
+void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
+  if (!ruled) {
+    complain(
+        fmt::format("devices: it has passed, but its scale was not measured: it stays held to {} N "
+                    "and {} N/m: run it again with a ruler at hand",
+                    kUntestedForce, kUntestedStiffness));
+    return;
+  }
+  if (identity.own.empty()) {
+    complain(
+        fmt::format("devices: it has passed, but has neither a serial number nor a port to be "
+                    "remembered by: it stays held to {} N and {} N/m",
+                    kUntestedForce, kUntestedStiffness));
+    return;
+  }
+  rememberTest(identity, r);
+  if (!identity.numbered) {
+    complain("devices: it has no serial number and is remembered by where it is plugged in, " +
+             identity.own +
+             ": test it again elsewhere, and every other arm that is plugged in there");
+  }
+  if (!json) say("passed     remembered in {}\n", testedArmsFile().string());
+}
+
+}  // namespace
+
+OrderedJson axisNames(const ArmAxes& axes) {
+  OrderedJson names = OrderedJson::array();
+  for (int a = 0; a < 3; ++a) {
+    if (axes.has[static_cast<std::size_t>(a)]) names.push_back(axes.name(a));
+  }
+  return names;
+}
+
+int testArm(const DevicesOptions& options) {
+  if (!(options.force > 0.0 && options.force <= kMostForce)) {
+    throw Error("--force",
+                fmt::format("{} N is not above 0 and at most {}", options.force, kMostForce),
+                "0.5 suffices for most arms");
+  }
+  if (const double r = options.ruler.value_or(0.0); r != 0.0 && !(r >= 0.02 && r <= 0.5)) {
+    throw Error("--ruler", fmt::format("{} m is not 0.02 to 0.5", r), "use 0.1; 0 leaves it out");
+  }
+  Guardian guardian;
+  guardian.catchSignals(&interrupted);
+  ArmHost host;
+  host.say = [](const std::string& words) { complain("devices: " + words); };
+  host.stop = [] { return interrupted != 0; };
+  host.tests = true;
+  // A test may carry more: it stays within centimetres, after the user was told to let go.
+  host.carries = kMostForce;
+  const auto [arm, identity] = openAnyArm(options.test, host);
+  if (!arm->traits().drives) {
+    throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
+  }
+  const std::optional<Ruled> ruled =
+      measureWays(*arm, options.ruler.value_or(rulerFor(arm->traits())));
+  if (interrupted != 0) return kInterrupted;
+  if (ruled && !ruled->trouble.empty()) {
+    complain("devices: " + ruled->trouble);
+    forgetTest(identity);
+    return kEndedEarly;
+  }
+  const double force = std::min(options.force, arm->info().limits.peak);
+  if (force < options.force) {
+    complain(fmt::format("devices: an arm that has not passed is pushed with {} N at most", force));
+  }
+  complain(
+      fmt::format("devices: let go of the arm within a second{}: it is pushed with at most {} N, a "
+                  "few centimetres, for 25 s; Ctrl-C ends it",
+                  arm->traits().carries ? " (its motors carry its weight)" : "", force));
+  Tested tested = run(*arm, guardian, force);
+  if (ruled) tested.result.scale = ruled->scale;
+  const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&
+                      tested.result.problems.empty() && interrupted == 0;
+  const SelfTestResult& r = tested.result;
+  if (options.json) {
+    sayJson(describe(tested, *arm, passed));
+  } else {
+    sayMeasured(tested, *arm);
+  }
+  if (!options.json) sayRoom(roomOf(r, *arm), 11, options.verbose);
+  complainOf(tested);
+  if (interrupted != 0) return kInterrupted;
+  if (!passed) {
+    forgetTest(identity);
+    return kEndedEarly;
+  }
+  remember(identity, r, ruled.has_value(), options.json);
+  return kDone;
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,244 @@
+#include "palpate/scenes/apps/import/dicom_header.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+#include <vtkDICOMImageCodec.h>
+#include <vtkDICOMParser.h>
+#include <vtkDICOMValue.h>
+#include <vtkNew.h>
+
+#include "palpate/scenes/apps/import/vtk_run.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Tolerance for perpendicular directions: files round them.
+constexpr double kPerpendicular = 1e-3;
+constexpr unsigned kPacked = 0xffffffffU;  ///< Length field of compressed pixel data.
+
+/// Returns a header's text without control characters.
+std::string textOf(const vtkDICOMValue& value) {
+  std::string text = value.AsUTF8String();
+  std::erase_if(text, [](char c) { return static_cast<unsigned char>(c) < ' ' || c == '\x7f'; });
+  return text;
+}
+
+/// Returns NaN if the value is missing.
+double numberOf(const vtkDICOMValue& value) {
+  return value.GetNumberOfValues() == 0 ? kUnsaid : value.GetDouble(0);
+}
+
+/// Converts HHMMSS.FFFFFF to seconds.
+double secondsOf(const std::string& clock) {
+  if (clock.size() < 6) return kUnsaid;
+  try {
+    return 3600.0 * std::stoi(clock.substr(0, 2)) + 60.0 * std::stoi(clock.substr(2, 2)) +
+           std::stod(clock.substr(4));
+  } catch (const std::exception&) {
+    return kUnsaid;
+  }
+}
+
+/// Sets a slice's position. Leaves `placed` false if the header has no position or an invalid one.
+void place(Slice& slice, vtkDICOMMetaData* meta) {
+  const vtkDICOMValue& position = meta->Get(0, slice.frame, DC::ImagePositionPatient);
+  const vtkDICOMValue& directions = meta->Get(0, slice.frame, DC::ImageOrientationPatient);
+  const vtkDICOMValue& spacing = meta->Get(0, slice.frame, DC::PixelSpacing);
+  if (position.GetNumberOfValues() != 3 || directions.GetNumberOfValues() != 6 ||
+      spacing.GetNumberOfValues() != 2) {
+    return;
+  }
+  std::array<double, 6> both{};
+  directions.GetValues(both.data(), 6);
+  position.GetValues(slice.position.data(), 3);
+  slice.row = Vec3(both[0], both[1], both[2]);
+  slice.column = Vec3(both[3], both[4], both[5]);
+  // The first spacing is between rows, that is along a column.
+  slice.down = spacing.GetDouble(0);
+  slice.across = spacing.GetDouble(1);
+  if (!slice.position.allFinite() || !(std::abs(slice.row.norm() - 1.0) < kPerpendicular) ||
+      !(std::abs(slice.column.norm() - 1.0) < kPerpendicular) ||
+      !(std::abs(slice.row.dot(slice.column)) < kPerpendicular) || !std::isfinite(slice.down) ||
+      !std::isfinite(slice.across) || !(slice.down > 0.0) || !(slice.across > 0.0)) {
+    return;
+  }
+  slice.row.normalize();
+  slice.column.normalize();
+  slice.placed = true;
+}
+
+/// Returns PixelPaddingValue in the range of the stored values: some files write it with the other
+/// signedness.
+double paddingOf(const vtkDICOMValue& value, const Slice& slice) {
+  double stored = numberOf(value);
+  const int bits = slice.format[2];
+  const bool is_signed = slice.format[4] != 0;
+  if (is_signed && stored >= std::exp2(bits - 1)) stored -= std::exp2(bits);
+  if (!is_signed && stored < 0.0) stored += std::exp2(bits);
+  return stored;
+}
+
+Slice sliceOf(vtkDICOMMetaData* meta, int frame) {
+  Slice slice;
+  slice.frame = frame;
+  slice.format = {meta->Get(0, DC::Rows).AsInt(), meta->Get(0, DC::Columns).AsInt(),
+                  meta->Get(0, DC::BitsAllocated).AsInt(), meta->Get(0, DC::BitsStored).AsInt(),
+                  meta->Get(0, DC::PixelRepresentation).AsInt()};
+  place(slice, meta);
+
+  const vtkDICOMValue& slope = meta->Get(0, frame, DC::RescaleSlope);
+  const vtkDICOMValue& intercept = meta->Get(0, frame, DC::RescaleIntercept);
+  slice.has_rescale = slope.GetNumberOfValues() > 0 && intercept.GetNumberOfValues() > 0;
+  if (slice.has_rescale) {
+    slice.slope = slope.AsDouble();
+    slice.intercept = intercept.AsDouble();
+    if (slice.slope == 0.0) slice.slope = 1.0;
+  }
+  slice.padding[0] = paddingOf(meta->Get(0, frame, DC::PixelPaddingValue), slice);
+  slice.padding[1] = paddingOf(meta->Get(0, frame, DC::PixelPaddingRangeLimit), slice);
+  if (std::isnan(slice.padding[1])) slice.padding[1] = slice.padding[0];
+  if (slice.padding[0] > slice.padding[1]) std::swap(slice.padding[0], slice.padding[1]);
+
+  for (std::size_t i = 0; i < kTimeTags.size(); ++i) {
+    const vtkDICOMValue& value = meta->Get(0, frame, kTimeTags[i].tag);
+    slice.times[i] =
+        kTimeTags[i].tag == DC::AcquisitionTime ? secondsOf(value.AsString()) : numberOf(value);
+  }
+  for (std::size_t i = 0; i < kKindTags.size(); ++i) {
+    slice.kinds[i] = meta->Get(0, frame, kKindTags[i].tag).AsString();
+  }
+  return slice;
+}
+
+/// Returns true if a file of this class is an image, even if the file ends before it states the
+/// image size. A file that ends before its class may be an image.
+bool isImageClass(const std::string& uid) {
+  if (uid.empty()) return true;
+  static constexpr std::array kClasses = {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "130"};
+  const std::string_view begin = "1.2.840.10008.5.1.4.1.1.";
+  return uid.rfind(begin, 0) == 0 &&
+         std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
+}
+
+/// Accepts still images of any compression, but no films.
+bool isReadable(const std::string& syntax) {
+  constexpr std::array kPlain = {"",  // old files omit it
+                                 "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"};
+  if (std::find(kPlain.begin(), kPlain.end(), syntax) != kPlain.end()) return true;
+  const vtkDICOMImageCodec codec(syntax);
+  return codec.GetTransferSyntaxUID() == syntax && codec < vtkDICOMImageCodec::MPEG2ML;
+}
+
+constexpr const char* kTooFew = "it has fewer pixels than its header says";
+
+/// Checks compressed pixels. Their decoders fill in missing parts, so all parts have to be present.
+std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int frames) {
+  std::ifstream in(path, std::ios::binary);
+  auto at = static_cast<std::int64_t>(parser->GetFileOffset());
+  int parts = -1;  // the first part is a table of the others
+  while (true) {
+    std::array<unsigned char, 8> head{};
+    in.seekg(at);
+    in.read(reinterpret_cast<char*>(head.data()), head.size());
+    // Continues at an item tag; any other tag ends the sequence.
+    if (!in || head[0] != 0xfe || head[1] != 0xff || head[2] != 0x00 || head[3] != 0xe0) break;
+    std::int64_t bytes = 0;
+    for (std::size_t i = 0; i < 4; ++i) bytes |= static_cast<std::int64_t>(head[4 + i]) << (8 * i);
+    at += 8 + bytes;
+    if (at > parser->GetFileSize()) {
+      return fmt::format("it is cut short: {} bytes are missing", at - parser->GetFileSize());
+    }
+    ++parts;
+  }
+  return parts < frames ? kTooFew : "";
+}
+
+/// Describes the damage of an image's file, before any pixel is read; empty if valid.
+std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames) {
+  if (!parser->GetPixelDataFound()) return "it ends before its pixels";
+  const std::string syntax = textOf(meta->Get(0, DC::TransferSyntaxUID));
+  if (!isReadable(syntax)) {
+    return fmt::format("its pixels are packed in a way that is not read ({})", syntax);
+  }
+  const unsigned bytes = parser->GetPixelDataVL();
+  if (bytes == kPacked) return damageOfParts(parser->GetFileName(), parser, frames);
+  const auto end = parser->GetFileOffset() + static_cast<vtkTypeInt64>(bytes);
+  if (end > parser->GetFileSize()) {
+    return fmt::format("it is cut short: {} bytes are missing", end - parser->GetFileSize());
+  }
+  const double needed = 1.0 * meta->Get(0, DC::Rows).AsInt() * meta->Get(0, DC::Columns).AsInt() *
+                        meta->Get(0, DC::BitsAllocated).AsInt() *
+                        std::max(1, meta->Get(0, DC::SamplesPerPixel).AsInt()) * frames / 8.0;
+  if (bytes < needed) {
+    // 4:2:2 colours take fewer bytes; colour images are rejected later anyway.
+    if (meta->Get(0, DC::SamplesPerPixel).AsInt() > 1) return "";
+    return kTooFew;
+  }
+  return "";
+}
+
+}  // namespace
+
+bool isDicom(const fs::path& path) {
+  std::array<char, 132> begin{};
+  std::ifstream in(path, std::ios::binary);
+  in.read(begin.data(), begin.size());
+  return in.gcount() == static_cast<std::streamsize>(begin.size()) &&
+         std::string_view(begin.data() + 128, 4) == "DICM";
+}
+
+File headerOf(const fs::path& path) {
+  vtkNew<vtkDICOMMetaData> meta;
+  vtkNew<vtkDICOMParser> parser;
+  meta->SetNumberOfInstances(1);
+  parser->SetMetaData(meta);
+  parser->SetFileName(path.c_str());
+  parser->SetIndex(0);
+  parser->Update();
+
+  File file;
+  file.path = path;
+  file.series = textOf(meta->Get(0, DC::SeriesInstanceUID));
+  file.series_number = meta->Get(0, DC::SeriesNumber).AsInt();
+  file.description = textOf(meta->Get(0, DC::SeriesDescription));
+  file.study = textOf(meta->Get(0, DC::StudyDescription));
+  file.modality = textOf(meta->Get(0, DC::Modality));
+  file.is_image = meta->Get(0, DC::Rows).AsInt() > 0 && meta->Get(0, DC::Columns).AsInt() > 0;
+  if (parser->GetErrorCode() != 0) {
+    file.damage = "its header is cut short or damaged";
+    return file;
+  }
+  if (!file.is_image) {
+    if (isImageClass(meta->Get(0, DC::MediaStorageSOPClassUID).AsString())) {
+      file.damage = "its header is cut short or damaged";
+    }
+    return file;
+  }
+  const int frames = std::max(1, meta->Get(0, DC::NumberOfFrames).AsInt());
+  file.damage = damageOf(parser, meta, frames);
+  if (!file.damage.empty()) return file;
+
+  const std::string photometric = meta->Get(0, DC::PhotometricInterpretation).AsString();
+  file.is_colour = meta->Get(0, DC::SamplesPerPixel).AsInt() > 1 ||
+                   (!photometric.empty() && photometric.rfind("MONOCHROME", 0) != 0);
+  file.is_packed = parser->GetPixelDataVL() == kPacked &&
+                   meta->Get(0, DC::TransferSyntaxUID).AsString() != "1.2.840.10008.1.2.5";  // RLE
+  file.is_lossy = meta->Get(0, DC::LossyImageCompression).AsString() == "01";
+  file.has_table = meta->Get(0, DC::ModalityLUTSequence).GetNumberOfValues() > 0;
+  file.unit = textOf(meta->Get(0, 0, DC::RescaleType));
+  if (file.unit.empty()) file.unit = textOf(meta->Get(0, DC::Units));
+  file.thickness = meta->Get(0, 0, DC::SliceThickness).AsDouble();
+  file.time_step = 1e-3 * meta->Get(0, 0, DC::TemporalResolution).AsDouble();
+  for (int frame = 0; frame < frames; ++frame) file.slices.push_back(sliceOf(meta, frame));
+  return file;
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,226 @@
+/// Selects the reader of a file by its first bytes, and by its name only if these bytes identify no
+/// format.
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/unpacked.h"
+
+namespace palpate::importer {
+namespace {
+
+/// Returns the first bytes of a file, unpacked if it is gzipped.
+std::string beginningOf(const std::filesystem::path& file) {
+  constexpr std::size_t kBytes = 4096;
+  std::string text(kBytes, '\0');
+  Unpacked in(file, file);
+  text.resize(in.readSome(text.data(), kBytes));
+  return text;
+}
+
+bool has(const std::string& text, std::size_t at, std::string_view what) {
+  return text.size() >= at + what.size() && text.compare(at, what.size(), what) == 0;
+}
+
+/// Returns whether a line begins "KEY =".
+bool hasKey(const std::string& text, std::string_view key) {
+  for (auto at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
+    if (at > 0 && text[at - 1] != '\n') continue;
+    const auto next = text.find_first_not_of(" \t", at + key.size());
+    if (next != std::string::npos && text[next] == '=') return true;
+  }
+  return false;
+}
+
+/// Returns the header of the pair name.hdr and name.img, for either of the two.
+std::filesystem::path headerOf(const std::filesystem::path& file) {
+  std::filesystem::path plain = file;
+  if (plain.extension() == ".gz") plain.replace_extension();
+  if (plain.extension() != ".img") return file;
+  plain.replace_extension(".hdr");
+  std::filesystem::path packed = plain;
+  packed += ".gz";
+  std::error_code error;
+  if (std::filesystem::exists(plain, error)) return plain;
+  return std::filesystem::exists(packed, error) ? packed : file;
+}
+
+struct Format {
+  const char* name;
+  bool (*begins)(const std::string& bytes);
+  std::unique_ptr<Reader> (*open)(const Request& request);  ///< Null: known, but not imported.
+  const char* remedy = nullptr;                             ///< Advice if not imported.
+  const char* option = "";  ///< An option that only this format uses.
+};
+
+/// Rejects options that this format would silently ignore.
+void refuseUnused(const Request& request, const std::string& format, std::string_view used) {
+  const auto refuse = [&](const char* name, bool given) {
+    if (!given || used == name) return;
+    throw Error(name,
+                fmt::format("{} is {}, which has no use for it", request.file.string(), format),
+                "leave it out");
+  };
+  refuse("--series", !request.series.empty());
+  refuse("--as", !request.as.empty());
+  refuse("--solution", !request.solution.empty());
+}
+
+bool isNetcdf(const std::string& b) {
+  return has(b, 0, "CDF\1") || has(b, 0, "CDF\2") || has(b, 0, "CDF\5") || has(b, 0, "\x89HDF");
+}
+bool isNifti(const std::string& b) {
+  using namespace std::string_view_literals;
+  return has(b, 344, "n+1\0"sv) || has(b, 344, "ni1\0"sv) || has(b, 4, "n+2\0"sv) ||
+         has(b, 4, "ni2\0"sv);
+}
+bool isDicom(const std::string& b) {
+  return has(b, 128, "DICM");
+}
+bool isNrrd(const std::string& b) {
+  return has(b, 0, "NRRD000") || has(b, 0, "NRRD00.01");
+}
+bool isMetaImage(const std::string& b) {
+  return hasKey(b, "ObjectType") || hasKey(b, "NDims");
+}
+bool isVtkLegacy(const std::string& b) {
+  return has(b, 0, "# vtk DataFile");
+}
+bool isVtkXml(const std::string& b) {
+  return b.find("<VTKFile") != std::string::npos;
+}
+
+/// Tried in this order.
+const std::array kFormats = {
+    Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
+    Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
+    Format{"NRRD", isNrrd, openNrrd},
+    Format{"MetaImage", isMetaImage, openMetaImage, nullptr, "--as"},
+    Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
+    Format{"VTK (XML)", isVtkXml, openVtkXml},
+    Format{"netCDF or HDF5", isNetcdf, openNetcdf},
+    Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
+           openCgns},
+    Format{"GRIB", [](const std::string& b) { return has(b, 0, "GRIB"); }, openGrib},
+    // Other common formats.
+    Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
+           "it can be felt as it is: palpate feel"},
+    Format{"OpenDX",
+           [](const std::string& b) { return b.find("class gridpositions") != std::string::npos; },
+           nullptr, "state the layout of its data with --raw, see docs/import.md"},
+    Format{"Analyze 7.5 (an old header, without magic)",
+           [](const std::string& b) {
+             return has(b, 0, {"\x5c\x01\0\0", 4}) && b.size() >= 348;
+           },
+           nullptr, "convert it to NIfTI, as with nifti_tool"},
+    Format{"an STL, OBJ or PLY surface",
+           [](const std::string& b) {
+             return has(b, 0, "solid ") || has(b, 0, "ply\n") || has(b, 0, "ply\r");
+           },
+           nullptr, "a surface has no volume: make a level set of it, as with OpenVDB's tools"},
+    Format{"SLC (a volume of VolVis)", [](const std::string& b) { return has(b, 0, "11111\n"); },
+           nullptr, "convert it to NRRD or VTK, as with ParaView"},
+    Format{"a PNG picture", [](const std::string& b) { return has(b, 0, "\x89PNG"); }, nullptr,
+           "put the slices of a volume together into NRRD or NIfTI"},
+    Format{"a JPEG picture", [](const std::string& b) { return has(b, 0, "\xff\xd8\xff"); },
+           nullptr, "put the slices of a volume together into NRRD or NIfTI"},
+    Format{"a TIFF picture",
+           [](const std::string& b) {
+             return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4});
+           },
+           nullptr, "put the slices of a volume together into NRRD or NIfTI"},
+    Format{"a zip archive", [](const std::string& b) { return has(b, 0, "PK\3\4"); }, nullptr,
+           "unpack it"},
+    Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
+           "unpack it"},
+    Format{"a PDF", [](const std::string& b) { return has(b, 0, "%PDF"); }, nullptr,
+           "give a volume"},
+};
+
+/// PLOT3D can only be recognised by its name.
+bool isPlot3d(const Request& request) {
+  if (!request.solution.empty()) return true;
+  const std::string end = request.file.extension().string();
+  for (const char* known : {".xyz", ".x", ".p3d", ".g", ".grd", ".fmt"}) {
+    if (end == known) return true;
+  }
+  return false;
+}
+
+bool isText(const std::string& bytes) {
+  return std::all_of(bytes.begin(), bytes.end(), [](char c) {
+    return std::isprint(static_cast<unsigned char>(c)) != 0 ||
+           std::isspace(static_cast<unsigned char>(c)) != 0;
+  });
+}
+
+}  // namespace
+
+std::unique_ptr<Reader> openAny(const Request& given) {
+  Request request = given;
+  if (given.raw.empty()) request.file = headerOf(given.file);
+  std::error_code error;
+  const auto status = std::filesystem::status(request.file, error);
+  if (!std::filesystem::status_known(status)) {
+    throw VolumeError(request.file.string(), fmt::format("it cannot be read ({})", error.message()),
+                      "check the path");
+  }
+  if (!std::filesystem::exists(status)) {
+    throw VolumeError(request.file.string(), "no such file", "check the path");
+  }
+  if (std::filesystem::is_directory(status)) {
+    if (std::filesystem::exists(request.file / "system" / "controlDict", error)) {
+      refuseUnused(request, "an OpenFOAM case", "");
+      return openFoam(request);
+    }
+    refuseUnused(request, "a folder", "--series");
+    return openDicom(request);
+  }
+  if (!std::filesystem::is_regular_file(status)) {
+    throw VolumeError(request.file.string(), "it is no file",
+                      "give a file, a DICOM folder or an OpenFOAM case");
+  }
+  if (!request.raw.empty()) {
+    refuseUnused(request, "taken as raw", "");
+    return openRaw(request);
+  }
+  if (request.file.extension() == ".foam" || request.file.extension() == ".OpenFOAM") {
+    refuseUnused(request, "an OpenFOAM case", "");
+    return openFoam(request);
+  }
+  const std::string bytes = beginningOf(request.file);
+  if (bytes.empty()) {
+    throw VolumeError(request.file.string(), "it is empty", "copy it again");
+  }
+  for (const Format& format : kFormats) {
+    if (!format.begins(bytes)) continue;
+    if (format.open != nullptr) {
+      refuseUnused(request, format.name, format.option);
+      if (format.open != openNifti && isGzip(request.file)) {
+        throw VolumeError(request.file.string(),
+                          fmt::format("it is {}, and gzipped as a whole", format.name),
+                          "unpack it with gunzip");
+      }
+      return format.open(request);
+    }
+    throw VolumeError(request.file.string(),
+                      fmt::format("it looks like {}, which is not imported", format.name),
+                      format.remedy);
+  }
+  if (isPlot3d(request)) {
+    refuseUnused(request, "taken as PLOT3D", "--solution");
+    return openPlot3d(request);
+  }
+  throw VolumeError(request.file.string(),
+                    isText(bytes) ? "it looks like text, of no format that is imported"
+                                  : "it is of no format that is imported, or damaged at its start",
+                    "see palpate import --help for those that are, or state its layout with --raw");
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,413 @@
+#include "palpate/scenes/apps/import/grids.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <type_traits>
+#include <utility>
+
+#include <Eigen/LU>
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/quantile.h"
+#include "palpate/scenes/apps/import/shared_progress.h"
+
+namespace palpate::importer {
+namespace {
+
+using openvdb::Coord;
+
+/// An image's values as in memory, C for each point.
+template <class T, int C>
+struct Native {
+  const T* data = nullptr;
+
+  using Value = std::conditional_t<C == 1, float, openvdb::Vec3f>;
+
+  [[nodiscard]] Value operator[](std::size_t point) const {
+    if constexpr (C == 1) {
+      return static_cast<float>(data[point]);
+    } else {
+      const T* v = data + 3 * point;
+      return {static_cast<float>(v[0]), static_cast<float>(v[1]), static_cast<float>(v[2])};
+    }
+  }
+};
+
+bool isFinite(float v) {
+  return std::isfinite(v);
+}
+bool isFinite(const openvdb::Vec3f& v) {
+  return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z());
+}
+bool isNear(float a, float b, double tolerance) {
+  return std::abs(static_cast<double>(a) - static_cast<double>(b)) <= tolerance;
+}
+bool isNear(const openvdb::Vec3f& a, const openvdb::Vec3f& b, double tolerance) {
+  return (openvdb::Vec3d(a) - openvdb::Vec3d(b)).length() <= tolerance;
+}
+
+bool isHidden(const Piece& image, std::size_t point) {
+  return !image.hidden.none() && image.hidden.as<std::uint8_t>()[point] != 0;
+}
+
+/// Returns the point's index among the held slices.
+std::size_t pointAt(const Piece& image, int i, int j, int k) {
+  return (static_cast<std::size_t>(k - image.slices().first) *
+              static_cast<std::size_t>(image.size[1]) +
+          static_cast<std::size_t>(j)) *
+             static_cast<std::size_t>(image.size[0]) +
+         static_cast<std::size_t>(i);
+}
+
+/// Surroundings of the object.
+struct Surroundings {
+  float middle = 0.0F;  ///< The median of the values on the image's faces.
+  float spread = 0.0F;  ///< 99 % of the face values are this near to the median.
+};
+
+template <class T>
+Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, const Shared& shared) {
+  std::vector<float> faces;
+  const auto& n = image.size;
+  const Slab own = shared.own(n[2]);
+  for (int k = own.first; k < own.end(); ++k) {
+    for (int j = 0; j < n[1]; ++j) {
+      const bool outer = k == 0 || k == n[2] - 1 || j == 0 || j == n[1] - 1;
+      const int step = outer || n[0] == 1 ? 1 : n[0] - 1;
+      for (int i = 0; i < n[0]; i += step) {
+        const std::size_t point = pointAt(image, i, j, k);
+        const float value = values[point];
+        if (std::isfinite(value) && !isHidden(image, point)) faces.push_back(value);
+      }
+    }
+  }
+  faces = gatherAll(shared.crew(), faces);
+  Surroundings out;
+  out.middle = quantile(faces, 0.5);
+  for (float& value : faces) value = std::abs(value - out.middle);
+  out.spread = quantile(faces, 0.99);
+  return out;
+}
+
+/// Content of a voxel.
+enum class Found : std::uint8_t { kValue, kHole, kOutside };
+
+/// The image's own voxels.
+template <class T, int C>
+struct OwnVoxels {
+  const Piece& image;
+  Native<T, C> values;
+  std::array<int, 3> size = image.size;
+
+  Found at(const Coord& c, typename Native<T, C>::Value& value) const {
+    const std::size_t point = pointAt(image, c.x(), c.y(), c.z());
+    value = values[point];
+    return isFinite(value) && !isHidden(image, point) ? Found::kValue : Found::kHole;
+  }
+};
+
+/// Cubes in the image's bounding box, trilinear.
+template <class T, int C>
+struct Cubes {
+  const Piece& image;
+  Native<T, C> values;
+  std::array<int, 3> size;
+  Affine index_from_cube;  ///< To the image's index space.
+
+  Found at(const Coord& c, typename Native<T, C>::Value& value) const {
+    // An image's last voxels may lie inside the last cubes by a rounding error.
+    constexpr double kRounding = 1e-9;
+    const Vec3 p_I = index_from_cube.linear * Vec3(c.x(), c.y(), c.z()) + index_from_cube.origin;
+    std::array<int, 3> low{};
+    std::array<double, 3> part{};
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double last = image.size[a] - 1;
+      const double x = p_I[static_cast<Eigen::Index>(a)];
+      if (!(x >= -kRounding && x <= last + kRounding)) return Found::kOutside;
+      low[a] = static_cast<int>(std::clamp(std::floor(x), 0.0, std::max(last - 1.0, 0.0)));
+      part[a] = std::clamp(x - low[a], 0.0, 1.0);
+    }
+    openvdb::Vec3d sum(0.0);
+    for (unsigned corner = 0; corner < 8; ++corner) {
+      double weight = 1.0;
+      std::array<int, 3> at = low;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const bool upper = ((corner >> a) & 1U) != 0;
+        weight *= upper ? part[a] : 1.0 - part[a];
+        if (upper) ++at[a];
+      }
+      if (weight <= kRounding) continue;
+      const std::size_t point = pointAt(image, at[0], at[1], at[2]);
+      const auto v = values[point];
+      if (!isFinite(v) || isHidden(image, point)) return Found::kHole;
+      sum += weight * openvdb::Vec3d(v);
+    }
+    if constexpr (C == 1) {
+      value = static_cast<float>(sum.x());
+    } else {
+      value = openvdb::Vec3f(sum);
+    }
+    return Found::kValue;
+  }
+};
+
+/// Combined counts of all workers.
+struct Counts {
+  std::uint64_t voxels = 0;
+  std::uint64_t active = 0;
+  std::uint64_t holes = 0;
+  std::uint64_t loud = 0;  ///< Voxels that differ from the background by more than the spread.
+  double lowest = std::numeric_limits<double>::infinity();
+  double highest = -std::numeric_limits<double>::infinity();
+
+  void add(const Counts& other) {
+    voxels += other.voxels;
+    active += other.active;
+    holes += other.holes;
+    loud += other.loud;
+    lowest = std::min(lowest, other.lowest);
+    highest = std::max(highest, other.highest);
+  }
+};
+
+/// Ranges of slices along a lattice's last axis.
+struct Made {
+  Slab all;      ///< Slices to make.
+  Slab counted;  ///< Slices among these that count.
+};
+
+/// Makes one leaf; null if it has no active voxel.
+template <class Leaf, class Voxels, class Value>
+std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Made& slices,
+                               const Value& background, double tolerance, double spread,
+                               Counts& all) {
+  auto leaf = std::make_unique<Leaf>(origin, background);
+  Coord end;
+  for (int a = 0; a < 3; ++a) {
+    end[a] =
+        std::min(origin[a] + static_cast<int>(Leaf::DIM), voxels.size[static_cast<std::size_t>(a)]);
+  }
+  end.z() = std::min(end.z(), slices.all.end());
+  Coord c;
+  Counts none;
+  for (c.z() = std::max(origin.z(), slices.all.first); c.z() < end.z(); ++c.z()) {
+    Counts& counts = c.z() >= slices.counted.first && c.z() < slices.counted.end() ? all : none;
+    for (c.y() = origin.y(); c.y() < end.y(); ++c.y()) {
+      for (c.x() = origin.x(); c.x() < end.x(); ++c.x()) {
+        Value value;
+        const Found found = voxels.at(c, value);
+        if (found == Found::kOutside) continue;
+        ++counts.voxels;
+        if (found == Found::kHole) {
+          ++counts.holes;
+          continue;
+        }
+        if (isNear(value, background, tolerance)) continue;
+        leaf->setValueOn(Leaf::coordToOffset(c), value);
+        ++counts.active;
+        if (!isNear(value, background, spread)) ++counts.loud;
+        counts.lowest = std::min(counts.lowest, lengthOf(value));
+        counts.highest = std::max(counts.highest, lengthOf(value));
+      }
+    }
+  }
+  if (leaf->isEmpty()) leaf.reset();
+  return leaf;
+}
+
+template <class GridT, class Voxels, class Value>
+Gridded build(const Voxels& voxels, const Made& slices, const Value& background, double tolerance,
+              double spread, const Progress& progress, ProcessGroup& crew) {
+  using Leaf = typename GridT::TreeType::LeafNodeType;
+  // One task makes a row of leaves along y.
+  constexpr int kEdge = static_cast<int>(Leaf::DIM);
+  std::array<int, 3> leaves{};
+  for (std::size_t a = 0; a < 3; ++a) leaves[a] = (voxels.size[a] + kEdge - 1) / kEdge;
+  const int first = slices.all.first / kEdge;
+  leaves[2] = slices.all.count == 0 ? 0 : (slices.all.end() + kEdge - 1) / kEdge - first;
+  const int rows = leaves[0] * leaves[2];
+  std::vector<std::vector<std::unique_ptr<Leaf>>> made(static_cast<std::size_t>(rows));
+  SharedProgress shared(progress, rows);
+  Counts counts;
+  std::mutex adding;
+  tbb::parallel_for(0, rows, [&](int row) {
+    Counts own;
+    for (int y = 0; y < leaves[1]; ++y) {
+      const Coord origin((row % leaves[0]) * kEdge, y * kEdge, (first + row / leaves[0]) * kEdge);
+      auto leaf = makeLeaf<Leaf>(voxels, origin, slices, background, tolerance, spread, own);
+      if (leaf) made[static_cast<std::size_t>(row)].push_back(std::move(leaf));
+    }
+    {
+      const std::lock_guard lock(adding);
+      counts.add(own);
+    }
+    shared.step();
+  });
+
+  auto grid = GridT::create(background);
+  for (auto& row : made) {
+    for (auto& leaf : row) grid->tree().addLeaf(leaf.release());
+    row.clear();
+  }
+  const Counts mine = std::exchange(counts, {});
+  for (const Counts& one : gatherOne(crew, mine)) counts.add(one);
+  Gridded out;
+  out.voxels = counts.voxels;
+  out.active = counts.active;
+  out.holes = counts.holes;
+  out.lowest = counts.lowest;
+  out.highest = counts.highest;
+  out.background = lengthOf(background);
+  out.tolerance = tolerance;
+  const double range = std::max(out.highest, out.background) - std::min(out.lowest, out.background);
+  if (spread > tolerance && spread < 0.05 * range &&
+      static_cast<double>(counts.loud) < 0.9 * static_cast<double>(counts.active)) {
+    out.quieter_tolerance = spread;
+    out.quieter_share = static_cast<double>(counts.loud) / static_cast<double>(counts.voxels);
+  }
+  out.grid = grid;
+  return out;
+}
+
+/// The voxels as in the file, or cubes if `cubes` is set.
+struct Lattice {
+  std::array<int, 3> size{};
+  Affine index_from_cube;
+  bool cubes = false;
+};
+
+template <class T, int C>
+Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
+                const Progress& progress, const Shared& shared) {
+  using GridT = std::conditional_t<C == 1, openvdb::FloatGrid, openvdb::Vec3SGrid>;
+  const Native<T, C> values{array.values.as<T>()};
+  typename Native<T, C>::Value background(0.0F);
+  Surroundings surroundings;
+  if constexpr (C == 1) {
+    surroundings = surroundingsOf(image, values, shared);
+    background = surroundings.middle;
+  }
+  if (lattice.cubes) {
+    const Slab all{0, lattice.size[2]};
+    return build<GridT>(Cubes<T, C>{image, values, lattice.size, lattice.index_from_cube},
+                        {all, all}, background, tolerance, surroundings.spread, progress,
+                        shared.crew());
+  }
+  const int slices = image.size[2];
+  return build<GridT>(OwnVoxels<T, C>{image, values}, {shared.inBricks(slices), shared.own(slices)},
+                      background, tolerance, surroundings.spread, progress, shared.crew());
+}
+
+template <int C>
+Gridded buildAny(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
+                 const Progress& progress, const Shared& shared) {
+  return visit(array.values, [&](const auto* data) {
+    using T = std::remove_cv_t<std::remove_pointer_t<decltype(data)>>;
+    return buildOn<T, C>(lattice, image, array, tolerance, progress, shared);
+  });
+}
+
+Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& array,
+                       double tolerance, const Progress& progress, const Shared& shared) {
+  Gridded out = array.values.components() == 1
+                    ? buildAny<1>(lattice, image, array, tolerance, progress, shared)
+                    : buildAny<3>(lattice, image, array, tolerance, progress, shared);
+  out.grid->setName(array.name);
+  return out;
+}
+
+/// OpenVDB treats maps of very small volume as singular.
+[[noreturn]] void refuseSmall(const std::string& file, double edge) {
+  throw VolumeError(file, fmt::format("voxels of {:g} are too small for OpenVDB", edge),
+                    "export it in a smaller unit of length, as mm for m");
+}
+
+/// Throws VolumeError if the map is singular.
+openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const std::string& file) {
+  const Mat3& M = file_from_index.linear;
+  const double volume = std::abs(M.determinant());
+  const double edges = M.col(0).norm() * M.col(1).norm() * M.col(2).norm();
+  if (!M.allFinite() || !file_from_index.origin.allFinite() || !(volume > 1e-9 * edges)) {
+    throw VolumeError(file, "its voxels have no volume: the spacing or the directions are wrong",
+                      "mend its header");
+  }
+  openvdb::Mat4R map;  // OpenVDB's convention: row vectors
+  map.setIdentity();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) map(column, row) = M(row, column);
+    map(3, row) = file_from_index.origin[row];
+  }
+  try {
+    return openvdb::math::Transform::createLinearTransform(map);
+  } catch (const openvdb::ArithmeticError&) {
+    refuseSmall(file, M.colwise().norm().minCoeff());
+  }
+}
+
+}  // namespace
+
+openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
+                                    const std::string& file) {
+  try {
+    auto transform = openvdb::math::Transform::createLinearTransform(edge);
+    transform->postTranslate(origin);
+    return transform;
+  } catch (const openvdb::ArithmeticError&) {
+    refuseSmall(file, edge);
+  }
+}
+
+Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
+                      const std::string& file, const Progress& progress, const Shared& shared) {
+  const auto transform = transformOf(image.file_from_index, file);
+  Gridded out = buildOnLattice({}, image, array, tolerance, progress, shared);
+  out.grid->setTransform(transform);
+  return out;
+}
+
+Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double tolerance,
+                    const std::string& file, const Progress& progress) {
+  (void)transformOf(image.file_from_index, file);  // throws for a bad map
+  const Affine& map = image.file_from_index;
+  Box box;
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    Vec3 p_I;
+    for (std::size_t a = 0; a < 3; ++a) {
+      p_I[static_cast<Eigen::Index>(a)] = ((corner >> a) & 1U) != 0 ? image.size[a] - 1 : 0;
+    }
+    box.extend(map.linear * p_I + map.origin);
+  }
+  Lattice lattice;
+  lattice.cubes = true;
+  double voxels = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const auto axis = static_cast<Eigen::Index>(a);
+    const double steps = std::floor((box.upper[axis] - box.lower[axis]) / voxel + 1e-9) + 1.0;
+    voxels *= steps;
+    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
+      throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
+                        "give a larger --voxel");
+    }
+    lattice.size[a] = static_cast<int>(steps);
+  }
+  if (*std::max_element(lattice.size.begin(), lattice.size.end()) < 2) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
+                      "give a smaller --voxel");
+  }
+  const Mat3 index_from_file = map.linear.inverse();
+  lattice.index_from_cube.linear = index_from_file * voxel;
+  lattice.index_from_cube.origin = index_from_file * (box.lower - map.origin);
+  SingleProcess alone;  // every rank makes all cubes
+  Gridded out = buildOnLattice(lattice, image, array, tolerance, progress, Shared(alone));
+  out.grid->setTransform(
+      cubes(voxel, openvdb::Vec3d(box.lower.x(), box.lower.y(), box.lower.z()), file));
+  return out;
+}
+
+}  // namespace palpate::importer

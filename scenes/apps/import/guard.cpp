@@ -1,0 +1,241 @@
+#include "palpate/scenes/apps/import/guard.h"
+
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <fcntl.h>
+#include <filesystem>
+#include <new>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/common/common.h"
+
+namespace palpate::importer {
+namespace {
+
+/// The child, for the signal handler; 0: not running.
+volatile sig_atomic_t child_of_signals = 0;
+volatile sig_atomic_t was_interrupted = 0;
+
+void passOn(int /*signal*/) {
+  was_interrupted = 1;
+  if (child_of_signals != 0) kill(static_cast<pid_t>(child_of_signals), SIGKILL);
+}
+
+/// A message has a letter, its length in 8 hexadecimal digits, and its text.
+constexpr std::size_t kHead = 9;
+
+bool writeAll(int file, const char* data, std::size_t count) {
+  while (count > 0) {
+    const ssize_t wrote = write(file, data, count);
+    if (wrote < 0 && errno == EINTR) continue;
+    if (wrote <= 0) return false;
+    data += wrote;
+    count -= static_cast<std::size_t>(wrote);
+  }
+  return true;
+}
+
+[[noreturn]] void runChild(int pipe, const std::function<int(Teller&)>& work) {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  signal(SIGINT, SIG_IGN);  // a terminal sends it to both processes; the parent decides
+  signal(SIGTERM, SIG_DFL);
+  signal(SIGHUP, SIG_DFL);
+  signal(SIGXFSZ, SIG_IGN);  // the write to a file that is too large then fails
+  const int nowhere = open("/dev/null", O_WRONLY);
+  if (nowhere >= 0) {
+    dup2(nowhere, STDOUT_FILENO);
+    dup2(nowhere, STDERR_FILENO);
+  }
+  Teller teller(pipe);
+  int status = cli::kInternal;
+  const auto complain = [&](const std::string& line) { teller.error(line); };
+  try {
+    status = work(teller);
+  } catch (const Error& e) {
+    complain(e.what());
+    status = cli::kBadInput;
+  } catch (const std::filesystem::filesystem_error& e) {
+    complain(fmt::format("{}: it cannot be used ({}): check the path", e.path1().string(),
+                         e.code().message()));
+    status = cli::kBadInput;
+  } catch (const std::bad_alloc&) {
+    complain("there is not enough memory: choose fewer arrays with --field or a larger --voxel");
+    status = cli::kEndedEarly;
+  } catch (const std::exception& e) {
+    complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    status = cli::kInternal;
+  }
+  _exit(status);
+}
+
+struct Written {
+  std::filesystem::path partial;
+  std::filesystem::path file;
+};
+
+/// Makes all files appear. If one fails, removes those that did not exist before.
+void appear(const std::vector<Written>& files) {
+  std::error_code error;
+  std::vector<std::filesystem::path> fresh;
+  for (const Written& one : files) {
+    const bool was_there = std::filesystem::exists(one.file, error);
+    const std::filesystem::path target = cli::behindLinks(one.file);
+    error.clear();
+    std::filesystem::rename(one.partial, target, error);
+    if (error) {
+      const std::string why = error.message();
+      for (const std::filesystem::path& file : fresh) std::filesystem::remove(file, error);
+      for (const Written& other : files) std::filesystem::remove(other.partial, error);
+      throw Error(one.file.string(), fmt::format("it cannot be written ({})", why),
+                  "choose another place");
+    }
+    if (!was_there) fresh.push_back(target);
+  }
+}
+
+/// Receives the child's messages until the child closes the pipe.
+class Listener {
+ public:
+  void hear(const char* data, std::size_t count) {
+    heard_.append(data, count);
+    while (heard_.size() >= kHead) {
+      const std::size_t length = std::stoul(heard_.substr(1, kHead - 1), nullptr, 16);
+      if (heard_.size() < kHead + length) return;
+      act(heard_[0], heard_.substr(kHead, length));
+      heard_.erase(0, kHead + length);
+    }
+  }
+  void endProgress() { show_ = nullptr; }
+  [[nodiscard]] const std::vector<Written>& files() const { return files_; }
+  [[nodiscard]] const std::string& output() const { return output_; }
+  [[nodiscard]] bool complained() const { return complained_; }
+
+ private:
+  void act(char kind, const std::string& text) {
+    switch (kind) {
+      case 'o':
+        output_ += text;
+        break;
+      case 'e':
+        show_ = nullptr;
+        cli::complain(text);
+        complained_ = true;
+        break;
+      case 's':
+        show_ = cli::showProgress(text);
+        break;
+      case 'p':
+        if (show_) show_(std::stod(text));
+        break;
+      case 'f':
+        files_.push_back({text.substr(0, text.find('\0')), text.substr(text.find('\0') + 1)});
+        break;
+      default:
+        break;
+    }
+  }
+
+  std::string heard_;
+  std::string output_;
+  std::vector<Written> files_;
+  std::function<void(double)> show_;
+  bool complained_ = false;
+};
+
+}  // namespace
+
+void Teller::send(char kind, const std::string& text) {
+  const std::string message = fmt::format("{}{:08x}{}", kind, text.size(), text);
+  if (!writeAll(pipe_, message.data(), message.size())) _exit(cli::kInternal);
+}
+void Teller::out(const std::string& text) {
+  send('o', text);
+}
+void Teller::error(const std::string& line) {
+  send('e', line);
+}
+void Teller::stage(const std::string& what) {
+  told_ = -1;
+  send('s', what);
+}
+void Teller::progress(double done) {
+  const int percent = static_cast<int>(100.0 * done);
+  if (percent == told_) return;
+  told_ = percent;
+  send('p', fmt::format("{}", done));
+}
+void Teller::file(const std::string& partial, const std::string& file) {
+  cli::checkReplaceable(file);
+  send('f', partial + '\0' + file);
+}
+
+int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
+               const std::string& silent) {
+  std::fflush(nullptr);
+  int ends[2];
+  if (pipe(ends) != 0) throw Error("import", std::strerror(errno), "close other programs");
+  struct sigaction action {};
+  action.sa_handler = passOn;
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  const pid_t child = fork();
+  if (child < 0) throw Error("import", std::strerror(errno), "close other programs");
+  if (child == 0) {
+    close(ends[0]);
+    runChild(ends[1], work);
+  }
+  child_of_signals = child;
+  if (was_interrupted != 0) kill(child, SIGKILL);
+  close(ends[1]);
+
+  Listener listener;
+  std::vector<char> buffer(1U << 16U);
+  for (;;) {
+    const ssize_t count = read(ends[0], buffer.data(), buffer.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) break;
+    listener.hear(buffer.data(), static_cast<std::size_t>(count));
+  }
+  listener.endProgress();
+  int result = 0;
+  while (waitpid(child, &result, 0) < 0 && errno == EINTR) {
+  }
+  child_of_signals = 0;
+
+  const bool ended = WIFEXITED(result);
+  const int status = ended ? WEXITSTATUS(result) : cli::kBadInput;
+  if (status == cli::kDone) {
+    appear(listener.files());
+    cli::sayRaw(listener.output());
+    return cli::kDone;
+  }
+  std::error_code error;
+  for (const Written& one : listener.files()) std::filesystem::remove(one.partial, error);
+  if (was_interrupted != 0) return cli::kInterrupted;
+  if (!ended) {
+    const int signal = WTERMSIG(result);
+    if (signal == SIGKILL) {
+      cli::complain(what +
+                    ": the system ended the import, most likely for want of memory: choose "
+                    "fewer arrays with --field or a larger --voxel");
+      return cli::kEndedEarly;
+    }
+    cli::complain(what + ": reading it brought the reader down: it is damaged: export it again");
+  } else if (!listener.complained()) {
+    cli::complain(silent.empty() ? what +
+                                       ": the reader gave up without a word: it is damaged: "
+                                       "export it again"
+                                 : silent);
+  }
+  return status;
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,81 @@
+#include "palpate/scenes/apps/import/header_checks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <system_error>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+constexpr double kMostBytes = 1e15;
+constexpr const char* kMendHeader = "mend its header, or check what wrote it";
+
+/// Returns the name as the header gives it.
+std::string nameOf(const std::filesystem::path& data, const std::filesystem::path& header) {
+  const std::filesystem::path name = data.lexically_relative(header.parent_path());
+  return name.empty() ? data.string() : name.string();
+}
+
+}  // namespace
+
+std::string calledBy(const std::filesystem::path& header, const std::filesystem::path& data) {
+  return data == header ? "it" : nameOf(data, header);
+}
+
+double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
+               double bytes) {
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    const double size = sizes[i];
+    if (size >= 1.0 && size <= std::numeric_limits<int>::max() && size == std::floor(size)) {
+      bytes *= size;
+      continue;
+    }
+    throw VolumeError(header.string(), fmt::format("its size {} is absurd: {}", i + 1, size),
+                      kMendHeader);
+  }
+  if (bytes > kMostBytes) {
+    throw VolumeError(header.string(), fmt::format("its size is absurd: {:.0g} bytes", bytes),
+                      kMendHeader);
+  }
+  return bytes;
+}
+
+double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data,
+                  bool follow) {
+  // The author of a header must not choose which of the user's files are read.
+  std::error_code unread;  // a missing file is rejected with its size below
+  const std::filesystem::path folder =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(header).parent_path(), unread);
+  const std::filesystem::path named =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(data), unread)
+          .lexically_relative(folder);
+  if (!follow && (named.empty() || *named.begin() == "..")) {
+    throw VolumeError(header.string(),
+                      fmt::format("it names a data file in another folder, {}", data.string()),
+                      "put the file beside it, or add --follow");
+  }
+  std::error_code error;
+  const auto size = std::filesystem::file_size(data, error);
+  if (error || !std::filesystem::is_regular_file(data, error)) {
+    throw VolumeError(header.string(),
+                      fmt::format("its data file {} cannot be read", nameOf(data, header)),
+                      "put it where the header says");
+  }
+  return static_cast<double>(size);
+}
+
+void checkHeld(const std::filesystem::path& header, const std::filesystem::path& data, double held,
+               double least) {
+  if (held >= least) return;
+  throw VolumeError(header.string(),
+                    fmt::format("{} is truncated: {:.0f} bytes of {:.0f}", calledBy(header, data),
+                                std::max(held, 0.0), std::ceil(least)),
+                    "copy or export it again");
+}
+
+}  // namespace palpate::importer

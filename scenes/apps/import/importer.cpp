@@ -1,0 +1,364 @@
+#include "palpate/scenes/apps/import/importer.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <malloc.h>
+#include <span>
+#include <string_view>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
+#include "palpate/samplers/bricks/brick_grid.h"
+#include "palpate/samplers/bricks/write_bricks.h"
+#include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/volume.h"
+#include "palpate/scenes/apps/import/pieces.h"
+#include "palpate/scenes/apps/import/smooth.h"
+#include "palpate/scenes/guess/metadata.h"
+#include "palpate/scenes/guess/suggest.h"
+#include "palpate/scenes/library/new_file.h"
+#include "palpate/scenes/library/write_grids.h"
+
+namespace palpate::importer {
+namespace {
+
+/// Returns the reason why an image has no grid.
+std::string emptyBecause(const Imported& imported) {
+  const Gridded& made = imported.made;
+  if (made.holes == made.voxels) return "none of its voxels has data";
+  if (made.tolerance > 0.0) return "all its voxels lie within the tolerance of the background";
+  return "all its voxels have one value";
+}
+
+std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const std::string& in,
+                               const Telling& telling, std::vector<std::string>& notes) {
+  if (options.smooth > 0.0) {
+    throw Error("--smooth", "it works on images, and " + in + " is a mesh",
+                "smooth it in the scene: \"smooth\": N");
+  }
+  if (options.tolerance) {
+    throw Error("--tolerance", "it works on images, and " + in + " is a mesh", "leave it out");
+  }
+  telling.stage("resampling");
+  double voxel = options.iso ? 0.0 : options.voxel;
+  if (voxel <= 0.0) {
+    const SuggestedVoxel suggested = piece.mesh->suggestVoxel();
+    voxel = suggested.edge;
+    if (suggested.edge > suggested.by_cell) {
+      notes.push_back(fmt::format(
+          "voxels of {:g}, at most {:g} a point: half the edge of the median cell, {:g}, makes "
+          "{:.2g} million; what that costs is said as what resampling is off by, and {}",
+          voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
+          options.iso ? "an --iso of a mesh has no finer ones"
+                      : fmt::format("--voxel {:g} takes these", suggested.by_cell)));
+    }
+  }
+  std::vector<Imported> out;
+  std::vector<Resampled> all = piece.mesh->resample(piece.arrays, voxel, in, telling.progress);
+  for (std::size_t a = 0; a < all.size(); ++a) {
+    Imported imported;
+    imported.made = std::move(all[a].made);
+    imported.made.active = imported.made.grid->activeVoxelCount();
+    imported.resampling = all[a].error;
+    imported.voxel = voxel;
+    imported.unit = piece.arrays[a].unit;
+    imported.axial = piece.arrays[a].axial;
+    out.push_back(std::move(imported));
+  }
+  return out;
+}
+
+/// Returns whether an image is gridded in parts: only if its voxels become bricks.
+bool isInParts(const Options& options, ProcessGroup& crew) {
+  return crew.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
+}
+
+/// Returns the slices that a rank needs: its own, those in its bricks' aprons, and the filter's
+/// reach beyond.
+Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
+  return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
+}
+
+Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
+                   const Telling& telling, std::vector<std::string>& notes, const Shared& shared) {
+  telling.stage(array.name);
+  if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
+    notes.push_back(fmt::format("{}: {}", array.name, loss));
+  }
+  Imported imported;
+  Piece piece;
+  piece.size = whole.size;
+  piece.file_from_index = whole.file_from_index;
+  piece.by_cell = whole.by_cell;
+  piece.held = whole.held;
+  piece.hidden = whole.hidden;
+  if (!shared.isAlone()) {
+    // Selects this rank's part if the reader has read the whole image.
+    imported.share = shared.bricks(whole.size[2]);
+    piece.held = neededOf(options, shared, whole.size[2], whole.file_from_index);
+    piece.hidden = slicesOf(whole, whole.hidden, *piece.held);
+    array.values = slicesOf(whole, array.values, *piece.held);
+  }
+  imported.unit = array.unit;
+  imported.axial = array.axial;
+  double tolerance = options.tolerance.value_or(0.0);
+  if (options.smooth > 0.0) {
+    telling.stage("smoothing " + array.name);
+    const Smoothed smoothed =
+        smoothImage(piece, array, options.smooth, in, telling.progress, shared);
+    telling.stage(array.name);
+    imported.smoothing = smoothed.rms_change;
+    // The filter leaves small tails around all objects.
+    if (!options.tolerance) tolerance = 1e-3 * smoothed.range;
+  }
+  if (options.voxel > 0.0 && !options.iso) {
+    imported.made = gridOnCubes(piece, array, options.voxel, tolerance, in, telling.progress);
+    imported.resampling = errorOf(piece, array, imported.made);
+    imported.voxel = options.voxel;
+    imported.image = openvdb::CoordBBox();
+  } else {
+    imported.made = gridFromImage(piece, array, tolerance, in, telling.progress, shared);
+    imported.image =
+        openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
+  }
+  return imported;
+}
+
+/// Replaces the only scalar by its level set.
+void takeSurface(const Options& options, const std::string& length_unit, const std::string& in,
+                 const Telling& telling, Step& step) {
+  std::vector<std::string> scalars;
+  std::vector<std::string> others;
+  for (const Imported& imported : step.grids) {
+    const openvdb::GridBase& grid = *imported.made.grid;
+    (grid.isType<openvdb::FloatGrid>() ? scalars : others).push_back(grid.getName());
+  }
+  if (scalars.size() != 1) {
+    throw Error("--iso",
+                scalars.empty() ? "there is no scalar in it"
+                                : fmt::format("it has {} scalars: {}", scalars.size(),
+                                              fmt::join(scalars, ", ")),
+                scalars.empty() ? "leave it out" : "choose one with --field");
+  }
+  if (!others.empty()) {
+    step.notes.push_back(fmt::format("{}: left out: --iso is of scalars", fmt::join(others, ", ")));
+  }
+  std::erase_if(step.grids, [](const Imported& imported) {
+    return !imported.made.grid->isType<openvdb::FloatGrid>();
+  });
+  telling.stage("level set");
+  Imported& imported = step.grids.front();
+  Gridded& made = imported.made;
+  imported.level_set = levelSetOf(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid),
+                                  *options.iso, options.voxel, in, telling.progress);
+  imported.unit = length_unit;
+  made.grid = imported.level_set->grid;
+  made.background = static_cast<double>(imported.level_set->grid->background());
+  made.lowest = -made.background;
+  made.highest = made.background;
+  made.voxels = imported.level_set->grid->activeVoxelCount();
+  made.active = made.voxels;
+  made.quieter_tolerance = 0.0;
+}
+
+/// Sets metadata of origin and processing.
+void setMetadata(const Options& options, const Content& content, const Step& step,
+                 const Imported& imported) {
+  openvdb::GridBase& grid = *imported.made.grid;
+  const auto text = [&](const char* key, const std::string& value) {
+    if (!value.empty()) grid.insertMeta(key, openvdb::StringMetadata(value));
+  };
+  const auto number = [&](const char* key, double value) {
+    grid.insertMeta(key, openvdb::DoubleMetadata(value));
+  };
+  text("source", options.request.file.filename().string());
+  text("imported_by", std::string("palpate ") + kVersion);
+  text("description", content.description);
+  text(kMetaLengthUnit, content.length_unit);
+  text(kMetaValueUnit, imported.unit);
+  if (content.patient) text(kMetaSpace, "RAS");
+  if (imported.resampling) {
+    number("resampled_to", imported.voxel);
+    if (imported.resampling->points > 0) number("resampling_rms", imported.resampling->rms);
+    if (imported.resampling->edge_points > 0) {
+      number("resampling_edge_rms", imported.resampling->edge_rms);
+    }
+  }
+  if (options.smooth > 0.0) number("smooth", options.smooth);
+  if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
+  if (imported.level_set) number("iso", *options.iso);
+  if (step.time) number("time", *step.time);
+  // These entries let a scene guess from the .vdb alone find the same scene.
+  text(guess::kMetaFrom, imported.image ? "image" : "mesh");
+  if (imported.image && !imported.image->empty() && !imported.level_set) {
+    const openvdb::Coord size = imported.image->dim();
+    grid.insertMeta(guess::kMetaImageSize, openvdb::Vec3IMetadata({size.x(), size.y(), size.z()}));
+  }
+  if (step.modality == Modality::kCt) text(guess::kMetaModality, "CT");
+  if (step.modality == Modality::kMr) text(guess::kMetaModality, "MR");
+  if (imported.axial) grid.insertMeta(guess::kMetaAxial, openvdb::BoolMetadata(true));
+  if (grid.isType<openvdb::Vec3SGrid>()) {
+    grid.setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);
+    grid.setIsInWorldSpace(true);
+  } else if (!imported.level_set) {
+    grid.setGridClass(openvdb::GRID_FOG_VOLUME);
+  }
+}
+
+/// Checks the result against --as: a reader that does not use --as does not report it.
+void checkAsked(const Request& request, const Content& content) {
+  if (request.as.empty()) return;
+  const int width = content.pieces.front().arrays.front().values.components();
+  const bool vector = request.as == "vector";
+  if (vector ? width == 3 : width >= 6) return;
+  throw Error("--as",
+              fmt::format("{} has {} a voxel, not the {} of a {}", request.file.string(),
+                          width == 1 ? "one value" : fmt::format("{} values", width),
+                          vector ? 3 : 6, request.as),
+              "leave it out");
+}
+
+}  // namespace
+
+std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
+                                ProcessGroup& crew) {
+  Request request = options.request;
+  request.progress = telling.progress;
+  if (isInParts(options, crew)) {
+    request.slices = [&options, shared = Shared(crew)](const std::array<int, 3>& size,
+                                                       const Affine& map) {
+      return neededOf(options, shared, size[2], map);
+    };
+  }
+  return openAny(request);
+}
+
+Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
+                ProcessGroup& crew) {
+  SingleProcess alone;
+  const Shared shared(isInParts(options, crew) ? crew : alone);
+  const std::string in = options.request.file.string();
+  telling.stage("reading");
+  Content content = reader.read(step);
+  checkAsked(options.request, content);
+  Step out;
+  out.modality = content.modality;
+  out.notes = content.notes;
+  const std::vector<double> times = reader.times();
+  if (step < times.size()) out.time = times[step];
+  std::vector<Piece> pieces = makeReady(content, in, out.notes);
+  joinComponents(pieces, options.request.fields, out.notes);
+  select(pieces, options.request.fields, in);
+
+  for (Piece& piece : pieces) {
+    if (!piece.isImage()) {
+      for (Imported& imported : fromMesh(options, piece, in, telling, out.notes)) {
+        out.grids.push_back(std::move(imported));
+      }
+      continue;
+    }
+    for (Array& array : piece.arrays) {
+      // Only one array at a time is in memory twice.
+      Imported imported =
+          fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes, shared);
+      const std::string name = imported.made.grid->getName();
+      if (imported.made.active == 0) {
+        out.notes.push_back(fmt::format("{}: left out: {}", name, emptyBecause(imported)));
+      } else {
+        out.grids.push_back(std::move(imported));
+      }
+    }
+  }
+  if (options.iso && !out.grids.empty()) {
+    takeSurface(options, content.length_unit, in, telling, out);
+  }
+  for (const Imported& imported : out.grids) setMetadata(options, content, out, imported);
+  return out;
+}
+
+void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in) {
+  const std::size_t count = step.grids.size();
+  {
+    openvdb::GridCPtrVec grids;
+    for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
+    const int descriptor = createNewFile(file);
+    if (descriptor < 0) {
+      throw Error(file.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
+                  "choose another place");
+    }
+    writeGrids(nameOfOpen(descriptor, file), grids);
+    close(descriptor);
+  }
+  step.grids.clear();
+  const auto refused = [&](const std::string& what, const std::string& refusal) {
+    throw VolumeError(in, fmt::format("{} could not be felt ({})", what, refusal),
+                      "look at the sizes, places and values in it, or choose arrays by --field");
+  };
+  malloc_trim(0);  // the grids are freed by now, and reading them back needs memory for one
+  std::vector<GridInfo> read;
+  try {
+    read = describeGrids(file);
+  } catch (const VolumeError& e) {
+    const std::string_view why = e.what();
+    refused("what it becomes",
+            std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
+  }
+  // describeGrids lists vectors by component once more behind the grids.
+  for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
+    if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
+  }
+}
+
+void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
+                   ProcessGroup& crew) {
+  if (step.grids.size() != 1) {
+    std::vector<std::string> names;
+    names.reserve(step.grids.size());
+    for (const Imported& imported : step.grids) names.push_back(imported.made.grid->getName());
+    throw Error("--bricks",
+                fmt::format("it has {} arrays: {}", names.size(), fmt::join(names, ", ")),
+                "choose one with --field");
+  }
+  BrickOptions options;
+  options.progress = progress;
+  options.crew = &crew;
+  openvdb::GridBase::Ptr grid = step.grids.front().made.grid;
+  const std::optional<Share> share = step.grids.front().share;
+  step.grids.clear();
+  if (share) {
+    (void)writeBricks(folder, brickInput(grid, crew, *share), options);
+    return;
+  }
+  BrickInput input = brickInput(makeVolume(*grid));
+  grid.reset();
+  // Measured values may differ in the last digit between machines.
+  const ProcessGroup::Bytes text = crew.gather(std::as_bytes(std::span(input.metadata))).front();
+  input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
+  (void)writeBricks(folder, input, options);
+}
+
+std::string sceneFor(const std::string& vdb, const Step& step) {
+  std::vector<guess::SuggestInput> inputs;
+  for (const Imported& imported : step.grids) {
+    guess::SuggestInput input;
+    input.grid = imported.made.grid;
+    input.modality = step.modality;
+    input.value_unit = imported.level_set ? "" : imported.unit;
+    input.axial = imported.axial;
+    input.inactive_is_data = imported.image.has_value();
+    if (imported.image && !imported.image->empty()) input.extent = *imported.image;
+    inputs.push_back(std::move(input));
+  }
+  return guess::suggestScene(vdb, inputs);
+}
+
+}  // namespace palpate::importer

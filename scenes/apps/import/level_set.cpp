@@ -1,0 +1,129 @@
+#include "palpate/scenes/apps/import/level_set.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <fmt/format.h>
+#include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/SignedFloodFill.h>
+#include <openvdb/tools/VolumeToMesh.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/grids.h"
+#include "palpate/scenes/apps/import/quantile.h"
+#include "palpate/scenes/apps/import/surface.h"
+
+namespace palpate::importer {
+namespace {
+
+using openvdb::Coord;
+using openvdb::Vec3d;
+using openvdb::tools::BoxSampler;
+
+/// Returns the share of the original's surface that is a voxel or more from the level set's.
+double lostPart(const openvdb::tools::VolumeToMesh& mesher, const openvdb::FloatGrid& surface) {
+  const auto level = surface.getConstAccessor();
+  const double edge = surface.voxelSize().x();
+  std::size_t lost = 0;
+  for (std::size_t p = 0; p < mesher.pointListSize(); ++p) {
+    const Vec3d p_I = surface.worldToIndex(Vec3d(mesher.pointList()[p]));
+    if (std::abs(BoxSampler::sample(level, p_I)) >= edge) ++lost;
+  }
+  return static_cast<double>(lost) /
+         static_cast<double>(std::max<std::size_t>(mesher.pointListSize(), 1));
+}
+
+/// Returns the distance of the original's surface, to first order, where edges between voxels cross
+/// the level set's surface.
+std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::FloatGrid& original,
+                              double iso) {
+  const auto level = surface.getConstAccessor();
+  const auto values = original.getConstAccessor();
+  const Vec3d edges = original.voxelSize();
+  const double step = 0.5 * std::min({edges.x(), edges.y(), edges.z()});
+  const auto at = [&](const Vec3d& p) {
+    return static_cast<double>(BoxSampler::sample(values, original.worldToIndex(p)));
+  };
+  std::vector<double> out;
+  for (auto value = surface.cbeginValueOn(); value; ++value) {
+    const Coord here = value.getCoord();
+    for (int axis = 0; axis < 3; ++axis) {
+      Coord there = here;
+      ++there[axis];
+      float other = 0.0F;
+      if (!level.probeValue(there, other) || (*value < 0.0F) == (other < 0.0F)) continue;
+      const double share = static_cast<double>(*value) / (static_cast<double>(*value) - other);
+      const Vec3d p =
+          surface.indexToWorld(here.asVec3d() + share * (there.asVec3d() - here.asVec3d()));
+      Vec3d slope;
+      for (int a = 0; a < 3; ++a) {
+        Vec3d along(0.0);
+        along[a] = step;
+        slope[a] = (at(p + along) - at(p - along)) / (2.0 * step);
+      }
+      if (slope.length() > 0.0) out.push_back(std::abs(at(p) - iso) / slope.length());
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
+                    const std::string& file, const Progress& progress) {
+  const Vec3d edges = grid.voxelSize();
+  const double edge = voxel > 0.0 ? voxel : std::min({edges.x(), edges.y(), edges.z()});
+  const auto transform = cubes(edge, Vec3d(0.0), file);
+  LevelSet out;
+  out.solid_above = static_cast<double>(grid.background()) < iso;
+  openvdb::tools::VolumeToMesh mesher(iso);
+  findSurface(grid, mesher);
+  const std::size_t polygons = countPolygons(mesher);
+  if (polygons == 0) {
+    throw VolumeError(file,
+                      fmt::format("nothing in \"{}\" has the value {:g}", grid.getName(), iso),
+                      "give --iso within its range, see palpate info");
+  }
+  // Estimates the voxels: the surface's area times the width of the band.
+  const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
+  if (static_cast<double>(polygons) * refinement * refinement * 6.0 > 1e9) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are too many for its surface", edge),
+                      "give a larger --voxel");
+  }
+  // Signs are not taken from OpenVDB: it treats the space that a surface encloses as inside, and
+  // drops cavities.
+  out.grid = distanceTo(mesher, *transform, progress);
+  // The values decide the side. As in OpenVDB, a voxel with exactly this value is above it.
+  const auto accessor = grid.getConstAccessor();
+  std::uint64_t inside = 0;
+  for (auto value = out.grid->beginValueOn(); value; ++value) {
+    const Vec3d p = out.grid->indexToWorld(value.getCoord());
+    const bool above = BoxSampler::sample(accessor, grid.worldToIndex(p)) >= iso;
+    const float distance = std::abs(*value);
+    if (above == out.solid_above) ++inside;
+    value.setValue(above == out.solid_above ? -distance : distance);
+  }
+  openvdb::tools::signedFloodFill(out.grid->tree());
+  if (inside == 0) {
+    throw VolumeError(file, fmt::format("what has the value {:g} is thinner than its voxels", iso),
+                      "give a smaller --voxel, or another value");
+  }
+  out.lost = lostPart(mesher, *out.grid);
+  mesher.pointList().reset();
+  mesher.polygonPoolList().reset();
+
+  std::vector<double> errors = distances(*out.grid, grid, iso);
+  out.crossings = errors.size();
+  if (!errors.empty()) {
+    double squares = 0.0;
+    for (const double e : errors) squares += e * e;
+    out.rms_error = std::sqrt(squares / static_cast<double>(errors.size())) / edge;
+    out.p99_error = quantile(errors, 0.99) / edge;
+  }
+  out.grid->setName(grid.getName());
+  out.grid->setGridClass(openvdb::GRID_LEVEL_SET);
+  return out;
+}
+
+}  // namespace palpate::importer

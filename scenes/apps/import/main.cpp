@@ -1,0 +1,347 @@
+/// `palpate-import`: converts files of scanners and solvers to a .vdb that can be felt.
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <unistd.h>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/apps/common/options.h"
+#include "palpate/scenes/apps/import/guard.h"
+#include "palpate/scenes/apps/import/importer.h"
+#include "palpate/scenes/apps/import/mpi_group.h"
+#include "palpate/scenes/apps/import/report.h"
+#include "palpate/scenes/library/new_file.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::size_t> stepsOf(const std::string& time, std::size_t count) {
+  std::vector<std::size_t> steps;
+  if (time == "all") {
+    for (std::size_t s = 0; s < count; ++s) steps.push_back(s);
+    return steps;
+  }
+  std::size_t step = 0;
+  if (!time.empty()) {
+    const char* end = time.data() + time.size();
+    const auto parsed = std::from_chars(time.data(), end, step);
+    if (parsed.ec != std::errc() || parsed.ptr != end || step >= count) {
+      throw Error("--time", fmt::format("\"{}\" is no step of it", time),
+                  count == 1 ? "it has one step: leave it out"
+                             : fmt::format("give 0 to {}, or all", count - 1));
+    }
+  }
+  return {step};
+}
+
+/// Writes the scene, or adds a note with the reason why it is missing.
+std::string writeScene(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
+  teller.stage("scene");
+  const bool to_stdout = options.scene == "-";
+  const fs::path folder =
+      fs::weakly_canonical(to_stdout ? fs::path(".") : fs::absolute(options.scene).parent_path());
+  std::string scene;
+  try {
+    const fs::path way = fs::weakly_canonical(fs::absolute(vdb)).lexically_relative(folder);
+    scene = sceneFor(way.string(), step) + "\n";
+  } catch (const VolumeError&) {
+    step.notes.emplace_back("no scene: nothing in it varies enough to be felt");
+    return "";
+  }
+  if (to_stdout) return scene;
+  const fs::path partial = partialOf(options.scene);
+  teller.file(partial, options.scene);
+  // The parent renames this partial file. A second one would be unknown to the parent.
+  const int descriptor = createNewFile(partial);
+  if (descriptor >= 0) {
+    std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
+    file << scene << std::flush;
+    close(descriptor);
+    if (file) return scene;
+  }
+  throw Error(options.scene.string(),
+              fmt::format("it cannot be written ({})", std::strerror(errno)),
+              "choose another place, or make room");
+}
+
+/// Returns a summary of the scene and the suggested next command; a line each.
+/// @param first  The first .vdb; empty: not written.
+std::string lastWords(const Options& options, const fs::path& first, const std::string& scene) {
+  std::string text;
+  if (!scene.empty()) {
+    std::string modes;
+    const cli::OrderedJson spec = cli::OrderedJson::parse(scene);
+    for (const auto& mode : spec["modes"]) {
+      modes += fmt::format("{}{} ({})", modes.empty() ? "" : ", ", mode["name"].get<std::string>(),
+                           mode["mode"].get<std::string>());
+    }
+    const std::size_t count = spec["modes"].size();
+    text += cli::words("{}: a scene of {} mode{}: {}\n", options.scene.string(), count,
+                       count == 1 ? "" : "s", cli::sentence(modes))
+                .text();
+  }
+  if (first.empty()) return text;
+  const std::string felt = scene.empty() ? first.string() : options.scene.string();
+  // Grids for which no scene was found cannot be felt as they are.
+  const bool none = options.bricks || (scene.empty() && !options.scene.empty());
+  return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
+                           cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
+                    .text();
+}
+
+int importAll(const Options& options, Teller& teller, ProcessGroup& crew) {
+  // Only rank 0 reports.
+  Telling telling{[](const std::string& /*what*/) {}, nullptr};
+  if (crew.rank() == 0) {
+    telling = {[&](const std::string& what) { teller.stage(what); },
+               [&](double done) { teller.progress(done); }};
+  }
+  const std::unique_ptr<Reader> reader = openFor(options, telling, crew);
+  const std::size_t count = std::max<std::size_t>(reader->times().size(), 1);
+  const std::vector<std::size_t> steps = stepsOf(options.time, count);
+  openvdb::initialize();
+
+  std::string text;
+  std::string scene;
+  fs::path first;
+  cli::OrderedJson reports = cli::OrderedJson::array();
+  for (const std::size_t number : steps) {
+    Step step = importStep(options, *reader, number, telling, crew);
+    fs::path out = options.out;
+    if (options.time == "all") {
+      const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
+      out.replace_filename(
+          fmt::format("{}_{:04}{}", stem.string(), number, options.bricks ? "" : ".vdb"));
+    }
+    if (step.grids.empty()) {
+      if (steps.size() == 1) {
+        throw Error(options.request.file.string(), step.notes.back(),
+                    "there is nothing to feel in it");
+      }
+      step.notes.emplace_back("no file: there is nothing to feel in this step");
+    } else {
+      if (first.empty()) {
+        first = out;
+        if (!options.scene.empty()) scene = writeScene(options, out, step, teller);
+      }
+    }
+    if (count > 1 && options.time.empty()) {
+      step.notes.push_back(
+          fmt::format("the first of {} steps: --time N takes another, --time all each", count));
+    }
+    text += textOf(out, step);
+    reports.push_back(jsonOf(out, step));
+    if (!step.grids.empty()) {
+      telling.stage("writing");
+      if (options.bricks) {
+        // The folder itself shows whether it is complete, and an interrupted export resumes.
+        writeAsBricks(out, step, telling.progress, crew);
+      } else {
+        const fs::path partial = partialOf(out);
+        teller.file(partial, out);
+        writeVdb(partial, step, options.request.file.string());
+      }
+    }
+    const std::vector<std::uint64_t> peaks = gatherOne(crew, peakMemory());
+    reports.back()["memory"]["peak"] = *std::max_element(peaks.begin(), peaks.end());
+  }
+  if (crew.rank() != 0) return cli::kDone;
+  if (options.scene == "-") {
+    teller.out(scene);
+  } else if (options.json) {
+    teller.out(cli::dump(options.time == "all" ? reports : reports[0], 2) + "\n");
+  } else {
+    teller.out(text + lastWords(options, first, scene));
+  }
+  return cli::kDone;
+}
+
+void check(const Options& options) {
+  if (!options.bricks) cli::checkReplaceable(options.out);
+  if (options.scene != "-") cli::checkReplaceable(options.scene);
+  if ((options.out.extension() == ".vdb") == options.bricks) {
+    throw Error(
+        options.out.string(),
+        options.bricks ? "a folder of bricks is named as a file" : "the output is not named .vdb",
+        options.bricks ? "name it without .vdb" : "name it so");
+  }
+  if (options.bricks && !options.scene.empty()) {
+    throw Error("--scene", "it is of a .vdb, which --bricks does not write",
+                "leave one of them out");
+  }
+  if (cli::isSamePlace(options.request.file, options.out) ||
+      (!options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
+                                  cli::isSamePlace(options.scene, options.request.file)))) {
+    throw Error(options.out.string(), "one file would replace another of the command",
+                "give each a name of its own");
+  }
+  if (options.scene == "-" && options.json) {
+    throw Error("--json", "the scene goes to standard output already", "leave one of them out");
+  }
+  const auto width = [](const char* name, double value, double most) {
+    if (!(value >= 0.0 && value <= most)) {
+      throw Error(name, fmt::format("{} is none", value), "give a number that is not negative");
+    }
+  };
+  width("--smooth", options.smooth, 1e6);
+  width("--voxel", options.voxel, 1e9);
+  width("--tolerance", options.tolerance.value_or(0.0), 1e30);
+  if (options.iso && !std::isfinite(*options.iso)) {
+    throw Error("--iso", "it is no number", "give a value of the data");
+  }
+}
+
+/// OpenVDB's exceptions mean that the file is at fault: its maps and places should be valid.
+int import(const Options& options, Teller& teller, ProcessGroup& crew) {
+  try {
+    return importAll(options, teller, crew);
+  } catch (const openvdb::Exception& e) {
+    throw VolumeError(options.request.file.string(),
+                      fmt::format("OpenVDB cannot hold what it becomes ({})", e.what()),
+                      "look at the sizes, places and spacing in it");
+  }
+}
+
+/// Throws Error if mpirun must not start this import.
+void checkTogether(const Options& options) {
+  if (!options.bricks) {
+    throw Error("mpirun", "only --bricks is written by several processes",
+                "give --bricks, or start one without mpirun");
+  }
+  if (!canJoinGroup()) {
+    throw Error("mpirun", "this palpate was built without MPI",
+                "build it where libopenmpi-dev is, or start one process without mpirun");
+  }
+}
+
+/// Imports in one process that mpirun has started. All ranks check what may differ between
+/// machines; only one reports.
+int importTogether(const Options& options) {
+  // MPI ends a process with exit().
+  const Error silent("mpirun", "this rank gave up without a word",
+                     "look at the network among the machines, or import it by one process");
+  return runGuarded(
+      options.request.file.string(),
+      [&](Teller& teller) {
+        const std::unique_ptr<ProcessGroup> crew = joinGroup();
+        if (crew->size() == 1 && ranksByEnvironment() > 1) {
+          throw Error("mpirun", "it is of another MPI than this palpate's: each would be alone",
+                      "use the one that palpate was built with");
+        }
+        return workTogether(*crew, [&] {
+          check(options);
+          return import(options, teller, *crew);
+        });
+      },
+      silent.what());
+}
+
+int importAlone(const Options& options) {
+  check(options);
+  return runGuarded(options.request.file.string(), [&](Teller& teller) {
+    SingleProcess alone;
+    return import(options, teller, alone);
+  });
+}
+
+}  // namespace
+}  // namespace palpate::importer
+
+int main(int argc, char** argv) {
+  using namespace palpate;
+  CLI::App app{
+      "palpate import: what scanners and solvers write becomes a .vdb, one grid an array, in the "
+      "file's own space and units"};
+  app.name("palpate import");
+  importer::Options options;
+  importer::Request& request = options.request;
+  app.add_option("IN", request.file,
+                 "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy or XML), Exodus II, "
+                 "CGNS, an OpenFOAM case, netCDF (CF), GRIB, PLOT3D with --solution, or anything "
+                 "with --raw")
+      ->required();
+  app.add_option("OUT", options.out, "The .vdb to write, or the folder")->required();
+  app.add_option("--field", request.fields, "An array to take; again for more; default all");
+  app.add_option("--voxel", options.voxel,
+                 "Edge of cubes to resample to, in the file's unit; default: an image's own, of a "
+                 "mesh half the edge of its median cell, and 16 voxels a point at most");
+  app.add_option("--iso", options.iso,
+                 "Make a level set of the surface of this value, of one scalar");
+  app.add_option("--smooth", options.smooth,
+                 "Standard deviation of a Gaussian over images, in the file's unit (usually mm)");
+  app.add_option("--tolerance", options.tolerance,
+                 "Values of an image so near to the background become it; default 0, or 0.1 % of "
+                 "the range with --smooth");
+  app.add_option("--time", options.time, "Step of a series, 0 the first; all: one .vdb a step");
+  app.add_option("--series", request.series,
+                 "DICOM: one of several series, by number, identity or description");
+  app.add_option("--as", request.as,
+                 "What the volumes of a 4-D NIfTI are, or a MetaImage's channels: vector (3) or "
+                 "tensor (6)")
+      ->check(CLI::IsMember({"vector", "tensor"}));
+  app.add_flag(
+      "--follow", request.follow,
+      "NRRD, MetaImage: read data files that a header names in other folders than its own");
+  app.add_option("--solution", request.solution, "PLOT3D: the Q file of the grid IN");
+  app.add_option("--raw", request.raw,
+                 "Layout of raw values: JSON or a file of it; keys: size, type, endian, "
+                 "components, order, skip, spacing, axes, origin, name, unit");
+  app.add_option("--scene", options.scene, "Write a first scene file, to be edited; - prints it");
+  app.add_flag("--bricks", options.bricks,
+               "Write a folder of bricks, for volumes larger than memory");
+  app.add_flag("--json", options.json, "Report as JSON");
+  app.add_flag_callback(
+         cli::kOptionsOption,
+         [&] {
+           cli::sayJson(cli::optionsOf(app));
+           throw CLI::Success();
+         },
+         "For palpate completion")
+      ->group("");
+  app.footer(
+      "Examples:\n"
+      "  palpate import head.nii.gz head.vdb --smooth 1 --scene head.json\n"
+      "  palpate import dicom_folder/ ct.vdb --iso 300\n"
+      "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
+      "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
+  // If there are several ranks, rank 0 reports for all.
+  const std::optional<int> rank = importer::rankByEnvironment();
+  bool quiet = rank.value_or(0) != 0;
+  try {
+    app.parse(argc, argv);
+    // A program under mpirun may start another program, which runs alone.
+    const bool together = rank && (options.bricks || importer::ranksByEnvironment() > 1);
+    if (together) importer::checkTogether(options);
+    quiet = false;
+    return together ? importer::importTogether(options) : importer::importAlone(options);
+  } catch (const CLI::Success& e) {  // also for --help
+    return quiet ? cli::kDone : app.exit(e);
+  } catch (const CLI::ParseError& e) {
+    // A nonzero status would make mpirun end the rank that reports.
+    if (quiet) return cli::kDone;
+    cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));
+  } catch (const Error& e) {
+    if (quiet) return cli::kDone;
+    cli::complain(e.what());
+  } catch (const std::exception& e) {
+    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    return cli::kInternal;
+  }
+  return cli::kBadInput;
+}

@@ -1,0 +1,139 @@
+#include "palpate/scenes/apps/import/mpi_group.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <thread>
+#include <vector>
+
+// Use only the C interface.
+#define OMPI_SKIP_MPICXX 1
+#define MPICH_SKIP_MPICXX 1
+#include <mpi.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+/// Message of each rank when all meet.
+struct Word {
+  std::uint64_t bytes = 0;     ///< Size of its contribution.
+  std::uint64_t gives_up = 0;  ///< 1: it gives up.
+};
+
+class MpiGroup final : public ProcessGroup {
+ public:
+  MpiGroup() {
+    int given = 0;
+    if (MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) lost();
+    MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
+    check(MPI_Comm_rank(MPI_COMM_WORLD, &rank_));
+    check(MPI_Comm_size(MPI_COMM_WORLD, &size_));
+  }
+  MpiGroup(const MpiGroup&) = delete;
+  MpiGroup& operator=(const MpiGroup&) = delete;
+  ~MpiGroup() override {
+    // MPI_Finalize waits for the other ranks: if they are lost, it would never return.
+    if (!lost_) MPI_Finalize();
+  }
+
+  [[nodiscard]] int rank() const noexcept override { return rank_; }
+  [[nodiscard]] int size() const noexcept override { return size_; }
+
+  [[nodiscard]] std::vector<Bytes> gather(std::span<const std::byte> own) override {
+    const std::vector<Word> words = meet({own.size(), 0});
+    for (const Word& word : words) {
+      if (word.gives_up != 0) throw GroupEnded();
+    }
+    std::vector<Bytes> all(words.size());
+    // From here on every rank has to send its announced bytes. A rank that cannot has lost the
+    // others.
+    try {
+      for (std::size_t r = 0; r < words.size(); ++r) {
+        all[r].resize(words[r].bytes);
+        if (static_cast<int>(r) == rank_) std::copy(own.begin(), own.end(), all[r].begin());
+        share(all[r], static_cast<int>(r));
+      }
+    } catch (...) {
+      lost_ = true;
+      throw;
+    }
+    return all;
+  }
+
+  [[nodiscard]] bool giveUp() noexcept override {
+    if (lost_) return true;
+    try {
+      const std::vector<Word> words = meet({0, 1});
+      const auto first = std::find_if(words.begin(), words.end(),
+                                      [](const Word& word) { return word.gives_up != 0; });
+      return first - words.begin() == rank_;
+    } catch (...) {
+      lost_ = true;
+      return true;
+    }
+  }
+
+ private:
+  /// Broadcasts from one rank to all, in parts: MPI counts with int.
+  void share(Bytes& bytes, int from) {
+    constexpr std::uint64_t kMost = 1U << 30U;
+    // wait() tests the request until it is done.
+    // NOLINTNEXTLINE(clang-analyzer-optin.mpi.MPI-Checker)
+    for (std::uint64_t at = 0; at < bytes.size(); at += kMost) {
+      MPI_Request request{};
+      const auto part = static_cast<int>(std::min<std::uint64_t>(kMost, bytes.size() - at));
+      check(MPI_Ibcast(bytes.data() + at, part, MPI_BYTE, from, MPI_COMM_WORLD, &request));
+      wait(request);
+    }
+  }
+
+  std::vector<Word> meet(const Word& own) {
+    std::vector<Word> all(static_cast<std::size_t>(size_));
+    MPI_Request request{};
+    check(MPI_Iallgather(&own, sizeof(Word), MPI_BYTE, all.data(), sizeof(Word), MPI_BYTE,
+                         MPI_COMM_WORLD, &request));
+    wait(request);
+    return all;  // NOLINT(clang-analyzer-optin.mpi.MPI-Checker): as above
+  }
+
+  /// Sleeps while waiting: MPI itself would occupy a core that another rank may need.
+  void wait(MPI_Request& request) {
+    using std::chrono::microseconds;
+    constexpr microseconds kLongest(2000);
+    microseconds pause(20);
+    for (int done = 0;;) {
+      check(MPI_Test(&request, &done, MPI_STATUS_IGNORE));
+      if (done != 0) return;
+      std::this_thread::sleep_for(pause);
+      pause = std::min(2 * pause, kLongest);
+    }
+  }
+
+  void check(int status) {
+    if (status != MPI_SUCCESS) lost();
+  }
+  [[noreturn]] void lost() {
+    lost_ = true;
+    throw Error("mpirun", "the ranks have lost each other",
+                "look at the network, and run the same command again");
+  }
+
+  int rank_ = 0;
+  int size_ = 1;
+  bool lost_ = false;
+};
+
+}  // namespace
+
+bool canJoinGroup() {
+  return true;
+}
+
+std::unique_ptr<ProcessGroup> joinGroup() {
+  return std::make_unique<MpiGroup>();
+}
+
+}  // namespace palpate::importer

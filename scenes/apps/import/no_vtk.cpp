@@ -1,0 +1,34 @@
+/// Replaces read_vtk.cpp and read_meshes.cpp in the program without VTK.
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/reader.h"
+
+namespace palpate::importer {
+namespace {
+
+[[noreturn]] void refuse(const Request& request) {
+  throw VolumeError(request.file.string(), "this importer is the one without VTK, which reads it",
+                    "install the package palpate-import, or libvtk9-dev and build again");
+}
+
+}  // namespace
+
+std::unique_ptr<Reader> openCgns(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openFoam(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openNetcdf(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openPlot3d(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openVtkLegacy(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openVtkXml(const Request& request) {
+  refuse(request);
+}
+
+}  // namespace palpate::importer

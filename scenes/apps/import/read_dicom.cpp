@@ -1,0 +1,402 @@
+/// Reads DICOM series through vtk-dicom, which unpacks pixels. dicom_header.h reads the headers;
+/// dicom_stack.h selects the images of a volume.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <iostream>
+#include <string_view>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+#include <vtkDICOMReader.h>
+#include <vtkDICOMSliceSorter.h>
+#include <vtkImageData.h>
+#include <vtkIntArray.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkStringArray.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/dicom_stack.h"
+#include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/vtk_pieces.h"
+#include "palpate/scenes/apps/import/vtk_run.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kAgain = "copy or export it again";
+
+/// Returns the DICOM files of a folder by name; adds its subfolders to `folders`.
+std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  fs::directory_iterator entry(folder, error);
+  if (error) {
+    throw VolumeError(folder.string(), "it cannot be read", "check its permissions");
+  }
+  for (; entry != fs::directory_iterator(); entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_directory(ignored)) {
+      if (folders != nullptr) folders->push_back(entry->path());
+    } else if (entry->is_regular_file(ignored) && isDicom(entry->path())) {
+      files.push_back(entry->path());
+    }
+    if (error) break;
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+/// Specifies the frames of a file, and their order, to vtkDICOMReader.
+class Order final : public vtkDICOMSliceSorter {
+ public:
+  explicit Order(std::vector<int> frames) : frames_(std::move(frames)) { InitializeObjectBase(); }
+
+ protected:
+  void SortFiles(vtkIntArray* files, vtkIntArray* frames) override {
+    for (vtkIntArray* array : {files, frames}) {
+      array->Initialize();
+      array->SetNumberOfComponents(1);
+    }
+    for (const int frame : frames_) {
+      files->InsertNextValue(0);
+      frames->InsertNextValue(frame);
+    }
+  }
+
+ private:
+  std::vector<int> frames_;
+};
+
+/// Returns which stored values are padding; empty if there is no padding.
+Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
+  const bool any = std::any_of(slices.begin(), slices.end(),
+                               [](const Slice& s) { return !std::isnan(s.padding[0]); });
+  if (!any) return {};
+  Values hidden(Type::kUint8, 1, stored.tuples());
+  const std::size_t plane = stored.tuples() / slices.size();
+  const bool found = visit(stored, [&](const auto* values) {
+    bool padded = false;
+    auto* out = hidden.as<std::uint8_t>();
+    for (const Slice& slice : slices) {
+      const auto [low, high] = slice.padding;
+      for (std::size_t i = 0; i < plane; ++i, ++values, ++out) {
+        const auto value = static_cast<double>(*values);
+        const bool here = value >= low && value <= high;
+        *out = here ? 1 : 0;
+        padded = padded || here;
+      }
+    }
+    return padded;
+  });
+  return found ? hidden : Values();
+}
+
+/// Returns slope * stored + intercept, slice by slice: 16 bits if exact, else floats. Does not use
+/// vtkDICOMReader's rescaling: it allows for all values that the bits could hold. Therefore it
+/// clips, or doubles the memory of, the output of most scanners.
+/// @param hidden  Not 0 where a value is padding; or null.
+Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
+                      const std::uint8_t* hidden) {
+  const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
+    return s.slope == 1.0 && s.intercept == 0.0;
+  });
+  if (plain) return stored;
+  const bool whole = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
+    return s.slope == std::floor(s.slope) && s.intercept == std::floor(s.intercept);
+  });
+  const bool is_whole = whole && stored.type() != Type::kFloat32 && stored.type() != Type::kFloat64;
+  const std::size_t plane = stored.tuples() / slices.size();
+  constexpr double kLowest = std::numeric_limits<short>::min();
+  constexpr double kHighest = std::numeric_limits<short>::max();
+
+  const auto fits = [&](const auto* values) {
+    std::size_t at = 0;
+    for (const Slice& slice : slices) {
+      for (std::size_t i = 0; i < plane; ++i, ++at) {
+        const double value = slice.slope * static_cast<double>(values[at]) + slice.intercept;
+        if (hidden != nullptr && hidden[at] != 0) continue;
+        if (value < kLowest || value > kHighest) return false;
+      }
+    }
+    return true;
+  };
+  const auto fill = [&](const auto* values, auto* out) {
+    using Out = std::remove_pointer_t<decltype(out)>;
+    std::size_t at = 0;
+    for (const Slice& slice : slices) {
+      for (std::size_t i = 0; i < plane; ++i, ++at) {
+        const double value = slice.slope * static_cast<double>(values[at]) + slice.intercept;
+        if constexpr (std::is_same_v<Out, short>) {
+          out[at] = static_cast<short>(std::clamp(value, kLowest, kHighest));
+        } else {
+          out[at] = static_cast<Out>(value);
+        }
+      }
+    }
+  };
+
+  return visit(stored, [&](const auto* values) {
+    if (is_whole && fits(values)) {
+      Values shorts =
+          stored.type() == Type::kInt16 ? stored : Values(Type::kInt16, 1, stored.tuples());
+      fill(values, shorts.as<std::int16_t>());
+      return shorts;
+    }
+    Values floats(Type::kFloat32, 1, stored.tuples());
+    fill(values, floats.as<float>());
+    // If each slice has its own scale, these two slices can lose most.
+    const auto [least, most] = std::minmax_element(
+        slices.begin(), slices.end(),
+        [](const Slice& a, const Slice& b) { return std::abs(a.slope) < std::abs(b.slope); });
+    floats.setLost(floatLoss(stored, least->slope, least->intercept));
+    floats.setLost(floatLoss(stored, most->slope, most->intercept));
+    return floats;
+  });
+}
+
+/// Collects damage messages of GDCM, which unpacks for vtk-dicom. GDCM does not report a damaged
+/// picture, but its JPEG library prints a message. This object captures standard error while it
+/// lives, and drops GDCM's other output.
+class Overheard {
+ public:
+  Overheard() : chat_(std::cerr.rdbuf(nullptr)), file_(std::tmpfile()) {
+    std::fflush(stderr);
+    if (file_ == nullptr) return;
+    kept_ = ::dup(STDERR_FILENO);
+    if (kept_ >= 0) ::dup2(::fileno(file_), STDERR_FILENO);
+  }
+  Overheard(const Overheard&) = delete;
+  Overheard& operator=(const Overheard&) = delete;
+  ~Overheard() {
+    std::fflush(stderr);
+    if (kept_ >= 0) {
+      ::dup2(kept_, STDERR_FILENO);
+      ::close(kept_);
+    }
+    if (file_ != nullptr) std::fclose(file_);
+    std::cerr.rdbuf(chat_);  // clears the errors that a null buffer caused
+  }
+
+  /// Returns the first line about damage. Extraneous bytes are harmless.
+  [[nodiscard]] std::string damage() const {
+    std::fflush(stderr);
+    if (file_ == nullptr) return "";
+    std::rewind(file_);
+    std::array<char, 200> line{};
+    while (std::fgets(line.data(), line.size(), file_) != nullptr) {
+      std::string text = line.data();
+      while (!text.empty() && (text.back() == '\n' || text.back() == '.')) text.pop_back();
+      if (!text.empty() && text.find("extraneous bytes") == std::string::npos) return text;
+    }
+    return "";
+  }
+
+ private:
+  std::streambuf* chat_;
+  std::FILE* file_;
+  int kept_ = -1;
+};
+
+class DicomReader final : public Reader {
+ public:
+  DicomReader(Request request, const Series& series)
+      : request_(std::move(request)),
+        stack_(stackOf(series, request_.file.string())),
+        head_(*series.files.front()) {
+    for (const File* file : series.files) {
+      paths_.push_back(file->path);
+      is_packed_.push_back(file->is_packed);
+    }
+    const bool table = std::any_of(series.files.begin(), series.files.end(),
+                                   [](const File* f) { return f->has_table; });
+    if (table) stack_.notes.emplace_back("its table of values (Modality LUT) is not applied");
+    if (std::any_of(series.files.begin(), series.files.end(),
+                    [](const File* f) { return f->is_lossy; })) {
+      stack_.notes.emplace_back("its images were compressed with loss");
+    }
+    if (head_.modality == "CT" && !table && !stack_.steps.front().front().has_rescale) {
+      stack_.notes.emplace_back("it has no RescaleSlope: its values are taken as they are");
+    }
+    head_.slices.clear();
+  }
+
+  std::vector<double> times() const override { return stack_.times; }
+
+  Content read(std::size_t step) override {
+    const std::vector<Slice>& slices = stack_.steps.at(step);
+    const std::array<int, 3> size = {slices.front().format[1], slices.front().format[0],
+                                     static_cast<int>(slices.size())};
+    const Values stored = storedOf(slices);
+
+    // Keep only the values: the reader's image holds the whole header, with the patient's name.
+    Content content;
+    Piece image;
+    image.size = size;
+    image.file_from_index = stack_.map;
+    image.hidden = hiddenOf(stored, slices);
+    image.arrays.push_back({"density",
+                            slicesRescaled(stored, slices, image.hidden.as<std::uint8_t>()), "", "",
+                            false});
+    content.pieces.push_back(std::move(image));
+    content.length_unit = "mm";
+    content.patient = true;
+    content.notes = stack_.notes;
+    describe(content);
+    return content;
+  }
+
+ private:
+  /// Reads file by file: errors name the damaged file, and files of different kinds do not mix.
+  Values storedOf(const std::vector<Slice>& slices) const {
+    using Places = std::vector<std::size_t>;
+    std::map<std::size_t, Places> of_file;
+    for (std::size_t k = 0; k < slices.size(); ++k) of_file[slices[k].file].push_back(k);
+    const std::size_t plane = static_cast<std::size_t>(slices.front().format[0]) *
+                              static_cast<std::size_t>(slices.front().format[1]);
+    Values out;
+    std::size_t done = 0;
+    for (const auto& [file, places] : of_file) {
+      std::vector<int> frames;
+      for (const std::size_t k : places) frames.push_back(slices[k].frame);
+      Values values = framesOf(file, frames);
+      if (values.none() || values.components() != 1 || values.tuples() != plane * frames.size() ||
+          (!out.none() && values.type() != out.type())) {
+        throw VolumeError(paths_[file].string(), "its pixels do not fit the others'", kAgain);
+      }
+      if (of_file.size() == 1) return values;
+      if (out.none()) out = Values(values.type(), 1, plane * slices.size());
+      const std::size_t bytes = plane * values.bytesEach();
+      for (std::size_t i = 0; i < places.size(); ++i) {
+        std::memcpy(out.as<char>() + places[i] * bytes, values.as<char>() + i * bytes, bytes);
+      }
+      if (request_.progress) {
+        request_.progress(static_cast<double>(++done) / static_cast<double>(of_file.size()));
+      }
+    }
+    return out;
+  }
+
+  /// Returns no values if the file has none.
+  Values framesOf(std::size_t file, const std::vector<int>& frames) const {
+    const auto sorter = vtkSmartPointer<Order>::Take(new Order(frames));
+    vtkNew<vtkDICOMReader> reader;
+    reader->SetFileName(paths_[file].c_str());
+    reader->SetSorter(sorter);
+    reader->SetMemoryRowOrderToFileNative();
+    reader->AutoRescaleOff();
+    if (is_packed_[file]) {
+      const Overheard overheard;
+      run(reader, paths_[file].string(), nullptr, kAgain);
+      const std::string damage = overheard.damage();
+      if (!damage.empty()) {
+        throw VolumeError(paths_[file].string(), fmt::format("its pixels are damaged ({})", damage),
+                          kAgain);
+      }
+    } else {
+      run(reader, paths_[file].string(), nullptr, kAgain);
+    }
+    vtkDataArray* values = reader->GetOutput()->GetPointData()->GetScalars();
+    return values == nullptr ? Values() : valuesOf(values);
+  }
+
+  /// Describes the scan, never the patient. No name, number, birth date, day, place, physician or
+  /// identity that leads to them may reach the output.
+  void describe(Content& content) const {
+    content.description = head_.description;
+    if (!head_.study.empty() && head_.study != head_.description) {
+      content.description += (content.description.empty() ? "" : ", ") + head_.study;
+    }
+    if (head_.modality == "CT") {
+      content.modality = Modality::kCt;
+      content.value_unit["density"] = "HU";
+    } else if (head_.modality == "MR") {
+      content.modality = Modality::kMr;
+    }
+    // US means unspecified.
+    if (!head_.unit.empty() && head_.unit != "US") content.value_unit["density"] = head_.unit;
+  }
+
+  Request request_;
+  Stack stack_;
+  File head_;
+  std::vector<fs::path> paths_;
+  std::vector<bool> is_packed_;
+};
+
+/// Returns the files below a study's or a patient's folder.
+std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
+  constexpr int kDeepest = 3;  // patient, study, series
+  std::vector<fs::path> files;
+  for (int depth = 0; depth < kDeepest && !folders.empty(); ++depth) {
+    std::vector<fs::path> inner;
+    for (const fs::path& folder : folders) {
+      std::error_code error;
+      if (fs::is_symlink(folder, error)) continue;  // it may form a cycle
+      const std::vector<fs::path> more = dicomFilesOf(folder, &inner);
+      files.insert(files.end(), more.begin(), more.end());
+    }
+    folders = std::move(inner);
+  }
+  return files;
+}
+
+}  // namespace
+
+std::unique_ptr<Reader> openDicom(const Request& request) {
+  std::error_code error;
+  const bool is_folder = fs::is_directory(request.file, error);
+  if (!is_folder && !isDicom(request.file)) {
+    throw VolumeError(request.file.string(), "it is DICOM, but packed", "unpack it");
+  }
+  // A single file selects its series, unless another series is requested.
+  Request wanted = request;
+  if (!is_folder && wanted.series.empty()) {
+    const File file = headerOf(request.file);
+    if (!file.damage.empty()) {
+      throw VolumeError(request.file.string(), file.damage, kAgain);
+    }
+    if (!file.is_image) {
+      throw VolumeError(request.file.string(), "there is no image in it", "give an image's file");
+    }
+    wanted.series = file.series;
+  }
+
+  const fs::path folder = is_folder                        ? request.file
+                          : request.file.has_parent_path() ? request.file.parent_path()
+                                                           : fs::path(".");
+  std::vector<fs::path> folders;
+  std::vector<fs::path> paths = dicomFilesOf(folder, &folders);
+  if (paths.empty()) paths = filesBelow(folders);
+  if (paths.empty()) {
+    throw VolumeError(folder.string(), "there is no DICOM file in it", "give a folder of slices");
+  }
+  std::vector<File> files;
+  files.reserve(paths.size());
+  for (const fs::path& path : paths) files.push_back(headerOf(path));
+  // A damaged file without series identity may belong to any series.
+  for (const File& file : files) {
+    if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
+    throw VolumeError(file.path.string(), file.damage, kAgain);
+  }
+  const std::vector<Series> all = seriesOf(files);
+  if (all.empty()) {
+    throw VolumeError(request.file.string(), "its DICOM files have no images",
+                      "give a folder of slices");
+  }
+  const Series& series = chosen(all, wanted);
+  for (const File* file : series.files) {
+    if (file->damage.empty()) continue;
+    throw VolumeError(file->path.string(), file->damage, kAgain);
+  }
+  return std::make_unique<DicomReader>(request, series);
+}
+
+}  // namespace palpate::importer

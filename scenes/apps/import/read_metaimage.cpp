@@ -1,0 +1,419 @@
+/// Reads MetaImage (.mha, .mhd) without VTK. VTK 9.1 ignores the image's position in the header and
+/// reads missing files as zeros; its MetaIO library crashes on damaged headers.
+#include <algorithm>
+#include <bit>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <new>
+#include <sstream>
+#include <system_error>
+#include <type_traits>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/header_checks.h"
+#include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/unpacked.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kMendHeader = "mend its header";
+
+std::string trimmed(const std::string& text) {
+  const auto first = text.find_first_not_of(" \t\r");
+  if (first == std::string::npos) return "";
+  return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
+}
+
+/// A file with a share of the values.
+struct Part {
+  fs::path file;
+  std::uintmax_t offset = 0;
+};
+
+/// Content of a header's text.
+class Header {
+ public:
+  explicit Header(const Request& request) : file_(request.file), follow_(request.follow) {
+    constexpr std::size_t kLongest = 1U << 20U;
+    std::ifstream in(file_, std::ios::binary);
+    std::string line;
+    std::size_t length = 0;
+    while (std::getline(in, line)) {
+      length += line.size();
+      const auto equals = line.find('=');
+      if (length > kLongest || (equals == std::string::npos && !trimmed(line).empty())) {
+        refuse("its header is damaged", kMendHeader);
+      }
+      if (equals == std::string::npos) continue;
+      const std::string key = trimmed(line.substr(0, equals));
+      fields_[key] = trimmed(line.substr(equals + 1));
+      if (key != "ElementDataFile") continue;
+      offset_ = static_cast<std::uintmax_t>(in.tellg());
+      while (fields_[key].rfind("LIST", 0) == 0 && std::getline(in, line)) {
+        if (!trimmed(line).empty()) list_.push_back(trimmed(line));
+      }
+      break;
+    }
+    check();
+  }
+
+  [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const {
+    throw VolumeError(file_.string(), why, remedy);
+  }
+
+  /// Returns the first of several names of a field that is present; or "".
+  [[nodiscard]] std::string text(std::initializer_list<const char*> keys) const {
+    for (const char* key : keys) {
+      const auto at = fields_.find(key);
+      if (at != fields_.end()) return at->second;
+    }
+    return "";
+  }
+
+  /// Returns as many numbers as expected; empty if the field is absent.
+  [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
+                                            std::size_t count) const {
+    std::istringstream words(text(keys));
+    std::vector<double> out;
+    bool all = true;
+    for (std::string word; words >> word;) {
+      const char* end = word.data() + word.size();
+      const char* begin = word.data() + (word[0] == '+' ? 1 : 0);
+      const auto parsed = std::from_chars(begin, end, out.emplace_back());
+      all = all && parsed.ec == std::errc() && parsed.ptr == end && std::isfinite(out.back());
+    }
+    if (!all || (!out.empty() && out.size() != count)) {
+      refuse(fmt::format("its {} is not {} numbers", *keys.begin(), count), kMendHeader);
+    }
+    return out;
+  }
+
+  [[nodiscard]] bool isTrue(std::initializer_list<const char*> keys) const {
+    const std::string value = text(keys);
+    return !value.empty() && (value[0] == 'T' || value[0] == 't' || value[0] == '1');
+  }
+
+  struct Stored {
+    double bytes;
+    Type type;
+  };
+
+  [[nodiscard]] Stored type() const {
+    static const std::map<std::string, Stored> types = {
+        {"MET_CHAR", {1, Type::kInt8}},       {"MET_UCHAR", {1, Type::kUint8}},
+        {"MET_SHORT", {2, Type::kInt16}},     {"MET_USHORT", {2, Type::kUint16}},
+        {"MET_INT", {4, Type::kInt32}},       {"MET_UINT", {4, Type::kUint32}},
+        {"MET_LONG", {4, Type::kInt32}},      {"MET_ULONG", {4, Type::kUint32}},
+        {"MET_LONG_LONG", {8, Type::kInt64}}, {"MET_ULONG_LONG", {8, Type::kUint64}},
+        {"MET_FLOAT", {4, Type::kFloat32}},   {"MET_DOUBLE", {8, Type::kFloat64}}};
+    const auto at = types.find(text({"ElementType"}));
+    if (at == types.end()) {
+      refuse(fmt::format("its ElementType \"{}\" is not known", text({"ElementType"})),
+             "export it as MET_SHORT or MET_FLOAT");
+    }
+    return at->second;
+  }
+
+  [[nodiscard]] std::vector<double> sizes() const { return numbers({"DimSize"}, 3); }
+
+  [[nodiscard]] int channels() const {
+    const auto count = numbers({"ElementNumberOfChannels"}, 1);
+    return count.empty() ? 1 : static_cast<int>(count[0]);
+  }
+
+  /// Returns whether slices can be read separately.
+  [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
+
+  /// @param slices  All, or some of a seekable image.
+  [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
+    Values values;
+    const std::vector<double> n = sizes();
+    const std::size_t slice = static_cast<std::size_t>(n[0]) * static_cast<std::size_t>(n[1]);
+    try {
+      values = Values(type().type, channels(), slice * static_cast<std::size_t>(slices.count));
+    } catch (const std::bad_alloc&) {
+      refuse("it takes more memory than there is", "import a part of it");
+    }
+    if (isSeekable()) {
+      readSlices(slices, static_cast<std::size_t>(n[2]), values, progress);
+    } else {
+      readAll(values, progress);
+    }
+    const bool swap = !isText() && std::endian::native == std::endian::little &&
+                      isTrue({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
+    if (swap) swapBytes(values.data(), values.size(), values.bytesEach());
+    return values;
+  }
+
+ private:
+  /// Reads data files that have equal numbers of slices.
+  void readSlices(const Slab& slices, std::size_t count, const Values& values,
+                  const Progress& progress) const {
+    const std::size_t each = count / parts_.size();
+    auto* to = values.as<char>();
+    const auto first = static_cast<std::size_t>(slices.first);
+    const auto end = static_cast<std::size_t>(slices.end());
+    const std::size_t bytes = first == end ? 0 : values.size() * values.bytesEach() / (end - first);
+    for (std::size_t k = first; k < end;) {
+      const Part& part = parts_[k / each];
+      const std::size_t here = std::min(end, (k / each + 1) * each) - k;
+      std::ifstream in(part.file, std::ios::binary);
+      in.seekg(static_cast<std::streamoff>(part.offset + k % each * bytes));
+      in.read(to, static_cast<std::streamsize>(here * bytes));
+      if (!in) refuse("its values end too soon", "copy or export it again");
+      to += here * bytes;
+      k += here;
+      if (progress) progress(static_cast<double>(k - first) / static_cast<double>(end - first));
+    }
+  }
+
+  void readAll(const Values& values, const Progress& progress) const {
+    const std::size_t count = values.size();
+    const std::size_t size = values.bytesEach();
+    const std::size_t share = count * size / parts_.size();
+    auto* to = values.as<char>();
+    for (std::size_t p = 0; p < parts_.size(); ++p) {
+      const Part& part = parts_[p];
+      if (isTrue({"CompressedData"})) {
+        Unpacked in(file_, part.file, Packing::kExpected, part.offset);
+        in.read(to, share);
+        in.finish();
+      } else {
+        std::ifstream in(part.file, std::ios::binary);
+        in.seekg(static_cast<std::streamoff>(part.offset));
+        parse(in, values, p * share / size, share / size);
+      }
+      if (progress) progress(static_cast<double>(p + 1) / static_cast<double>(parts_.size()));
+    }
+  }
+
+  [[nodiscard]] bool isText() const {
+    return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
+  }
+
+  void parse(std::istream& in, const Values& values, std::size_t first, std::size_t count) const {
+    visit(values, [&](auto* data) {
+      using T = std::remove_pointer_t<decltype(data)>;
+      for (std::size_t i = first; i < first + count; ++i) {
+        double value = 0.0;
+        if (!(in >> value)) refuse("its values are no numbers, or end too soon", kMendHeader);
+        if constexpr (std::is_integral_v<T>) {
+          // The nearest value of the type.
+          value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
+                             std::nexttoward(std::ldexp(1.0, std::numeric_limits<T>::digits), 0));
+        }
+        data[i] = static_cast<T>(value);
+      }
+    });
+  }
+
+  void check() {
+    const std::string object = text({"ObjectType"});
+    if (!object.empty() && object != "Image") {
+      refuse(fmt::format("it is a MetaIO {}, not an image", object), "give an image");
+    }
+    if (text({"NDims"}) != "3") {
+      refuse(fmt::format("it has {} dimensions", text({"NDims"}).empty() ? "no" : text({"NDims"})),
+             "give an image of 3");
+    }
+    const std::vector<double> sizes = numbers({"DimSize"}, 3);
+    if (sizes.empty()) refuse("it has no DimSize", kMendHeader);
+    double each = type().bytes;
+    if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
+      if (!(channels[0] >= 1.0) || channels[0] > 1000.0 || channels[0] != std::floor(channels[0])) {
+        refuse("its ElementNumberOfChannels is absurd", kMendHeader);
+      }
+      each *= channels[0];
+    }
+    const double bytes = bytesOf(file_, sizes, each);
+    for (const char* key :
+         {"ElementSpacing", "ElementSize", "Offset", "Position", "Origin", "CenterOfRotation"}) {
+      static_cast<void>(numbers({key}, 3));
+    }
+    for (const char* key : {"TransformMatrix", "Rotation", "Orientation"}) {
+      static_cast<void>(numbers({key}, 9));
+    }
+    for (const char* key :
+         {"ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset", "HeaderSize"}) {
+      static_cast<void>(numbers({key}, 1));
+    }
+    checkData(bytes, sizes[2]);
+  }
+
+  /// Locates the values, and checks before memory is allocated that the files can hold them.
+  void checkData(double bytes, double slices) {
+    const std::string name = text({"ElementDataFile"});
+    if (name.empty()) refuse("it names no ElementDataFile", kMendHeader);
+    std::vector<std::string> files{name};
+    if (name.find('%') != std::string::npos) files = numbered(name, slices);
+    if (name.rfind("LIST", 0) == 0) files = list_;
+    if (files.empty()) refuse("it lists no data files", kMendHeader);
+    const double share = bytes / static_cast<double>(files.size());
+    if (std::fmod(slices, static_cast<double>(files.size())) != 0.0) {
+      refuse(fmt::format("it has {} slices in {} data files", slices, files.size()), kMendHeader);
+    }
+    if (isTrue({"CompressedData"}) && files.size() != 1) {
+      refuse("its values are compressed in several files", "export it uncompressed");
+    }
+    const auto skipped = numbers({"HeaderSize"}, 1);
+    for (const std::string& data : files) {
+      const bool local = data == "LOCAL" || data == "Local" || data == "local";
+      Part part{local ? file_ : file_.parent_path() / data, local ? offset_ : 0};
+      const double size = sizeOfData(file_, part.file, follow_);
+      double least = share;
+      if (isTrue({"CompressedData"})) least = leastDeflated(share);
+      if (isText()) least = leastText(share / type().bytes);
+      double offset = static_cast<double>(part.offset);
+      if (!skipped.empty() && skipped[0] > 0.0) offset = std::max(offset, skipped[0]);
+      if (!skipped.empty() && skipped[0] == -1.0) offset = std::max(offset, size - share);
+      const double held = std::max(size - offset, 0.0);
+      checkHeld(file_, part.file, held, least);
+      part.offset = static_cast<std::uintmax_t>(offset);
+      parts_.push_back(part);
+    }
+  }
+
+  /// Returns the files of "slice%03d.raw 1 93 1", one for each slice.
+  [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
+    constexpr double kMost = 100000.0;
+    if (slices > kMost) refuse(fmt::format("it has {} slices", slices), kMendHeader);
+    std::istringstream words(field);
+    std::string pattern;
+    int first = 1;
+    int last = static_cast<int>(slices);
+    int step = 1;
+    words >> pattern;
+    if (words >> first) words >> last >> step;
+    const auto at = pattern.find('%') + 1;
+    auto end = at;
+    while (end < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[end])) != 0) {
+      ++end;
+    }
+    if (end >= pattern.size() || pattern[end] != 'd' || end - at > 2 ||
+        pattern.find('%', end) != std::string::npos) {
+      refuse(fmt::format("its pattern of data files \"{}\" is none", pattern),
+             "write one %d, as in slice%03d.raw");
+    }
+    const std::string format = fmt::format("{{:{}}}", pattern.substr(at, end - at + 1));
+    std::vector<std::string> files;
+    for (long n = first; n <= last && step > 0 && static_cast<double>(files.size()) < slices;
+         n += step) {
+      files.push_back(pattern.substr(0, at - 1) + fmt::format(fmt::runtime(format), n) +
+                      pattern.substr(end + 1));
+    }
+    if (static_cast<double>(files.size()) != slices) {
+      refuse(fmt::format("it numbers {} data files, but has {} slices", files.size(), slices),
+             kMendHeader);
+    }
+    return files;
+  }
+
+  fs::path file_;
+  bool follow_;
+  std::map<std::string, std::string> fields_;
+  std::vector<std::string> list_;
+  std::vector<Part> parts_;
+  std::uintmax_t offset_ = 0;  ///< End of the header.
+};
+
+class MetaImageReader final : public Reader {
+ public:
+  explicit MetaImageReader(const Request& request) : request_(request), header_(request) {}
+
+  Content read(std::size_t /*step*/) override {
+    Content content;
+    Piece image;
+    const std::vector<double> sizes = header_.sizes();
+    for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
+    // If the header names patient axes, ITK's physical space is the patient's, x to the left and y
+    // to the back.
+    const std::string axes = header_.text({"AnatomicalOrientation"});
+    const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
+    const Mat3 turn = patient ? Mat3(Vec3(-1.0, -1.0, 1.0).asDiagonal()) : Mat3(Mat3::Identity());
+    content.patient = patient;
+    image.file_from_index = place(turn, content.notes);
+    const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();
+    const Values values = header_.values(slices, request_.progress);
+    image.arrays.push_back(named(values, turn, content));
+    content.pieces.push_back(std::move(image));
+    if (header_.text({"Modality"}) == "MET_MOD_CT") content.modality = Modality::kCt;
+    if (header_.text({"Modality"}) == "MET_MOD_MR") content.modality = Modality::kMr;
+    content.description = header_.text({"Comment", "Name"});
+    const std::string unit = header_.text({"DistanceUnits"});
+    content.length_unit = unit.empty() || unit == "?" ? "mm" : unit;  // MetaIO's default
+    return content;
+  }
+
+ private:
+  [[nodiscard]] Affine place(const Mat3& turn, std::vector<std::string>& notes) const {
+    Affine map;
+    const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
+    if (spacing.empty()) notes.emplace_back("no ElementSpacing: 1 is taken");
+    // A row of the text is the direction of an axis.
+    const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
+    for (int axis = 0; axis < 3; ++axis) {
+      for (int d = 0; d < 3 && !matrix.empty(); ++d) {
+        map.linear(d, axis) =
+            matrix[3 * static_cast<std::size_t>(axis) + static_cast<std::size_t>(d)];
+      }
+      if (!spacing.empty()) map.linear.col(axis) *= spacing[static_cast<std::size_t>(axis)];
+    }
+    const auto origin = header_.numbers({"Offset", "Position", "Origin"}, 3);
+    if (!origin.empty()) map.origin = Vec3(origin[0], origin[1], origin[2]);
+    const auto centre = header_.numbers({"CenterOfRotation"}, 3);
+    const bool centred = std::any_of(centre.begin(), centre.end(), [](double c) { return c != 0; });
+    if (centred && !matrix.empty()) {
+      notes.emplace_back("CenterOfRotation is ignored, as ITK does");
+    }
+    map.linear = turn * map.linear;
+    map.origin = turn * map.origin;
+    return map;
+  }
+
+  Array named(Values values, const Mat3& turn, Content& content) const {
+    const int channels = values.components();
+    const auto number = [&](const char* key, double otherwise) {
+      const auto found = header_.numbers({key}, 1);
+      return found.empty() ? otherwise : found[0];
+    };
+    const double slope = number("ElementToIntensityFunctionSlope", 1.0);
+    const double offset = number("ElementToIntensityFunctionOffset", 0.0);
+    if (slope != 1.0 || offset != 0.0) {
+      content.notes.push_back(fmt::format("values are {} * stored + {}", slope, offset));
+    }
+    values = rescaled(values, slope, offset);
+    if (channels == 1) {
+      return {"density", values, "", "", false};
+    }
+    if (channels == 3) {
+      return {"vector", turned(values, turn), "", "", false};
+    }
+    if (channels == 6 && request_.as == "tensor") {
+      content.notes.emplace_back("six channels: taken as xx xy xz yy yz zz, as ITK writes them");
+      return {"tensor", turned(picked(values, kUpperTriangle), turn), "", "", false};
+    }
+    header_.refuse(
+        fmt::format("it has {} channels, not 1 or 3", channels),
+        channels == 6 ? "if they are a symmetric tensor, say --as tensor" : "export one of them");
+  }
+
+  Request request_;
+  Header header_;
+};
+
+}  // namespace
+
+std::unique_ptr<Reader> openMetaImage(const Request& request) {
+  return std::make_unique<MetaImageReader>(request);
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,13 @@
+/// Private to the importer: opens netCDF files that are neither Exodus II nor CGNS.
+#pragma once
+
+#include <memory>
+
+#include "palpate/scenes/apps/import/reader.h"
+
+namespace palpate::importer {
+
+/// Reads the file by the CF conventions. Throws VolumeError.
+[[nodiscard]] std::unique_ptr<Reader> openCf(const Request& request);
+
+}  // namespace palpate::importer

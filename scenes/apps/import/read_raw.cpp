@@ -1,0 +1,305 @@
+/// Reads values without a header: the user states their layout.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <limits>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/header_checks.h"
+#include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/library/text_file.h"
+
+namespace palpate::importer {
+namespace {
+
+using Json = nlohmann::json;
+
+struct Stored {
+  const char* name;
+  Type type;
+  std::size_t bytes;
+};
+constexpr std::array kTypes{
+    Stored{"int8", Type::kInt8, 1},       Stored{"uint8", Type::kUint8, 1},
+    Stored{"int16", Type::kInt16, 2},     Stored{"uint16", Type::kUint16, 2},
+    Stored{"int32", Type::kInt32, 4},     Stored{"uint32", Type::kUint32, 4},
+    Stored{"int64", Type::kInt64, 8},     Stored{"uint64", Type::kUint64, 8},
+    Stored{"float32", Type::kFloat32, 4}, Stored{"float64", Type::kFloat64, 8}};
+
+/// Layout as in docs/import.md.
+struct Layout {
+  std::array<int, 3> size{};
+  Stored type{};
+  bool big_endian = false;
+  int components = 1;
+  bool planar = false;    ///< All x, then all y, then all z.
+  std::int64_t skip = 0;  ///< Bytes before the values; -1: they end the file.
+  std::string after;      ///< Alternatively, the values begin behind this text.
+  Affine map;
+  std::string name = "density";
+  std::string length_unit;
+};
+
+/// Reads a layout; every error names its key.
+class LayoutParser {
+ public:
+  LayoutParser(const Json& json, std::string source) : json_(json), source_(std::move(source)) {}
+
+  Layout parse() {
+    if (!json_.is_object()) refuse("", "it is no JSON object", kRemedy);
+    static const std::vector<std::string> keys{"size",   "type", "endian",  "components",
+                                               "order",  "skip", "spacing", "axes",
+                                               "origin", "name", "unit",    "description"};
+    for (const auto& [key, value] : json_.items()) {
+      if (std::find(keys.begin(), keys.end(), key) == keys.end()) {
+        refuse("/" + key, "it is no key of a layout",
+               fmt::format("the keys are {}", fmt::join(keys, ", ")));
+      }
+    }
+    Layout layout;
+    const std::vector<double> size = numbers("size", 3);
+    for (std::size_t a = 0; a < 3; ++a) {
+      if (!(size[a] >= 1.0 && size[a] <= 1e6 && size[a] == std::floor(size[a]))) {
+        refuse("/size", fmt::format("{:g} is no count", size[a]), "give points along i, j, k");
+      }
+      layout.size[a] = static_cast<int>(size[a]);
+    }
+    const std::string type = text("type");
+    const auto* known =
+        std::find_if(kTypes.begin(), kTypes.end(), [&](const Stored& t) { return type == t.name; });
+    if (known == kTypes.end()) {
+      refuse("/type", fmt::format("\"{}\" is no type", type),
+             "give int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32 or float64");
+    }
+    layout.type = *known;
+    if (json_.contains("endian")) {
+      const std::string endian = text("endian");
+      if (endian != "little" && endian != "big") {
+        refuse("/endian", fmt::format("\"{}\" is none", endian), "give little or big");
+      }
+      layout.big_endian = endian == "big";
+    }
+    if (json_.contains("components")) {
+      const Json& components = json_["components"];
+      if (components != 1 && components != 3)
+        refuse("/components", "it is not 1 or 3", "give it so");
+      layout.components = components.get<int>();
+    }
+    if (json_.contains("order")) {
+      const std::string order = text("order");
+      if (order != "interleaved" && order != "planar") {
+        refuse("/order", fmt::format("\"{}\" is none", order), "give interleaved or planar");
+      }
+      layout.planar = order == "planar";
+    }
+    if (json_.contains("skip")) parseSkip(layout);
+    if (json_.contains("spacing") && json_.contains("axes")) {
+      refuse("/spacing", "\"axes\" says it already", "give one of them");
+    }
+    if (json_.contains("spacing")) {
+      const std::vector<double> spacing = numbers("spacing", 3);
+      layout.map.linear = Vec3(spacing[0], spacing[1], spacing[2]).asDiagonal();
+    }
+    if (json_.contains("axes")) parseAxes(layout);
+    if (json_.contains("origin")) {
+      const std::vector<double> origin = numbers("origin", 3);
+      layout.map.origin = Vec3(origin[0], origin[1], origin[2]);
+    }
+    if (json_.contains("name")) layout.name = text("name");
+    if (json_.contains("unit")) layout.length_unit = text("unit");
+    return layout;
+  }
+
+ private:
+  static constexpr const char* kRemedy =
+      R"(as {"size": [64, 64, 93], "type": "int16", "spacing": [3.2, 3.2, 1.5]})";
+
+  [[noreturn]] void refuse(const std::string& path, const std::string& why,
+                           const std::string& remedy) const {
+    throw VolumeError(source_ + path, why, remedy);
+  }
+
+  std::string text(const char* key) {
+    if (!json_.contains(key)) refuse("", fmt::format("\"{}\" is missing", key), kRemedy);
+    if (!json_[key].is_string() || json_[key].get<std::string>().empty()) {
+      refuse(std::string("/") + key, "it is no text", kRemedy);
+    }
+    return json_[key].get<std::string>();
+  }
+
+  std::vector<double> numbersOf(const Json& json, const std::string& path,
+                                std::size_t count) const {
+    std::vector<double> out;
+    for (const Json& value : json.is_array() ? json : Json::array()) {
+      if (value.is_number() && std::isfinite(value.get<double>()))
+        out.push_back(value.get<double>());
+    }
+    if (out.size() != count || json.size() != count) {
+      refuse(path, fmt::format("it is not {} numbers", count), kRemedy);
+    }
+    return out;
+  }
+  std::vector<double> numbers(const char* key, std::size_t count) {
+    if (!json_.contains(key)) refuse("", fmt::format("\"{}\" is missing", key), kRemedy);
+    return numbersOf(json_[key], std::string("/") + key, count);
+  }
+
+  void parseSkip(Layout& layout) const {
+    const Json& skip = json_["skip"];
+    constexpr double kMost = 1e18;  // [bytes]
+    if (skip.is_number_integer() && skip.get<double>() >= -1.0 && skip.get<double>() < kMost) {
+      layout.skip = skip.get<std::int64_t>();
+    } else if (skip.is_object() && skip.size() == 1 && skip.contains("after") &&
+               skip["after"].is_string() && !skip["after"].get<std::string>().empty()) {
+      layout.after = skip["after"].get<std::string>();
+    } else {
+      refuse("/skip", "it is no count of bytes",
+             R"(give a number, -1 for values that end the file, or {"after": "text"})");
+    }
+  }
+
+  void parseAxes(Layout& layout) const {
+    const Json& axes = json_["axes"];
+    if (!axes.is_array() || axes.size() != 3) {
+      refuse("/axes", "it is not three vectors",
+             "give the step along i, j and k, as [[1,0,0],...]");
+    }
+    for (std::size_t a = 0; a < 3; ++a) {
+      const std::vector<double> axis = numbersOf(axes[a], fmt::format("/axes/{}", a), 3);
+      layout.map.linear.col(static_cast<Eigen::Index>(a)) = Vec3(axis[0], axis[1], axis[2]);
+    }
+  }
+
+  const Json& json_;
+  std::string source_;
+};
+
+Layout layoutOf(const std::string& raw) {
+  std::string text = raw;
+  std::string source = "--raw";
+  if (raw.find('{') == std::string::npos) {
+    source = raw;
+    text = readText<VolumeError>(raw, "give a file of the layout, or its JSON");
+  }
+  Json json;
+  try {
+    json = Json::parse(text);
+  } catch (const Json::parse_error& e) {
+    throw VolumeError(source, fmt::format("it is not JSON (byte {})", e.byte), "mend it there");
+  } catch (const Json::out_of_range&) {
+    throw VolumeError(source, "a number in it is beyond any double", "mend it");
+  }
+  return LayoutParser(json, source).parse();
+}
+
+/// Returns where the values begin.
+std::uint64_t offsetOf(std::ifstream& in, const Layout& layout, std::uint64_t needed,
+                       std::uint64_t have, const std::string& file) {
+  if (!layout.after.empty()) {
+    // These layouts have a text header: a megabyte is enough.
+    std::string head(std::min<std::uint64_t>(have, 1U << 20U), '\0');
+    in.read(head.data(), static_cast<std::streamsize>(head.size()));
+    const auto at = head.find(layout.after);
+    if (at == std::string::npos) {
+      throw VolumeError(file, "the text of \"skip\" is not in its first megabyte",
+                        "check it, or give a number of bytes");
+    }
+    return at + layout.after.size();
+  }
+  if (layout.skip == -1) {
+    if (have < needed) return 0;
+    return have - needed;
+  }
+  return static_cast<std::uint64_t>(layout.skip);
+}
+
+class RawReader final : public Reader {
+ public:
+  explicit RawReader(const Request& request) : request_(request), layout_(layoutOf(request.raw)) {}
+
+  Content read(std::size_t /*step*/) override {
+    const std::string file = request_.file.string();
+    (void)bytesOf(request_.file, {layout_.size.begin(), layout_.size.end()},
+                  static_cast<double>(layout_.type.bytes) * layout_.components);
+    const auto points = static_cast<std::uint64_t>(layout_.size[0]) *
+                        static_cast<std::uint64_t>(layout_.size[1]) *
+                        static_cast<std::uint64_t>(layout_.size[2]);
+    const std::uint64_t count = points * static_cast<std::uint64_t>(layout_.components);
+    const std::uint64_t needed = count * layout_.type.bytes;
+    std::error_code error;
+    const std::uint64_t have = std::filesystem::file_size(request_.file, error);
+    std::ifstream in(request_.file, std::ios::binary);
+    if (error || !in) throw VolumeError(file, "it cannot be read", "check its permissions");
+    const std::uint64_t offset = offsetOf(in, layout_, needed, have, file);
+    if (offset > have || have - offset < needed) {
+      throw VolumeError(file,
+                        fmt::format("the layout needs {} bytes from byte {}, the file has {}",
+                                    needed, offset, have),
+                        "check size, type, components and skip, or copy it again");
+    }
+    Piece image;
+    image.size = layout_.size;
+    image.file_from_index = layout_.map;
+    const Slab slices = slicesToRead(request_, image);
+    const std::uint64_t slice = points / static_cast<std::uint64_t>(layout_.size[2]);
+    const Values values(layout_.type.type, layout_.components,
+                        slice * static_cast<std::uint64_t>(slices.count));
+    in.clear();
+    auto* bytes = values.as<char>();
+    readValues(in, offset, points, slice * static_cast<std::uint64_t>(slices.first), values);
+    if (!in) throw VolumeError(file, "it cannot be read to the end", "copy it again");
+    if (layout_.big_endian != (std::endian::native == std::endian::big)) {
+      swapBytes(bytes, values.size(), layout_.type.bytes);
+    }
+
+    image.arrays.push_back({layout_.name, values, "", "", false});
+    Content content;
+    content.pieces.push_back(std::move(image));
+    content.length_unit = layout_.length_unit;
+    if (have - offset > needed && layout_.after.empty() && layout_.skip >= 0) {
+      content.notes.push_back(
+          fmt::format("{} bytes behind the values were not read", have - offset - needed));
+    }
+    return content;
+  }
+
+ private:
+  /// Copies interleaved values as they are; interleaves planar ones plane by plane.
+  /// @param points  Number of points in the image; values are read from the point `first` on.
+  void readValues(std::ifstream& in, std::uint64_t offset, std::uint64_t points,
+                  std::uint64_t first, const Values& values) const {
+    const std::size_t width = layout_.type.bytes;
+    const auto components = static_cast<std::size_t>(layout_.components);
+    auto* bytes = values.as<char>();
+    if (!layout_.planar || layout_.components == 1) {
+      in.seekg(static_cast<std::streamoff>(offset + first * width * components));
+      in.read(bytes, static_cast<std::streamsize>(values.size() * width));
+      return;
+    }
+    std::vector<char> plane(values.tuples() * width);
+    for (std::size_t c = 0; c < components; ++c) {
+      in.seekg(static_cast<std::streamoff>(offset + (c * points + first) * width));
+      in.read(plane.data(), static_cast<std::streamsize>(plane.size()));
+      for (std::size_t p = 0; p < values.tuples(); ++p) {
+        std::memcpy(bytes + (p * components + c) * width, plane.data() + p * width, width);
+      }
+    }
+  }
+
+  Request request_;
+  Layout layout_;
+};
+
+}  // namespace
+
+std::unique_ptr<Reader> openRaw(const Request& request) {
+  return std::make_unique<RawReader>(request);
+}
+
+}  // namespace palpate::importer

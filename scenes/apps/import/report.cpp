@@ -1,0 +1,156 @@
+#include "palpate/scenes/apps/import/report.h"
+
+#include <sys/resource.h>
+
+#include <fmt/format.h>
+
+#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/scenes/apps/common/say.h"
+
+namespace palpate::importer {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Describes the voxels, once for arrays that share them.
+std::string voxelsOf(const Imported& imported) {
+  const openvdb::GridBase& grid = *imported.made.grid;
+  const openvdb::Vec3d edge = grid.voxelSize();
+  std::string line = fmt::format("{} active voxels", imported.made.active);
+  if (!imported.level_set) {
+    line += fmt::format(" ({:.3g} %)", 100.0 * static_cast<double>(imported.made.active) /
+                                           static_cast<double>(imported.made.voxels));
+  }
+  line += fmt::format(" of {:.4g} x {:.4g} x {:.4g}", edge.x(), edge.y(), edge.z());
+  if (imported.resampling) {
+    line += fmt::format(", compared with the original at {} places", imported.resampling->points);
+    if (imported.resampling->edge_points > 0) {
+      line += fmt::format(" and {} at the edge of the data", imported.resampling->edge_points);
+    }
+    if (imported.resampling->lost_points > 0) {
+      line += fmt::format("; {} more are in the mesh, and no voxel about them has data",
+                          imported.resampling->lost_points);
+    }
+  }
+  return "  " + line + "\n";
+}
+
+/// Describes the range and the losses.
+std::string lineOf(const Imported& imported) {
+  const Gridded& made = imported.made;
+  const openvdb::GridBase& grid = *made.grid;
+  const bool vector = grid.isType<openvdb::Vec3SGrid>();
+  std::string line = cli::words("    {}: ", grid.getName()).text();
+  if (imported.level_set) {
+    line += fmt::format("level set, solid {}; off by {:.2g} voxels rms, {:.2g} at p99",
+                        imported.level_set->solid_above ? "above" : "below",
+                        imported.level_set->rms_error, imported.level_set->p99_error);
+    if (imported.level_set->lost > 0.0) {
+      line += fmt::format("; {:.2g} % of the surface is thinner than the voxels, and lost",
+                          100.0 * imported.level_set->lost);
+    }
+  } else {
+    line += fmt::format("{} {:.5g} .. {:.5g}", vector ? "lengths" : "values", made.lowest,
+                        made.highest);
+    if (!vector) line += fmt::format(" about a background of {:.5g}", made.background);
+  }
+  if (made.tolerance > 0.0) {
+    line += fmt::format("; within {:.3g} of the background became it", made.tolerance);
+  }
+  if (imported.smoothing > 0.0) {
+    line += fmt::format("; smoothing changed it by {:.3g} rms", imported.smoothing);
+  }
+  if (made.holes > 0) line += fmt::format("; {} voxels have no data", made.holes);
+  if (imported.resampling && imported.resampling->points == 0) {
+    line += "; what resampling changed was not measured: no place has data on all sides";
+  } else if (imported.resampling) {
+    line += fmt::format("; resampling is off by {:.2g} % of the range rms, {:.2g} % at most",
+                        100.0 * imported.resampling->rms, 100.0 * imported.resampling->largest);
+    if (imported.resampling->edge_points > 0) {
+      line += fmt::format(" within, {:.2g} and {:.2g} % in the outermost voxel",
+                          100.0 * imported.resampling->edge_rms,
+                          100.0 * imported.resampling->edge_largest);
+    }
+  }
+  if (made.quieter_tolerance > 0.0) {
+    line += fmt::format("; --tolerance {:.3g} would keep {:.3g} % active", made.quieter_tolerance,
+                        100.0 * made.quieter_share);
+  }
+  return line + "\n";
+}
+
+Json gridJson(const Imported& imported) {
+  const Gridded& made = imported.made;
+  const openvdb::GridBase& grid = *made.grid;
+  const openvdb::Vec3d edge = grid.voxelSize();
+  Json json{{"name", grid.getName()},
+            {"type", grid.isType<openvdb::Vec3SGrid>() ? "vec3s" : "float"},
+            {"unit", imported.unit},
+            {"voxel", {edge.x(), edge.y(), edge.z()}},
+            {"active_voxels", made.active},
+            {"voxels", made.voxels},
+            {"holes", made.holes},
+            {"lowest", made.lowest},
+            {"highest", made.highest},
+            {"background", made.background},
+            {"tolerance", made.tolerance}};
+  if (made.quieter_tolerance > 0.0) {
+    json["quieter"] = {{"tolerance", made.quieter_tolerance}, {"share", made.quieter_share}};
+  }
+  if (imported.smoothing > 0.0) json["smoothing_rms"] = imported.smoothing;
+  if (imported.resampling) {
+    const bool measured = imported.resampling->points > 0;
+    json["resampling"] = {{"rms", measured ? Json(imported.resampling->rms) : Json()},
+                          {"largest", measured ? Json(imported.resampling->largest) : Json()},
+                          {"points", imported.resampling->points},
+                          {"edge_rms", imported.resampling->edge_rms},
+                          {"edge_largest", imported.resampling->edge_largest},
+                          {"edge_points", imported.resampling->edge_points},
+                          {"lost_points", imported.resampling->lost_points}};
+  }
+  if (imported.level_set) {
+    json["level_set"] = {{"solid", imported.level_set->solid_above ? "above" : "below"},
+                         {"rms_voxels", imported.level_set->rms_error},
+                         {"p99_voxels", imported.level_set->p99_error},
+                         {"crossings", imported.level_set->crossings},
+                         {"lost", imported.level_set->lost}};
+  }
+  return json;
+}
+
+}  // namespace
+
+std::uint64_t peakMemory() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+}
+
+std::string textOf(const std::filesystem::path& out, const Step& step) {
+  std::string text = cli::words("{}:\n", out.string()).text();
+  std::string voxels;
+  for (const Imported& imported : step.grids) {
+    if (voxelsOf(imported) != voxels) text += voxels = voxelsOf(imported);
+    text += lineOf(imported);
+  }
+  for (const std::string& note : step.notes) {
+    text += cli::words("  {}\n", cli::sentence(note)).text();
+  }
+  return text;
+}
+
+Json jsonOf(const std::filesystem::path& out, const Step& step) {
+  Json report{{"file", out.string()}};
+  if (step.time) report["time"] = *step.time;
+  report["grids"] = Json::array();
+  std::uint64_t memory = 0;
+  for (const Imported& imported : step.grids) {
+    report["grids"].push_back(gridJson(imported));
+    memory += imported.made.grid->memUsage();
+  }
+  report["memory"] = {{"grids", memory}};
+  report["notes"] = step.notes;
+  return report;
+}
+
+}  // namespace palpate::importer

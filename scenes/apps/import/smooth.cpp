@@ -1,0 +1,193 @@
+#include "palpate/scenes/apps/import/smooth.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/shared_progress.h"
+
+namespace palpate::importer {
+namespace {
+
+/// Returns how many points the filter reads to one side, along an axis with `count` points.
+std::size_t reachOf(double deviation, std::size_t count) {
+  const auto last = static_cast<double>(count - 1);
+  return static_cast<std::size_t>(std::min(3.0 * deviation, last));
+}
+
+/// Returns half of a Gaussian along an axis with `count` points: its middle and one side.
+std::vector<double> weightsOf(double deviation, std::size_t count) {
+  const std::size_t reach = reachOf(deviation, count);
+  std::vector<double> weights;
+  for (std::size_t n = 0; n <= reach; ++n) {
+    const double x = static_cast<double>(n) / std::max(deviation, 1e-12);
+    weights.push_back(std::exp(-0.5 * x * x));
+  }
+  return weights;
+}
+
+/// One line of an image's points.
+struct Line {
+  float* first = nullptr;
+  std::size_t count = 0;
+  std::size_t stride = 0;  ///< Floats from a point to the next.
+  std::size_t components = 1;
+};
+
+void smoothLine(const Line& line, const std::vector<double>& weights, std::vector<float>& copy) {
+  const std::size_t components = line.components;
+  copy.resize(line.count * components);
+  for (std::size_t i = 0; i < line.count; ++i) {
+    std::memcpy(&copy[i * components], line.first + i * line.stride, components * sizeof(float));
+  }
+  const std::size_t reach = weights.size() - 1;
+  for (std::size_t i = 0; i < line.count; ++i) {
+    const std::size_t low = i - std::min(i, reach);
+    const std::size_t high = std::min(i + reach, line.count - 1);
+    for (std::size_t c = 0; c < components; ++c) {
+      double sum = 0.0;
+      double whole = 0.0;
+      for (std::size_t n = low; n <= high; ++n) {
+        const double weight = weights[n < i ? i - n : n - i];
+        sum += weight * static_cast<double>(copy[n * components + c]);
+        whole += weight;
+      }
+      line.first[i * line.stride + c] = static_cast<float>(sum / whole);
+    }
+  }
+}
+
+/// Returns the standard deviations in points.
+Vec3 deviationsOf(const Affine& file_from_index, double width) {
+  const Vec3 spacing = file_from_index.linear.colwise().norm().transpose();
+  return {width / spacing[0], width / spacing[1], width / spacing[2]};
+}
+
+/// Smooths along one axis, all its lines in parallel.
+void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation,
+                 SharedProgress& progress) {
+  std::size_t size[3];
+  for (std::size_t a = 0; a < 3; ++a) size[a] = static_cast<std::size_t>(image.size[a]);
+  const std::vector<double> weights = weightsOf(deviation, size[axis]);
+  size[2] = static_cast<std::size_t>(image.slices().count);
+  if (weights.size() == 1) return;
+  const auto components = static_cast<std::size_t>(values.components());
+  const std::size_t strides[3] = {components, components * size[0], components * size[0] * size[1]};
+  const std::size_t b = axis == 0 ? 1 : 0;
+  const std::size_t c = axis == 2 ? 1 : 2;
+  const std::size_t lines = size[b] * size[c];
+  std::atomic<std::size_t> done = 0;
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, lines, 16),
+      [&](const tbb::blocked_range<std::size_t>& part) {
+        std::vector<float> copy;
+        for (std::size_t n = part.begin(); n < part.end(); ++n) {
+          Line line;
+          line.first = values.as<float>() + n % size[b] * strides[b] + n / size[b] * strides[c];
+          line.count = size[axis];
+          line.stride = strides[axis];
+          line.components = components;
+          smoothLine(line, weights, copy);
+        }
+        done += part.size();
+        progress.tell(
+            (static_cast<double>(axis) + static_cast<double>(done) / static_cast<double>(lines)) /
+            3.0);
+      });
+}
+
+/// Returns the change of all ranks' own slices.
+Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
+                  const Shared& shared) {
+  const Slab own = shared.own(image.size[2]);
+  const Values old = slicesOf(image, before, own);
+  const Values now = slicesOf(image, after, own);
+  const auto* from = old.as<float>();
+  const auto* to = now.as<float>();
+  // Sums slice by slice, so that the total does not depend on the distribution among ranks.
+  const std::size_t each = own.count == 0 ? 0 : now.size() / static_cast<std::size_t>(own.count);
+  std::vector<double> sums;
+  for (std::size_t i = 0; i < now.size();) {
+    double sum = 0.0;
+    for (const std::size_t end = i + each; i < end; ++i) {
+      const double change = static_cast<double>(to[i]) - static_cast<double>(from[i]);
+      sum += change * change;
+    }
+    sums.push_back(sum);
+  }
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  std::pair<double, double> low_high{kEndless, -kEndless};
+  if (now.components() == 1) {
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      low_high.first = std::min(low_high.first, static_cast<double>(to[i]));
+      low_high.second = std::max(low_high.second, static_cast<double>(to[i]));
+    }
+  } else {
+    low_high.first = 0.0;
+    for (std::size_t i = 0; i + 2 < now.size(); i += 3) {
+      low_high.second = std::max(low_high.second, Vec3(to[i], to[i + 1], to[i + 2]).norm());
+    }
+  }
+
+  double squares = 0.0;
+  for (const double sum : gatherAll(shared.crew(), sums)) squares += sum;
+  double low = kEndless;
+  double high = -kEndless;
+  for (const auto& one : gatherOne(shared.crew(), std::array{low_high.first, low_high.second})) {
+    low = std::min(low, one[0]);
+    high = std::max(high, one[1]);
+  }
+  double count = 1.0;
+  for (const int size : image.size) count *= size;
+  return {std::sqrt(squares / (count * now.components())), high - low};
+}
+
+}  // namespace
+
+std::size_t smoothingReach(const Affine& file_from_index, int slices, double width) {
+  if (!(width > 0.0)) return 0;
+  return reachOf(deviationsOf(file_from_index, width)[2], static_cast<std::size_t>(slices));
+}
+
+Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
+                     const Progress& progress) {
+  SingleProcess alone;
+  return smoothImage(image, array, width, file, progress, Shared(alone));
+}
+
+Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
+                     const Progress& progress, const Shared& shared) {
+  // Converts to floats, then makes one copy: an array may take all available memory.
+  array.values = floatsOf(array.values);
+  const Values original = array.values;
+  const auto* before = original.as<float>();
+  const std::size_t count = original.size();
+  const auto bad = std::count_if(before, before + count, [](float v) { return !std::isfinite(v); });
+  if (bad > 0 || !image.hidden.none()) {
+    throw VolumeError(
+        file, fmt::format("{} has voxels without data, which smoothing would spread", array.name),
+        "import it without --smooth");
+  }
+  const Values smoothed(Type::kFloat32, original.components(), original.tuples());
+  std::copy(before, before + count, smoothed.as<float>());
+  const Vec3 deviations = deviationsOf(image.file_from_index, width);
+  SharedProgress told(progress, 1);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    smoothAlong(axis, image, smoothed, deviations[static_cast<Eigen::Index>(axis)], told);
+  }
+  array.values = smoothed;
+  return changeOf(image, original, smoothed, shared);
+}
+
+}  // namespace palpate::importer

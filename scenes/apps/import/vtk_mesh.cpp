@@ -1,0 +1,481 @@
+/// Resamples meshes. Voxels outside the mesh stay inactive.
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include <fmt/format.h>
+#include <openvdb/tools/ChangeBackground.h>
+#include <openvdb/tools/Interpolation.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+#include <vtkGenericCell.h>
+#include <vtkIdList.h>
+#include <vtkNew.h>
+#include <vtkPoints.h>
+#include <vtkStaticCellLocator.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/differences.h"
+#include "palpate/scenes/apps/import/grids.h"
+#include "palpate/scenes/apps/import/mesh.h"
+#include "palpate/scenes/apps/import/quantile.h"
+#include "palpate/scenes/apps/import/resample.h"
+#include "palpate/scenes/apps/import/shared_progress.h"
+
+namespace palpate::importer {
+namespace {
+
+using openvdb::Coord;
+using openvdb::Vec3d;
+using ScalarTree = openvdb::FloatTree;
+using VectorTree = openvdb::Vec3STree;
+
+/// A place this far outside a cell, in the cell's own coordinates of 0 to 1, still belongs to it:
+/// the first voxels lie on the mesh's bounds.
+constexpr double kOutside = 1e-5;
+
+/// VTK's bounds are of x, then y, then z.
+double low(const double bounds[6], int axis) {
+  return bounds[static_cast<std::ptrdiff_t>(2) * axis];
+}
+double high(const double bounds[6], int axis) {
+  return bounds[static_cast<std::ptrdiff_t>(2) * axis + 1];
+}
+double volumeOf(const double bounds[6]) {
+  return (bounds[1] - bounds[0]) * (bounds[3] - bounds[2]) * (bounds[5] - bounds[4]);
+}
+
+/// A thread's own cell: VTK fills it and keeps state in it.
+struct Worker {
+  vtkNew<vtkGenericCell> cell;
+  vtkNew<vtkIdList> candidates;
+  std::vector<double> weights;
+};
+
+/// Computes the weights of the cell's points at p; returns false if p is outside.
+bool weighAt(const Vec3d& p, Worker& worker) {
+  worker.weights.resize(static_cast<std::size_t>(worker.cell->GetNumberOfPoints()));
+  double x[3] = {p.x(), p.y(), p.z()};
+  double closest[3];
+  double parametric[3];
+  double distance2 = 0.0;
+  int part = 0;
+  const int found =
+      worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
+  if (found < 0 || !isInsideCell(worker.cell->GetCellType(), parametric, kOutside)) return false;
+  // Just outside, some cells have not computed their weights.
+  if (found == 0) worker.cell->InterpolateFunctions(parametric, worker.weights.data());
+  return true;
+}
+
+/// Loads the cell that holds p; returns false if there is none.
+bool findCell(vtkDataSet* mesh, vtkStaticCellLocator* locator, const Vec3d& p, Worker& worker) {
+  double box[6] = {p.x(), p.x(), p.y(), p.y(), p.z(), p.z()};
+  locator->FindCellsWithinBounds(box, worker.candidates);
+  worker.candidates->Sort();
+  for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
+    mesh->GetCell(worker.candidates->GetId(c), worker.cell);
+    if (weighAt(p, worker)) return true;
+  }
+  return false;
+}
+
+double valueAt(const Worker& worker, const Values& values, int component) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < worker.weights.size(); ++i) {
+    const vtkIdType point = worker.cell->GetPointId(static_cast<vtkIdType>(i));
+    sum += worker.weights[i] * values.at(static_cast<std::size_t>(point), component);
+  }
+  return sum;
+}
+
+/// Leaves of one array, scalar or vector.
+class Sheet {
+ public:
+  explicit Sheet(const Array& array) : array_(&array), vector_(array.values.components() == 3) {}
+
+  using ScalarLeaf = ScalarTree::LeafNodeType;
+  using VectorLeaf = VectorTree::LeafNodeType;
+  struct Leaf {
+    std::unique_ptr<ScalarLeaf> scalar;
+    std::unique_ptr<VectorLeaf> vector;
+  };
+
+  [[nodiscard]] Leaf makeLeaf(const Coord& origin) const {
+    Leaf leaf;
+    if (vector_) {
+      leaf.vector = std::make_unique<VectorLeaf>(origin);
+    } else {
+      leaf.scalar = std::make_unique<ScalarLeaf>(origin);
+    }
+    return leaf;
+  }
+
+  /// Returns false if the value is not a number: a hole.
+  [[nodiscard]] bool set(Leaf& leaf, unsigned offset, const Worker& worker) const {
+    if (vector_) {
+      openvdb::Vec3f v;
+      for (int c = 0; c < 3; ++c) v[c] = static_cast<float>(valueAt(worker, array_->values, c));
+      if (!v.isFinite()) return false;
+      leaf.vector->setValueOn(offset, v);
+    } else {
+      const auto v = static_cast<float>(valueAt(worker, array_->values, 0));
+      if (!std::isfinite(v)) return false;
+      leaf.scalar->setValueOn(offset, v);
+    }
+    return true;
+  }
+
+  [[nodiscard]] const Array& array() const { return *array_; }
+  [[nodiscard]] bool isVector() const { return vector_; }
+
+ private:
+  const Array* array_;
+  bool vector_;
+};
+
+/// Returns the median of the active values beside an inactive voxel: typical values at the data's
+/// edge.
+float edgeValue(const openvdb::FloatGrid& grid) {
+  std::vector<float> edge;
+  const auto accessor = grid.getConstAccessor();
+  for (auto value = grid.cbeginValueOn(); value; ++value) {
+    const Coord at = value.getCoord();
+    for (int a = 0; a < 6; ++a) {
+      Coord beside = at;
+      beside[a / 2] += a % 2 == 0 ? 1 : -1;
+      if (accessor.isValueOn(beside)) continue;
+      edge.push_back(*value);
+      break;
+    }
+  }
+  return quantile(edge, 0.5);
+}
+
+/// Sets the range of the active values.
+template <class GridT>
+void takeRange(const GridT& grid, Gridded& made) {
+  made.lowest = std::numeric_limits<double>::infinity();
+  made.highest = -made.lowest;
+  for (auto value = grid.cbeginValueOn(); value; ++value) {
+    const double size = lengthOf(*value);
+    made.lowest = std::min(made.lowest, size);
+    made.highest = std::max(made.highest, size);
+  }
+}
+
+/// Returns how many of the 8 voxels around a place have data.
+template <class Accessor>
+int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
+  const Coord low = Coord::floor(p_I);
+  int count = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    count += accessor.isValueOn(low.offsetBy(corner & 1, (corner >> 1) & 1, corner >> 2)) ? 1 : 0;
+  }
+  return count;
+}
+
+/// Samples cells, the same in each run.
+std::vector<vtkIdType> someCells(vtkIdType cells) {
+  constexpr vtkIdType kMost = 20000;
+  std::vector<vtkIdType> some;
+  if (cells <= kMost) {
+    for (vtkIdType i = 0; i < cells; ++i) some.push_back(i);
+  } else {
+    std::mt19937_64 random(1);
+    std::uniform_int_distribution<vtkIdType> any(0, cells - 1);
+    for (vtkIdType i = 0; i < kMost; ++i) some.push_back(any(random));
+  }
+  return some;
+}
+
+/// A place in the mesh, with the weights of its cell's points.
+struct Place {
+  Vec3d p;
+  std::vector<std::pair<std::size_t, double>> weights;
+
+  [[nodiscard]] double valueOf(const Values& values, int component) const {
+    double sum = 0.0;
+    for (const auto& [point, weight] : weights) {
+      sum += weight * values.at(point, component);
+    }
+    return sum;
+  }
+};
+
+/// Returns random places in the mesh's bounds that are inside the mesh; found once for all arrays.
+std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
+  constexpr int kCount = 50000;
+  std::mt19937_64 random(2);
+  double bounds[6];
+  mesh->GetBounds(bounds);
+  Worker worker;
+  std::vector<Place> places;
+  for (int i = 0; i < kCount; ++i) {
+    Place place;
+    for (int a = 0; a < 3; ++a) {
+      place.p[a] = std::uniform_real_distribution<>(low(bounds, a), high(bounds, a))(random);
+    }
+    if (!findCell(mesh, locator, place.p, worker)) continue;
+    for (std::size_t w = 0; w < worker.weights.size(); ++w) {
+      const vtkIdType point = worker.cell->GetPointId(static_cast<vtkIdType>(w));
+      place.weights.emplace_back(static_cast<std::size_t>(point), worker.weights[w]);
+    }
+    places.push_back(std::move(place));
+  }
+  return places;
+}
+
+/// Compares the mesh's own values with the grid's.
+template <class GridT>
+Differences compare(const std::vector<Place>& places, const Values& values, const GridT& grid) {
+  Differences differences;
+  const auto accessor = grid.getConstAccessor();
+  for (const Place& place : places) {
+    const Vec3d p_I = grid.worldToIndex(place.p);
+    const int data = dataAbout(accessor, p_I);
+    if (data == 0) {
+      ++differences.lost_points;
+      continue;
+    }
+    Differences::Sum& sum = data == 8 ? differences.within : differences.edge;
+    const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
+    if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
+      sum.add(std::abs(place.valueOf(values, 0) - static_cast<double>(there)));
+    } else {
+      Vec3d v;
+      for (int c = 0; c < 3; ++c) v[c] = place.valueOf(values, c);
+      sum.add((v - Vec3d(there)).length());
+    }
+  }
+  return differences;
+}
+
+/// Returns a cell's volume, from the tetrahedra that VTK splits it into.
+double solidVolume(vtkCell* cell, vtkIdList* points, vtkPoints* corners) {
+  cell->Triangulate(0, points, corners);
+  double volume = 0.0;
+  for (vtkIdType t = 0; t + 3 < corners->GetNumberOfPoints(); t += 4) {
+    std::array<Vec3d, 4> p;
+    for (vtkIdType c = 0; c < 4; ++c) {
+      corners->GetPoint(t + c, p[static_cast<std::size_t>(c)].asPointer());
+    }
+    volume += std::abs((p[1] - p[0]).dot((p[2] - p[0]).cross(p[3] - p[0]))) / 6.0;
+  }
+  return volume;
+}
+
+/// Rounds to two digits, which a user can repeat more easily.
+double twoDigits(double x, double (*to_whole)(double)) {
+  const double digit = std::pow(10.0, std::floor(std::log10(x)) - 1.0);
+  return to_whole(x / digit) * digit;
+}
+
+SuggestedVoxel suggestFor(vtkDataSet* mesh) {
+  vtkNew<vtkGenericCell> cell;
+  vtkNew<vtkIdList> ids;
+  vtkNew<vtkPoints> corners;
+  corners->SetDataTypeToDouble();
+  std::vector<double> volumes;
+  double solid = 0.0;
+  const std::vector<vtkIdType> some = someCells(mesh->GetNumberOfCells());
+  for (const vtkIdType index : some) {
+    mesh->GetCell(index, cell);
+    double bounds[6];
+    cell->GetBounds(bounds);
+    volumes.push_back(volumeOf(bounds));
+    solid += solidVolume(cell, ids, corners);
+  }
+  double bounds[6];
+  mesh->GetBounds(bounds);
+  const double longest =
+      std::max({bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]});
+  if (volumes.empty()) return {longest / 64.0, longest / 64.0, 0.0};
+  SuggestedVoxel out;
+  out.by_cell = twoDigits(
+      std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0),
+      [](double x) { return std::round(x); });
+  // The cells fill the same share of the voxels as of the bounds.
+  solid *= static_cast<double>(mesh->GetNumberOfCells()) / static_cast<double>(some.size());
+  const auto voxels_of = [&](double edge) {
+    double count = std::min(solid / volumeOf(bounds), 1.0);
+    for (int a = 0; a < 3; ++a)
+      count *= std::floor((high(bounds, a) - low(bounds, a)) / edge) + 1.0;
+    return count;
+  };
+  out.voxels_by_cell = voxels_of(out.by_cell);
+  constexpr double kLeast = 33.0 * 33.0 * 33.0;
+  const double most =
+      std::max(kVoxelsPerPoint * static_cast<double>(mesh->GetNumberOfPoints()), kLeast);
+  out.edge = out.by_cell;
+  constexpr double kStep = 1.01;
+  while (voxels_of(out.edge) > most) {
+    out.edge = twoDigits(out.edge * kStep, [](double x) { return std::ceil(x); });
+  }
+  return out;
+}
+
+/// Takes memory for VTK's cell locator and the grids.
+std::vector<Resampled> resampled(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
+                                 const std::string& file, const Progress& progress) {
+  // The first call prepares data that later calls, from any thread, only read.
+  mesh->ComputeBounds();
+  mesh->GetCell(0, vtkNew<vtkGenericCell>());
+  double bounds[6];
+  mesh->GetBounds(bounds);
+  std::array<int, 3> size{};
+  double voxels = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double steps = std::floor((bounds[2 * a + 1] - bounds[2 * a]) / voxel + kOutside) + 1.0;
+    voxels *= steps;
+    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
+      throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
+                        "give a larger --voxel");
+    }
+    size[a] = static_cast<int>(steps);
+  }
+  if (*std::max_element(size.begin(), size.end()) < 2) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
+                      "give a smaller --voxel");
+  }
+  const auto transform = cubes(voxel, Vec3d(bounds[0], bounds[2], bounds[4]), file);
+
+  vtkNew<vtkStaticCellLocator> locator;
+  locator->SetDataSet(mesh);
+  locator->CacheCellBoundsOn();
+  locator->BuildLocator();
+
+  std::vector<Sheet> sheets;
+  sheets.reserve(arrays.size());
+  for (const Array& array : arrays) sheets.emplace_back(array);
+  constexpr int kEdge = 8;
+  const std::array<int, 3> leaves{(size[0] + kEdge - 1) / kEdge, (size[1] + kEdge - 1) / kEdge,
+                                  (size[2] + kEdge - 1) / kEdge};
+  const int rows = leaves[1] * leaves[2];
+  /// Leaves of a row along x: leaf by leaf, sheet by sheet.
+  std::vector<std::vector<std::vector<Sheet::Leaf>>> made(static_cast<std::size_t>(rows));
+  std::vector<std::atomic<std::uint64_t>> holes(sheets.size());
+  std::atomic<std::uint64_t> inside{0};
+  SharedProgress shared(progress, rows);
+  tbb::enumerable_thread_specific<Worker> workers;
+  tbb::parallel_for(0, rows, [&](int row) {
+    Worker& worker = workers.local();
+    for (int x = 0; x < leaves[0]; ++x) {
+      const Coord origin(x * kEdge, (row % leaves[1]) * kEdge, (row / leaves[1]) * kEdge);
+      const Vec3d lower = transform->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
+      const Vec3d upper = transform->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
+      double box[6] = {lower.x(), upper.x(), lower.y(), upper.y(), lower.z(), upper.z()};
+      locator->FindCellsWithinBounds(box, worker.candidates);
+      if (worker.candidates->GetNumberOfIds() == 0) continue;
+      worker.candidates->Sort();  // the lowest cell wins, independent of the locator's order
+
+      std::vector<Sheet::Leaf> here;
+      openvdb::util::NodeMask<3> taken;
+      for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
+        mesh->GetCell(worker.candidates->GetId(c), worker.cell);
+        double cell[6];
+        worker.cell->GetBounds(cell);
+        // Voxels of this leaf within the cell's bounds.
+        Coord first;
+        Coord last;
+        for (int a = 0; a < 3; ++a) {
+          const double from = (low(cell, a) - low(bounds, a)) / voxel;
+          const double to = (high(cell, a) - low(bounds, a)) / voxel;
+          first[a] = std::max(origin[a], static_cast<int>(std::ceil(from - kOutside)));
+          last[a] = std::min({origin[a] + kEdge - 1, size[static_cast<std::size_t>(a)] - 1,
+                              static_cast<int>(std::floor(to + kOutside))});
+        }
+        for (int i = first.x(); i <= last.x(); ++i) {
+          for (int j = first.y(); j <= last.y(); ++j) {
+            for (int k = first.z(); k <= last.z(); ++k) {
+              const unsigned offset = ScalarTree::LeafNodeType::coordToOffset(Coord(i, j, k));
+              if (taken.isOn(offset)) continue;
+              if (!weighAt(transform->indexToWorld(Coord(i, j, k)), worker)) continue;
+              taken.setOn(offset);
+              if (here.empty()) {
+                for (const Sheet& sheet : sheets) here.push_back(sheet.makeLeaf(origin));
+              }
+              for (std::size_t s = 0; s < sheets.size(); ++s) {
+                if (!sheets[s].set(here[s], offset, worker)) ++holes[s];
+              }
+            }
+          }
+        }
+      }
+      inside += taken.countOn();
+      if (!here.empty()) made[static_cast<std::size_t>(row)].push_back(std::move(here));
+    }
+    shared.step();
+  });
+
+  const std::vector<Place> places = somePlaces(mesh, locator);
+  std::vector<Resampled> out;
+  for (std::size_t s = 0; s < sheets.size(); ++s) {
+    Resampled one;
+    one.made.voxels = inside;
+    one.made.holes = holes[s];
+    const auto finish = [&](const auto& grid, auto leaf_of) {
+      for (auto& row : made) {
+        for (auto& leaf : row) {
+          if (auto& own = leaf_of(leaf[s]); !own->isEmpty()) grid->tree().addLeaf(own.release());
+        }
+      }
+      grid->setTransform(transform->copy());
+      takeRange(*grid, one.made);
+      // The background is read beside voxels without data.
+      if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
+        one.made.background = edgeValue(*grid);
+        openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
+      }
+      const Differences differences = compare(places, sheets[s].array().values, *grid);
+      const double range =
+          sheets[s].isVector() ? one.made.highest : one.made.highest - one.made.lowest;
+      one.error = differences.relativeTo(range);
+      grid->setName(sheets[s].array().name);
+      one.made.grid = grid;
+    };
+    if (sheets[s].isVector()) {
+      finish(
+          openvdb::Vec3SGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.vector; });
+    } else {
+      finish(
+          openvdb::FloatGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; });
+    }
+    if (one.made.grid->empty()) {
+      throw VolumeError(file,
+                        fmt::format("no voxel of {:g} has its centre in the mesh where {} has data",
+                                    voxel, sheets[s].array().name),
+                        "give a smaller --voxel");
+    }
+    out.push_back(std::move(one));
+  }
+  return out;
+}
+
+class VtkMesh final : public Mesh {
+ public:
+  explicit VtkMesh(vtkDataSet* mesh) : mesh_(mesh) {}
+
+  [[nodiscard]] SuggestedVoxel suggestVoxel() const override { return suggestFor(mesh_); }
+  [[nodiscard]] std::vector<Resampled> resample(const std::vector<Array>& arrays, double voxel,
+                                                const std::string& file,
+                                                const Progress& progress) const override {
+    return resampled(mesh_, arrays, voxel, file, progress);
+  }
+
+ private:
+  vtkSmartPointer<vtkDataSet> mesh_;
+};
+
+}  // namespace
+
+std::shared_ptr<const Mesh> meshOf(vtkDataSet* mesh) {
+  return std::make_shared<VtkMesh>(mesh);
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,176 @@
+#include "palpate/scenes/apps/view/display.h"
+
+#include <GL/glx.h>
+#include <X11/Xlib.h>
+#include <X11/Xproto.h>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <fcntl.h>
+#include <poll.h>
+#include <spawn.h>
+#include <string>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/random.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/common/say.h"
+
+namespace palpate::view {
+namespace {
+
+/// A second connection beside VTK's, open as long as the program runs. When the last client leaves,
+/// a server may restart and refuse new clients for a moment.
+Display* connection = nullptr;
+
+/// Opens the connection. Returns why the display has no windows with OpenGL; empty: it has.
+std::string problem() {
+  const char* name = std::getenv("DISPLAY");
+  if (name == nullptr || *name == '\0') return "there is none";
+  connection = XOpenDisplay(nullptr);
+  if (connection == nullptr) return std::string(name) + " does not answer";
+  // VTK requests this configuration, and aborts without a message if it is missing.
+  const std::array<int, 5> wanted{GLX_DEPTH_SIZE, 1, GLX_ALPHA_SIZE, 1, None};
+  int count = 0;
+  int unused = 0;
+  if (glXQueryExtension(connection, &unused, &unused) != 0) {
+    XFree(glXChooseFBConfig(connection, DefaultScreen(connection), wanted.data(), &count));
+  }
+  return count > 0 ? "" : std::string(name) + " has no OpenGL";
+}
+
+pid_t server = -1;
+
+void endServer() {
+  if (server < 0) return;
+  kill(server, SIGTERM);
+  waitpid(server, nullptr, 0);
+}
+
+/// Creates the server's authority file. Only clients that know its cookie are let in, which is this
+/// program; otherwise every user of the machine could watch the drawing. The file disappears with
+/// its last descriptor. Returns -1 on failure.
+int authority() {
+  std::string name = "MIT-MAGIC-COOKIE-1";
+  std::array<char, 16> cookie{};
+  if (getrandom(cookie.data(), cookie.size(), 0) != static_cast<ssize_t>(cookie.size())) return -1;
+  // Format of Xau: a family, here any, then address, display, name and cookie, each after its size.
+  std::string record = "\xff\xff";
+  for (const std::string& part :
+       {std::string(), std::string(), name, std::string(cookie.data(), cookie.size())}) {
+    record += '\0';
+    record += static_cast<char>(part.size());
+    record += part;
+  }
+  const int file = memfd_create("palpate-authority", 0);
+  if (file < 0) return -1;
+  (void)!write(file, record.data(), record.size());
+  XSetAuthorization(name.data(), static_cast<int>(name.size()), cookie.data(),
+                    static_cast<int>(cookie.size()));
+  return file;
+}
+
+/// Starts a server. Returns the number of its display; empty if it did not start.
+std::string startServer() {
+  int ends[2];
+  const int known = authority();
+  if (known < 0 || pipe(ends) != 0) return "";
+  const pid_t parent = getpid();
+  server = fork();
+  if (server == 0) {
+    // The server ends with this program, however the program ends.
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    if (getppid() != parent) _exit(1);
+    // A terminal's Ctrl-C is for the loop, which ends this program.
+    setpgid(0, 0);
+    dup2(ends[1], 3);
+    // If a display's number is taken, Xvfb prints this and uses the next.
+    const int nowhere = open("/dev/null", O_WRONLY);
+    dup2(nowhere, STDERR_FILENO);
+    const std::string place = "/proc/self/fd/" + std::to_string(known);
+    execlp("Xvfb", "Xvfb", "-displayfd", "3", "-screen", "0", "64x64x24", "-nolisten", "tcp",
+           "-auth", place.c_str(), nullptr);
+    _exit(127);
+  }
+  close(ends[1]);
+  close(known);
+  std::string number;
+  constexpr int kPatience = 10000;  // [ms]
+  pollfd wait{ends[0], POLLIN, 0};
+  while (poll(&wait, 1, kPatience) > 0) {
+    std::array<char, 16> text{};
+    const ssize_t size = read(ends[0], text.data(), text.size());
+    if (size <= 0) break;
+    number.append(text.data(), static_cast<std::size_t>(size));
+    if (number.back() == '\n') break;
+  }
+  close(ends[0]);
+  if (number.empty() || number.back() != '\n') return "";
+  number.pop_back();
+  return number;
+}
+
+int lost(Display* /*display*/) {
+  cli::complain("display: it is gone: the window ends");
+  _exit(1);
+}
+
+int refused(Display* display, XErrorEvent* error) {
+  // VTK requests the focus where the mouse enters, perhaps for a window that is hidden by then.
+  if (error->request_code == X_SetInputFocus) return 0;
+  std::array<char, 128> why{};
+  XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
+  cli::complain(fmt::format("display: it refuses request {}.{}, {}: the window ends",
+                            error->request_code, error->minor_code, why.data()));
+  _exit(1);
+}
+
+}  // namespace
+
+void needDisplay(bool picture) {
+  XSetIOErrorHandler(lost);
+  XSetErrorHandler(refused);
+  std::string why = problem();
+  if (why.empty()) return;
+  if (!picture) {
+    throw Error("display", why, "start it on a desktop with OpenGL, or add --picture FILE.png");
+  }
+  const std::string number = startServer();
+  if (number.empty()) throw Error("display", why, "install xvfb, which pictures need then");
+  std::atexit(endServer);
+  setenv("DISPLAY", (":" + number).c_str(), 1);
+  why = problem();
+  if (!why.empty()) throw Error("display", why, "install xvfb and libgl1-mesa-dri anew");
+}
+
+Sight::Sight(unsigned long window) {
+  XSelectInput(connection, window, StructureNotifyMask | VisibilityChangeMask);
+  XFlush(connection);
+}
+
+bool Sight::now() {
+  while (XPending(connection) > 0) {
+    XEvent event;
+    XNextEvent(connection, &event);
+    if (event.type == UnmapNotify) mapped_ = false;
+    // The server reports a covering window after this event. A destroyed window counts as visible:
+    // the next drawing is refused, which ends the program.
+    if (event.type == MapNotify || event.type == DestroyNotify) {
+      mapped_ = true;
+      covered_ = false;
+    }
+    if (event.type == VisibilityNotify) {
+      covered_ = event.xvisibility.state == VisibilityFullyObscured;
+    }
+  }
+  return mapped_ && !covered_;
+}
+
+}  // namespace palpate::view

@@ -1,0 +1,198 @@
+/// `palpate-view`: the window of a run, started by `palpate view`. Loads the scene again to draw
+/// it, and reads the loop's data through shared memory.
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <future>
+#include <memory>
+#include <new>
+#include <sched.h>
+#include <string>
+#include <sys/resource.h>
+#include <thread>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <vtkObject.h>
+#include <vtkOutputWindow.h>
+#include <vtkRenderWindow.h>
+#include <vtkSmartPointer.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/apps/view/display.h"
+#include "palpate/scenes/apps/view/shapes.h"
+#include "palpate/scenes/apps/view/window.h"
+#include "palpate/scenes/library/build_scene.h"
+#include "palpate/scenes/library/live.h"
+#include "palpate/scenes/library/scene_file.h"
+
+namespace {
+
+using namespace palpate;
+
+/// Gives the loop priority on every core.
+void stepBack() {
+  constexpr int kNice = 10;
+  (void)!nice(kNice);
+  // A software renderer uses as many threads as this variable allows.
+  const unsigned cores = std::thread::hardware_concurrency();
+  setenv("LP_NUM_THREADS", std::to_string(cores > 2 ? cores - 1 : 1).c_str(), 0);
+}
+
+/// Prints one line and ends, without an allocation. Threads of libraries need no handler for an
+/// exception then.
+[[noreturn]] void endWithoutMemory() {
+  constexpr char kWords[] =
+      "palpate: window: there is not enough memory to draw this scene: it can be felt without\n";
+  (void)!write(STDERR_FILENO, kWords, sizeof kWords - 1);
+  _exit(cli::kEndedEarly);
+}
+
+/// Makes the window end first if memory runs out. Limits the memory of this process to `most`
+/// [bytes], or if that is not positive to the available memory. Of this process and the loop's, the
+/// kernel then ends this one.
+void takeNoMore(double most) {
+  std::ofstream("/proc/self/oom_score_adj") << 1000;
+  std::ifstream info("/proc/meminfo");
+  std::string word;
+  while (most <= 0.0 && info >> word) {
+    if (word == "MemAvailable:" && info >> most) most *= 1024.0;
+  }
+  if (most <= 0.0) return;
+  const rlimit limit{static_cast<rlim_t>(most), static_cast<rlim_t>(most)};
+  (void)setrlimit(RLIMIT_DATA, &limit);
+  std::set_new_handler(endWithoutMemory);
+}
+
+/// Leaves a core to the loop. Moves all present threads off this core, also those of the graphics,
+/// some of which use every core when they begin. Later threads inherit from the thread that makes
+/// them.
+void stepAside(int loops) {
+  cpu_set_t cores;
+  if (loops < 0 || sched_getaffinity(0, sizeof cores, &cores) != 0) return;
+  CPU_CLR(loops, &cores);
+  // Repeats until no thread is left: a thread that was not moved yet may have made another one.
+  for (bool moved = true; moved;) {
+    moved = false;
+    for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+      const pid_t thread = std::stoi(task.path().filename().string());
+      cpu_set_t its;
+      if (sched_getaffinity(thread, sizeof its, &its) != 0 || !CPU_ISSET(loops, &its)) continue;
+      moved = sched_setaffinity(thread, sizeof cores, &cores) == 0 || moved;
+    }
+  }
+}
+
+/// Throws Error if the graphics are too old for VTK, which would crash.
+void needOpenGL() {
+  const auto window = vtkSmartPointer<vtkRenderWindow>::New();
+  window->SetOffScreenRendering(1);
+  if (window->SupportsOpenGL() == 0) {
+    throw Error("display", "its OpenGL is older than 3.2",
+                "install a newer driver of its graphics");
+  }
+}
+
+BuiltScene shown(const std::string& scene) {
+  SceneSpec spec = openScene(scene);
+  spec.waits = true;  // reads may wait: there is no real-time thread
+  return buildScene(spec);
+}
+
+int run(int argc, char** argv) {
+  CLI::App app{"The window of palpate view, which starts it."};
+  app.name("palpate-view");
+  app.set_version_flag("--version", versionText());
+  std::string scene;
+  std::string picture;
+  std::string told;
+  std::string shot;
+  double told_every = 0.5;
+  double most_memory = 0.0;
+  view::ViewWindow::Options options;
+  int live = -1;
+  bool watch = false;
+  app.add_option("SCENE", scene)->required();
+  app.add_option("--live", live, "Descriptor of the loop's memory")->required();
+  app.add_option("--picture", picture, "Draw once, to a PNG");
+  app.add_option("--reengage", options.reengage,
+                 "The loop returns the force so long after the last late tick [s]; 0: it does not");
+  app.add_flag("--watch", watch, "Draw the scene anew when its file has changed");
+  // For tests.
+  app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
+  app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
+  app.add_option("--told-every", told_every)->group("")->envname("PALPATE_VIEW_TOLD_EVERY");
+  app.add_option("--memory", most_memory)->group("")->envname("PALPATE_VIEW_MEMORY");
+  app.add_option("--width", options.width)->group("")->envname("PALPATE_VIEW_WIDTH");
+  app.add_option("--height", options.height)->group("")->envname("PALPATE_VIEW_HEIGHT");
+  app.add_option("--patience", options.patience)->group("")->envname("PALPATE_VIEW_PATIENCE");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& e) {
+    return app.exit(e);
+  } catch (const CLI::ParseError& e) {
+    cli::complain(fmt::format("usage: {}: palpate view starts it", e.what()));
+    return cli::kBadInput;
+  }
+  LiveShare share(live);
+  stepBack();
+  const bool still = !picture.empty();
+  const int loops = still ? -1 : loopsCore();
+  stepAside(loops);
+  // Before the memory limit: a driver without memory fails as if it were missing.
+  view::needDisplay(still);
+  vtkObject::GlobalWarningDisplayOff();
+  needOpenGL();
+  takeNoMore(most_memory);
+  auto seen = cli::writtenAt(scene);
+  auto shapes = std::make_unique<view::Shapes>(shown(scene), still);
+  if (watch) {
+    options.again = [&scene, &seen, still] {
+      const auto now = cli::writtenAt(scene);
+      if (now == seen) return std::future<std::unique_ptr<view::Shapes>>();
+      seen = now;
+      return std::async(std::launch::async, [scene, still] {
+        return std::make_unique<view::Shapes>(shown(scene), still);
+      });
+    };
+  }
+  options.shown = [loops] { stepAside(loops); };
+  options.offscreen = still;
+  if (options.offscreen) options.magnify = 2;
+  const std::string title = fmt::format(
+      "palpate: {}", cli::Legible(std::filesystem::path(scene).filename().string()).text());
+  view::ViewWindow window(share.block(), std::move(shapes), title, options);
+  if (still) {
+    window.draw(picture);
+    if (!told.empty()) std::ofstream(told) << window.told().dump(2) << "\n";
+    return cli::kDone;
+  }
+  window.run(told_every, shot, told);
+  return cli::kDone;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace palpate;
+  // The loop ends the run; signals of a terminal are for the loop.
+  std::signal(SIGINT, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
+  try {
+    return run(argc, argv);
+  } catch (const Error& e) {
+    cli::complain(e.what());
+    return cli::kBadInput;
+  } catch (const std::bad_alloc&) {
+    endWithoutMemory();
+  } catch (const std::exception& e) {
+    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    return cli::kInternal;
+  }
+}

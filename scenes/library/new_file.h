@@ -1,0 +1,37 @@
+/// Output files that only this process opens.
+#pragma once
+
+#include <fcntl.h>
+#include <filesystem>
+#include <random>
+#include <string>
+#include <unistd.h>
+
+namespace palpate {
+
+/// Returns an unpredictable name beside `file`. The caller renames the finished output to `file`.
+[[nodiscard]] inline std::filesystem::path partialOf(const std::filesystem::path& file) {
+  std::random_device random;
+  std::filesystem::path partial = file;
+  partial += ".partial-" + std::to_string(getpid()) + "-" + std::to_string(random());
+  return partial;
+}
+
+/// Creates and opens a file. It never opens an existing file or link: an attacker with access to
+/// the folder could have planted a link to the user's file.
+///
+/// @return  The descriptor; -1 with errno if the name exists or the file cannot be created.
+[[nodiscard]] inline int createNewFile(const std::filesystem::path& path) noexcept {
+  return ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+}
+
+/// Returns a name in /proc of an open file, for libraries that open by name. It leads to that file
+/// even if another file now has the name `created`. Returns `created` if the kernel forbids this,
+/// as in a program with file capabilities.
+[[nodiscard]] inline std::filesystem::path nameOfOpen(int descriptor,
+                                                      const std::filesystem::path& created) {
+  const std::filesystem::path open = "/proc/self/fd/" + std::to_string(descriptor);
+  return ::access(open.c_str(), R_OK | W_OK) == 0 ? open : created;
+}
+
+}  // namespace palpate

@@ -1,0 +1,208 @@
+#include "palpate/scenes/library/plan_parts.h"
+
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/scene/scene.h"
+
+namespace palpate {
+namespace {
+
+/// Disjoint groups of names (union-find).
+class Together {
+ public:
+  void add(const std::string& name) { above_.emplace(name, name); }
+  [[nodiscard]] bool knows(const std::string& name) const { return above_.count(name) != 0; }
+  const std::string& find(const std::string& name) {
+    std::string& above = above_.at(name);
+    if (above != name) above = find(above);
+    return above;
+  }
+  void join(const std::string& a, const std::string& b) {
+    if (knows(a) && knows(b)) above_.at(find(a)) = find(b);
+  }
+
+ private:
+  std::map<std::string, std::string> above_;
+};
+
+/// Returns every name that a mode reads, with its key.
+std::vector<std::pair<std::string, std::string>> keyedNamesOf(const ModeSpec& mode) {
+  std::vector<std::pair<std::string, std::string>> names;
+  const auto add = [&](const std::string& key, const std::string& name) {
+    if (!name.empty()) names.emplace_back(key, name);
+  };
+  for (const std::string& name : mode.user.reads) add("reads", name);
+  add("of", mode.of);
+  add("by", mode.by);
+  add("in", mode.in);
+  const auto read = [&](const char* key, const TransferSpec& transfer) {
+    const bool product = transfer.factors.size() > 1;
+    for (std::size_t i = 0; i < transfer.factors.size(); ++i) {
+      add(key + (product ? "/product/" + std::to_string(i) : std::string()) + "/by",
+          transfer.factors[i].by);
+    }
+  };
+  read("strength", mode.strength);
+  read("friction", mode.friction);
+  read("viscosity", mode.viscosity);
+  return names;
+}
+
+std::vector<std::string> namesOf(const ModeSpec& mode) {
+  const auto keyed = keyedNamesOf(mode);
+  std::vector<std::string> names(keyed.size());
+  std::transform(keyed.begin(), keyed.end(), names.begin(),
+                 [](const auto& entry) { return entry.second; });
+  return names;
+}
+
+/// Throws if a mode or a field reads an unknown name.
+void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
+  const auto check = [&](const std::string& path, const std::string& name) {
+    if (volumes.count(name) != 0 || graph.fields.count(name) != 0) return;
+    std::vector<std::string> all;
+    all.reserve(volumes.size() + graph.fields.size());
+    for (const auto& [other, volume] : volumes) all.push_back(other);
+    for (const auto& [other, derived] : graph.fields) all.push_back(other);
+    const std::string near = nearestName(name, all);
+    throw SceneError(
+        path, "there is no volume or field \"" + name + "\"",
+        near.empty() ? "name a volume or field of this scene" : "did you mean \"" + near + "\"?");
+  };
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    for (const auto& [key, name] : keyedNamesOf(graph.modes[i])) {
+      check("/modes/" + std::to_string(i) + "/" + key, name);
+    }
+  }
+  for (const auto& [name, derived] : graph.fields) check("/fields/" + name, derived.of);
+}
+
+/// Returns the first of a part's modes that reads both a volume placed with the leader and one that
+/// is not.
+std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
+                       const std::map<std::string, PlanVolume>& volumes) {
+  const auto with_leader = [&](std::string name) {
+    std::size_t steps = 0;
+    for (auto derived = graph.fields.find(name);
+         derived != graph.fields.end() && steps++ < graph.fields.size();
+         derived = graph.fields.find(name)) {
+      name = derived->second.of;
+    }
+    const auto volume = volumes.find(name);
+    return volume != volumes.end() && volume->second.leader == part.leader;
+  };
+  for (const std::size_t i : part.graph.mode_numbers) {
+    const std::vector<std::string> names = namesOf(graph.modes[i]);
+    const auto count = std::count_if(names.begin(), names.end(), with_leader);
+    if (count > 0 && static_cast<std::size_t>(count) < names.size()) return i;
+  }
+  return part.graph.mode_numbers.front();
+}
+
+}  // namespace
+
+ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
+  const bool placed_often = std::any_of(volumes.begin(), volumes.end(), [](const auto& entry) {
+    return !entry.second.leader.empty();
+  });
+  if (placed_often) checkNames(graph, volumes);
+  Together together;
+  for (const auto& [name, volume] : volumes) together.add(name);
+  for (const auto& [name, derived] : graph.fields) together.add(name);
+  for (const auto& [name, derived] : graph.fields) together.join(name, derived.of);
+  for (const auto& [name, volume] : volumes) {
+    if (!volume.leader.empty()) together.join(name, volume.leader);
+  }
+  std::set<std::string> base;  // names (from find) of things that cannot be parts
+  const auto keep = [&](const std::string& name) {
+    if (together.knows(name)) base.insert(together.find(name));
+  };
+  for (const ModeSpec& mode : graph.modes) {
+    const std::vector<std::string> names = namesOf(mode);
+    for (const std::string& name : names) together.join(names.front(), name);
+  }
+  // The joins above change the results of find, so collect `base` only now.
+  for (const auto& [name, volume] : volumes) {
+    if (!volume.may_be_part) keep(name);
+  }
+  if (graph.stiffness) {
+    for (const TransferSpec::Factor& factor : graph.stiffness->factors) keep(factor.by);
+  }
+  std::map<std::string, PartPlan> things;
+  std::vector<std::size_t> stay;
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const ModeSpec& mode = graph.modes[i];
+    const std::vector<std::string> names = namesOf(mode);
+    const bool stranger = std::any_of(
+        names.begin(), names.end(), [&](const std::string& name) { return !together.knows(name); });
+    const bool placed = mode.kind == ModeKind::kGuide || mode.kind == ModeKind::kUser;
+    if (names.empty() || stranger || placed) {
+      for (const std::string& name : names) keep(name);
+      stay.push_back(i);
+      continue;
+    }
+    PartPlan& thing = things[together.find(names.front())];
+    thing.graph.modes.push_back(mode);
+    thing.graph.mode_numbers.push_back(i);
+  }
+  for (const auto& [name, volume] : volumes) {
+    const auto thing = things.find(together.find(name));
+    if (thing == things.end()) continue;
+    thing->second.volumes.push_back(name);
+    if (!volume.leader.empty()) thing->second.leader = volume.leader;
+  }
+  for (const auto& [name, derived] : graph.fields) {
+    const auto thing = things.find(together.find(name));
+    if (thing != things.end()) thing->second.graph.fields[name] = derived;
+  }
+
+  const auto fits = [](const PartPlan& thing) {
+    return thing.volumes.size() <= kMaxPartFields && thing.graph.modes.size() <= kMaxPartModes;
+  };
+  ScenePlan plan;
+  const bool few = things.size() <= kFewThings;
+  for (auto& [name, thing] : things) {
+    const bool many = !thing.leader.empty();
+    if (many) {
+      const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
+      for (const std::string& volume : thing.volumes) {
+        if (volumes.at(volume).leader == thing.leader) continue;
+        throw SceneError(path,
+                         "\"" + volume + "\" is felt together with \"" + thing.leader +
+                             "\", which has instances",
+                         "place it like that: {\"like\": \"" + thing.leader + "\"}");
+      }
+      if (base.count(name) != 0) {
+        throw SceneError("/volumes/" + thing.leader + "/instances",
+                         "something that is there once reads it (a guide, the coupling)",
+                         "remove that, or the instances");
+      }
+    } else if (few || base.count(name) != 0 || !fits(thing)) {
+      stay.insert(stay.end(), thing.graph.mode_numbers.begin(), thing.graph.mode_numbers.end());
+      continue;
+    }
+    plan.parts.push_back(std::move(thing));
+  }
+  // Use the scene's order.
+  std::sort(stay.begin(), stay.end());
+  const auto first = [](const PartPlan& part) { return part.graph.mode_numbers.front(); };
+  std::sort(plan.parts.begin(), plan.parts.end(),
+            [&](const PartPlan& a, const PartPlan& b) { return first(a) < first(b); });
+  plan.base = graph;
+  if (plan.parts.empty()) return plan;
+  if (!placed_often) checkNames(graph, volumes);
+  plan.base.modes.clear();
+  for (const std::size_t i : stay) {
+    plan.base.modes.push_back(graph.modes[i]);
+    plan.base.mode_numbers.push_back(i);
+  }
+  for (const PartPlan& part : plan.parts) {
+    for (const auto& [name, derived] : part.graph.fields) plan.base.fields.erase(name);
+  }
+  return plan;
+}
+
+}  // namespace palpate

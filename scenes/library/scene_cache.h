@@ -1,0 +1,206 @@
+/// Cache of scene components, so that the next scene reuses unchanged ones.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "palpate/samplers/bricks/brick_window.h"
+#include "palpate/samplers/grid/derive.h"
+#include "palpate/samplers/grid/vdb_field.h"
+#include "palpate/samplers/grid/volume.h"
+#include "palpate/samplers/time/frame_sequence.h"
+#include "palpate/samplers/time/warp_grid.h"
+
+namespace palpate {
+
+/// Returns earlier results for the same inputs. For a hand, a scene built of the same fields is an
+/// edit of the previous scene (Scene::shape). One thread.
+class SceneCache {
+ public:
+  /// Like loadVolumes. Loads a file again if it was written to since.
+  [[nodiscard]] std::vector<LoadResult> load(const std::vector<VolumeRequest>& requests,
+                                             const std::function<void(double)>& progress);
+  /// Like deriveVolume.
+  [[nodiscard]] std::shared_ptr<const Volume> derive(const std::shared_ptr<const Volume>& volume,
+                                                     Derivation what);
+  /// Like makeVdbField.
+  [[nodiscard]] FieldPtr field(const std::shared_ptr<const Volume>& volume,
+                               const Placement& placement, const Sampling& sampling);
+  /// A brick window and its coarsest level.
+  struct Bricks {
+    std::shared_ptr<const BrickWindow> window;  ///< Not null.
+    std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
+  };
+  /// Like openBricks and the constructor of BrickWindow. Opens rewritten bricks again. Throws
+  /// VolumeError.
+  [[nodiscard]] Bricks bricks(const std::filesystem::path& place, const WindowParams& params);
+  /// Like makeBrickField.
+  [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
+                               const Placement& placement, double slope_reach);
+  /// Frames of a sequence with their times, placement and sampling.
+  struct Played {
+    std::vector<VolumeRequest> frames;  ///< One or more.
+    FrameTimes when;                    ///< Times of `frames`.
+    Placement placement;                ///< Placement in W.
+    Sampling sampling;                  ///< Interpolation between voxels.
+    SequenceParams params;              ///< Memory limit, and whether readers wait.
+
+    [[nodiscard]] bool operator==(const Played&) const = default;  ///< True for the same sequence.
+  };
+  /// Like the constructor of FrameSequence. Loads rewritten frames again.
+  [[nodiscard]] std::shared_ptr<const FrameSequence> sequence(const Played& wanted);
+  /// Like makeSequenceField.
+  [[nodiscard]] FieldPtr field(const std::shared_ptr<const FrameSequence>& sequence);
+  /// A placed volume and its sampling.
+  struct Placed {
+    std::shared_ptr<const Volume> volume;  ///< Not null.
+    Placement placement;                   ///< Placement in W.
+    Sampling sampling;                     ///< Interpolation between voxels.
+
+    [[nodiscard]] bool operator==(const Placed&) const = default;  ///< Compares the volume's
+                                                                   ///< address.
+  };
+  /// Like makeWarp of displacementsOf.
+  [[nodiscard]] WarpPtr warp(const std::vector<std::shared_ptr<const Volume>>& frames,
+                             const Placement& placement, const WarpTimes& when,
+                             const std::string& path);
+  /// Like makeVdbField for each entry, in parallel.
+  [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
+  /// Scope in which one scene is built. done() frees the entries that the scene did not request. If
+  /// the scope ends without done(), it frees the entries that this scene was the first to request.
+  class Building {
+   public:
+    explicit Building(SceneCache& of) noexcept : of_(of) {}  ///< One scope at a time.
+    Building(const Building&) = delete;
+    Building& operator=(const Building&) = delete;
+    ~Building() {
+      if (!done_) of_.forget(&Mark::kept);
+    }
+    /// The scene is complete.
+    void done() {
+      done_ = true;
+      of_.forget(&Mark::used);
+    }
+
+   private:
+    SceneCache& of_;
+    bool done_ = false;
+  };
+  /// Returns the number of entries.
+  [[nodiscard]] std::size_t size() const noexcept {
+    return volumes_.size() + derived_.size() + fields_.size() + warps_.size() + bricks_.size() +
+           windowed_.size() + sequences_.size() + sequenced_.size();
+  }
+
+ private:
+  struct Mark {
+    bool used = true;   ///< The scene that is being built requested the entry.
+    bool kept = false;  ///< The previous scene requested the entry.
+  };
+  /// Frees entries without this mark.
+  void forget(bool Mark::*unless);
+
+  template <class Key, class Value>
+  class Shelf {
+   public:
+    /// Returns null if the key is unknown.
+    [[nodiscard]] Value* find(const Key& key) {
+      const auto [begin, end] = entries_.equal_range(hashOf(key));
+      const auto entry =
+          std::find_if(begin, end, [&](const auto& e) { return e.second.key == key; });
+      if (entry == end) return nullptr;
+      entry->second.mark.used = true;
+      return &entry->second.value;
+    }
+    const Value& keep(const Key& key, Value value) {
+      return entries_.emplace(hashOf(key), Entry{key, std::move(value), {}})->second.value;
+    }
+    [[nodiscard]] std::size_t size() const noexcept { return entries_.size(); }
+    void forget(bool Mark::*unless) {
+      std::erase_if(entries_, [&](const auto& e) { return !(e.second.mark.*unless); });
+      for (auto& [hash, entry] : entries_) entry.mark = {false, true};
+    }
+
+   private:
+    struct Entry {
+      Key key;
+      Value value;
+      Mark mark;
+    };
+    std::unordered_multimap<std::size_t, Entry> entries_;
+  };
+
+  struct Loaded {
+    VolumeRequest request;
+    std::filesystem::file_time_type time;
+    std::uintmax_t size = 0;
+
+    [[nodiscard]] bool operator==(const Loaded&) const = default;
+  };
+  struct Derived {
+    std::shared_ptr<const Volume> volume;
+    Derivation what;
+
+    [[nodiscard]] bool operator==(const Derived&) const = default;
+  };
+  struct Displaced {
+    std::vector<std::shared_ptr<const Volume>> frames;
+    Placement placement;
+    std::vector<double> times;
+    bool repeat = false;
+
+    [[nodiscard]] bool operator==(const Displaced&) const = default;
+  };
+  struct Opened {
+    std::filesystem::path place;
+    std::uint64_t identity = 0;
+    WindowParams params;
+
+    [[nodiscard]] bool operator==(const Opened&) const = default;
+  };
+  struct Kept {
+    Played played;
+    std::vector<std::filesystem::file_time_type> times;
+
+    [[nodiscard]] bool operator==(const Kept&) const = default;
+  };
+  struct Sequenced {
+    std::shared_ptr<const FrameSequence> sequence;
+
+    [[nodiscard]] bool operator==(const Sequenced&) const = default;
+  };
+  struct Windowed {
+    std::shared_ptr<const BrickWindow> window;
+    Placement placement;
+    double slope_reach = 0.0;
+
+    [[nodiscard]] bool operator==(const Windowed&) const = default;
+  };
+  static std::size_t hashOf(const Opened& key);
+  static std::size_t hashOf(const Windowed& key);
+  static std::size_t hashOf(const Kept& key);
+  static std::size_t hashOf(const Sequenced& key);
+  static std::size_t hashOf(const Loaded& key);
+  static std::size_t hashOf(const Derived& key);
+  static std::size_t hashOf(const Placed& key);
+  static std::size_t hashOf(const Displaced& key);
+
+  Shelf<Loaded, std::shared_ptr<const Volume>> volumes_;
+  Shelf<Derived, std::shared_ptr<const Volume>> derived_;
+  Shelf<Placed, FieldPtr> fields_;
+  Shelf<Displaced, WarpPtr> warps_;
+  Shelf<Opened, Bricks> bricks_;
+  Shelf<Windowed, FieldPtr> windowed_;
+  Shelf<Kept, std::shared_ptr<const FrameSequence>> sequences_;
+  Shelf<Sequenced, FieldPtr> sequenced_;
+};
+
+}  // namespace palpate

@@ -1,0 +1,38 @@
+/// Private to scenes: reading of text files from users.
+#pragma once
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <system_error>
+
+namespace palpate {
+
+/// Throws E unless the name is that of a regular file: a pipe may block for ever, and a device may
+/// never end.
+template <class E>
+void checkRegular(const std::filesystem::path& file, const std::string& remedy) {
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (!std::filesystem::exists(status)) {
+    throw E(file.string(), "it cannot be read (" + error.message() + ")", remedy);
+  }
+  if (!std::filesystem::is_regular_file(status)) {
+    throw E(file.string(), "it is no file, but a folder, a pipe or a device", remedy);
+  }
+}
+
+/// Returns the whole file. Throws E if it is not a regular file, or cannot be read.
+template <class E>
+[[nodiscard]] std::string readText(const std::filesystem::path& file, const std::string& remedy) {
+  checkRegular<E>(file, remedy);
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  // For an empty file `text << in.rdbuf()` inserts no characters, and so sets the failbit.
+  if (in && in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();
+  if (in.bad() || !in.is_open() || !text) throw E(file.string(), "it cannot be read", remedy);
+  return text.str();
+}
+
+}  // namespace palpate

@@ -1,0 +1,44 @@
+/// Private to scenes: writing of a .vdb with detection of a full disk.
+#pragma once
+
+#include <cerrno>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <system_error>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/openvdb_grids.h"
+
+namespace palpate {
+
+/// Writes grids with Blosc. Throws Error if the file is incomplete: openvdb::io::File never checks
+/// the state of its stream.
+inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
+  struct Archive final : openvdb::io::Archive {
+    void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {
+      openvdb::io::Archive::write(out, grids, /*seekable=*/true);
+    }
+  } archive;
+  archive.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
+  std::string why;
+  errno = 0;
+  try {
+    std::ofstream out(file, std::ios::binary | std::ios::trunc);
+    if (out) archive.put(out, grids);
+    out.close();
+    if (out) return;
+    why = errno == 0 ? "" : std::string(" (") + std::strerror(errno) + ")";
+  } catch (const std::exception&) {
+    // The error below is the same.
+  }
+  // If the name is in /proc (new_file.h), the error names the file that the user knows.
+  std::error_code no_link;
+  const std::filesystem::path real = std::filesystem::read_symlink(file, no_link);
+  throw Error((no_link ? file : real).string(), "it cannot be written" + why,
+              "choose another place, or make room");
+}
+
+}  // namespace palpate

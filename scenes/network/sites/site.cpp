@@ -1,0 +1,592 @@
+#include "palpate/scenes/network/sites/site.h"
+
+#include <algorithm>
+#include <arpa/inet.h>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <cstring>
+#include <dds/dds.h>
+#include <mutex>
+#include <netdb.h>
+#include <new>
+#include <optional>
+#include <string_view>
+#include <sys/socket.h>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/arm/arm.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/network/sites/site_security.h"
+#include "site_topics.h"
+
+namespace palpate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr auto kAlone = std::chrono::seconds(3);       ///< Time alone before a message.
+constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Time between two polls.
+constexpr auto kRest = std::chrono::milliseconds(50);  ///< Between two messages of a resting hand.
+constexpr double kSmallWay = 1e-4;                     ///< [m]: less motion of a proxy is not news.
+constexpr double kSmallGift = 1e-5;                    ///< [J]: less change of a sum is not news.
+constexpr std::uint32_t kMostAtOnce = 64;              ///< Messages in one poll.
+constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Time between two scene texts.
+constexpr std::size_t kMostScenes = kMostLinks;               ///< Texts held until taken.
+
+/// Returns the number of a site, from its name; not 0.
+std::uint64_t numberOfSite(const std::string& name) noexcept {
+  return fingerprintOf(name) | 1U;
+}
+
+/// Returns the address of this machine from which data would go to another address. Throws Error.
+std::string addressTowards(const std::string& address) {
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_DGRAM;
+  hints.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(address.c_str(), "7400", &hints, &found) != 0) {
+    throw Error("--with", fmt::format("\"{}\" is no address", address), "give a numeric one");
+  }
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> freed(found, &freeaddrinfo);
+  const int s = socket(found->ai_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_storage own{};
+  socklen_t size = sizeof own;
+  std::array<char, NI_MAXHOST> text{};
+  // connect() of a datagram socket sends no packet.
+  const bool known = s >= 0 && connect(s, found->ai_addr, found->ai_addrlen) == 0 &&
+                     getsockname(s, reinterpret_cast<sockaddr*>(&own), &size) == 0 &&
+                     getnameinfo(reinterpret_cast<sockaddr*>(&own), size, text.data(), text.size(),
+                                 nullptr, 0, NI_NUMERICHOST) == 0;
+  if (s >= 0) close(s);
+  if (!known) {
+    throw Error("--with", fmt::format("there is no way to {}", address), "look at the network");
+  }
+  return text.data();
+}
+
+/// Returns DDS's configuration: only the named machines learn of this site; no multicast.
+std::string configOf(const SiteParams& params) {
+  std::vector<std::string> peers = params.with;
+  if (peers.empty()) peers.emplace_back("127.0.0.1");
+  std::string text;
+  for (const std::string& peer : peers) text += fmt::format("<Peer address=\"{}\"/>", peer);
+  return fmt::format(
+      "<CycloneDDS><Domain Id=\"any\"><General><Interfaces><NetworkInterface address=\"{}\"/>"
+      "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>"
+      "auto</ParticipantIndex><MaxAutoParticipantIndex>{}</MaxAutoParticipantIndex><Peers>{}"
+      "</Peers><LeaseDuration>2s</LeaseDuration><SPDPInterval>500ms</SPDPInterval></"
+      "Discovery><Tracing><Verbosity>none</Verbosity>"
+      "</Tracing></Domain></CycloneDDS>",
+      addressTowards(peers.front()), 2 * kMostLinks, text);
+}
+
+/// Receives the complaints of DDS. A peer can cause any number of them, so only one line is
+/// reported. Valid for the whole process, as in DDS.
+class Complaints {
+ public:
+  Complaints() {
+    {
+      const std::lock_guard lock(mutex());
+      told() = {};
+    }
+    dds_set_log_sink(&Complaints::hear, nullptr);
+  }
+  Complaints(const Complaints&) = delete;
+  Complaints& operator=(const Complaints&) = delete;
+  ~Complaints() { dds_set_log_sink(nullptr, nullptr); }
+
+  /// Returns the first line, once; empty if there is no line.
+  [[nodiscard]] static std::string take() {
+    const std::lock_guard lock(mutex());
+    return std::exchange(told().line, {});
+  }
+
+ private:
+  static constexpr std::size_t kLongest = 200;
+  struct Told {
+    bool any = false;
+    std::string line;
+  };
+  static void hear(void* /*unused*/, const dds_log_data_t* of) noexcept {
+    std::string_view words(of->message, std::min(of->size, kLongest));
+    while (words.ends_with('\n')) words.remove_suffix(1);
+    const std::lock_guard lock(mutex());
+    if (std::exchange(told().any, true)) return;
+    try {
+      told().line = words;
+      // A name in a certificate may hold any characters.
+      std::replace_if(
+          told().line.begin(), told().line.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+    } catch (const std::bad_alloc&) {
+      told().line.clear();
+    }
+  }
+  static std::mutex& mutex() noexcept {
+    static std::mutex one;
+    return one;
+  }
+  static Told& told() noexcept {
+    static Told one;
+    return one;
+  }
+};
+
+using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
+
+/// Returns an entity of DDS; throws with the reason if DDS could not make it.
+dds_entity_t need(dds_entity_t entity, const char* what) {
+  if (entity >= 0) return entity;
+  throw Error("--site", fmt::format("{} could not be had ({})", what, dds_strretcode(-entity)),
+              "look at the network, and whether too many sites are on this machine");
+}
+
+std::array<double, 3> numbers(const Vec3& v) noexcept {
+  return {v.x(), v.y(), v.z()};
+}
+
+}  // namespace
+
+/// The thread and its shared data.
+class Site::Carrier {
+ public:
+  Carrier(const SiteParams& params, HandLinks& links)
+      : name_(params.name), number_(numberOfSite(name_)), links_(links) {
+    open(params);
+    try {
+      thread_ = std::thread([this] { run(); });
+    } catch (...) {
+      dds_delete(domain_);
+      throw;
+    }
+  }
+  Carrier(const Carrier&) = delete;
+  Carrier& operator=(const Carrier&) = delete;
+  ~Carrier() {
+    {
+      const std::lock_guard lock(mutex_);
+      quit_ = true;
+    }
+    wake_.notify_all();
+    thread_.join();
+    dds_delete(domain_);
+  }
+
+  std::vector<std::string> takeNews() {
+    const std::lock_guard lock(mutex_);
+    if (std::exchange(failed_, false)) {
+      news_.emplace_back("site: there is no memory for it: hands elsewhere let go");
+    }
+    if (const std::string line = Complaints::take(); !line.empty()) {
+      news_.push_back(fmt::format("site: DDS: {}; what else it complains of is not told", line));
+    }
+    return std::exchange(news_, {});
+  }
+  std::map<std::string, SiteState> others() const {
+    const std::lock_guard lock(mutex_);
+    std::map<std::string, SiteState> all;
+    for (const auto& [name, other] : others_) all.emplace(name, other.state);
+    return all;
+  }
+  void tellScene(std::string text) {
+    const std::lock_guard lock(mutex_);
+    scene_ = std::move(text);
+  }
+  std::map<std::string, std::string> takeScenes() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(scenes_, {});
+  }
+
+ private:
+  struct Other {
+    SiteState state;
+    std::size_t slot = kMostLinks;  ///< kMostLinks: it has no slot.
+    dds_instance_handle_t writer = 0;
+    std::uint64_t first = 0;   ///< First number received from this writer,
+    std::uint64_t newest = 0;  ///< and the newest; 0: no number yet.
+    std::uint64_t count = 0;
+    Clock::time_point last;
+    bool gone = true;  ///< It has left, and this was reported.
+  };
+
+  [[nodiscard]] static dds_entity_t join(dds_domainid_t domain, const std::string& keys) {
+    if (keys.empty()) {
+      return need(dds_create_participant(domain, nullptr, nullptr), "a place in DDS's domain");
+    }
+    const Qos qos(dds_create_qos(), &dds_delete_qos);
+    secure(qos.get(), keys);
+    const dds_entity_t participant = dds_create_participant(domain, qos.get(), nullptr);
+    if (participant >= 0) return participant;
+    std::string why = Complaints::take();
+    if (why.empty()) why = dds_strretcode(-participant);
+    throw Error("--site-keys", fmt::format("DDS does not take those of {} ({})", keys, why),
+                "make them anew by site_keys.sh (docs/cluster.md)");
+  }
+
+  void open(const SiteParams& params) {
+    const auto domain = static_cast<dds_domainid_t>(params.domain);
+    domain_ = need(dds_create_domain(domain, configOf(params).c_str()), "DDS's domain");
+    try {
+      const dds_entity_t participant = join(domain, params.keys);
+      const dds_entity_t topic = need(
+          dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr, nullptr),
+          "the topic of hands");
+      const Qos held(dds_create_qos(), &dds_delete_qos);
+      dds_qos_t* qos = held.get();
+      dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+      dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
+      dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
+      dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
+      // Limit the received data, for any sender.
+      dds_qset_resource_limits(qos, 256, 64, 1);
+      reader_ = need(dds_create_reader(participant, topic, qos, nullptr), "what hears hands");
+      writer_ = need(dds_create_writer(participant, topic, qos, nullptr), "what tells of the hand");
+      if (!params.scene) return;
+      const dds_entity_t scenes = need(dds_create_topic(participant, &palpate_site_Scene_desc,
+                                                        "palpate_scene", nullptr, nullptr),
+                                       "the topic of scenes");
+      // Do not wait for sites that take no data; late joiners get the newest text.
+      dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
+      dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+      // A full reader would block all of DDS: the limit applies where the texts are taken.
+      dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
+      scene_reader_ =
+          need(dds_create_reader(participant, scenes, qos, nullptr), "what hears of scenes");
+      scene_writer_ =
+          need(dds_create_writer(participant, scenes, qos, nullptr), "what tells of the scene");
+    } catch (...) {
+      dds_delete(domain_);
+      throw;
+    }
+  }
+
+  void run() noexcept {
+    std::unique_lock lock(mutex_);
+    auto due = Clock::now();
+    try {
+      while (!quit_) {
+        hear();
+        tell();
+        if (scene_reader_ != 0) hearScenes();
+        if (scene_writer_ != 0 && scene_) tellOfScene();
+        due = std::max(due + kEvery, Clock::now());
+        wake_.wait_until(lock, due, [this] { return quit_; });
+      }
+    } catch (const std::exception&) {
+      // Out of memory: this site is silent, and the others' hands let go.
+      failed_ = true;
+    }
+  }
+
+  /// Adds a line that peers can cause. The number of lines per second is limited; further lines are
+  /// only counted.
+  void say(std::string line) {
+    constexpr std::size_t kMostLines = 3 * kMostLinks;
+    constexpr std::size_t kMostNews = 100;  // lines not taken yet
+    if (news_.size() >= kMostNews) return;
+    if (const auto now = Clock::now(); now - said_at_ > std::chrono::seconds(1)) {
+      if (said_ > kMostLines) {
+        news_.push_back(
+            fmt::format("site: {} lines more of sites that come and go", said_ - kMostLines));
+      }
+      said_at_ = now;
+      said_ = 0;
+    }
+    if (++said_ <= kMostLines) news_.push_back(std::move(line));
+  }
+
+  /// Samples that DDS owns.
+  struct Loan {
+    Loan(dds_entity_t r, std::array<void*, kMostAtOnce>& s, dds_return_t n)
+        : reader(r), samples(s), count(n) {}
+    Loan(const Loan&) = delete;
+    Loan& operator=(const Loan&) = delete;
+    ~Loan() {
+      if (count > 0) (void)dds_return_loan(reader, samples.data(), count);
+    }
+    dds_entity_t reader;
+    std::array<void*, kMostAtOnce>& samples;
+    dds_return_t count;
+  };
+
+  void hear() {
+    std::array<void*, kMostAtOnce> samples{};
+    std::array<dds_sample_info_t, kMostAtOnce> infos{};
+    const auto now = Clock::now();
+    if (!alone_told_ && now - begun_ > kAlone) {
+      alone_told_ = true;
+      if (others_.empty()) {
+        news_.emplace_back(
+            "site: no other site is heard yet: where one is there, look at --with, domains and "
+            "--site-keys of both, and whether UDP passes");
+      }
+    }
+    const dds_return_t count =
+        dds_take(reader_, samples.data(), infos.data(), kMostAtOnce, kMostAtOnce);
+    const Loan loan{reader_, samples, count};
+    for (dds_return_t i = 0; i < count; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      const auto& hand = *static_cast<const palpate_site_Hand*>(samples[n]);
+      if (infos[n].valid_data) {
+        take(hand, infos[n].publication_handle, now);
+      } else if (infos[n].instance_state != DDS_IST_ALIVE) {
+        leave(hand.site);
+      }
+    }
+    for (auto& [name, other] : others_) {
+      const std::chrono::duration<double> since(now - other.last);
+      if (!other.state.here || since.count() < kLinkSilence) continue;
+      other.state.here = false;
+      say(fmt::format("site {}: nothing is heard of it: its hand lets go until it is heard again",
+                      name));
+    }
+    if (count > 0) links_.hear(heard_);
+  }
+
+  void hearScenes() {
+    // Texts without room here wait in DDS.
+    if (scenes_.size() >= kMostScenes) return;
+    std::array<void*, kMostAtOnce> samples{};
+    std::array<dds_sample_info_t, kMostAtOnce> infos{};
+    const auto most = static_cast<std::uint32_t>(kMostScenes);
+    const dds_return_t count = dds_take(scene_reader_, samples.data(), infos.data(), most, most);
+    const Loan loan{scene_reader_, samples, count};
+    for (dds_return_t i = 0; i < count; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      if (!infos[n].valid_data) continue;
+      const auto& scene = *static_cast<const palpate_site_Scene*>(samples[n]);
+      const std::string name(scene.site, strnlen(scene.site, sizeof scene.site));
+      if (!isSiteName(name) || name == name_) continue;
+      scenes_[name].assign(scene.text, strnlen(scene.text, sizeof scene.text));
+    }
+  }
+
+  void tellOfScene() {
+    const auto now = Clock::now();
+    if (now - scene_at_ < kSceneEvery || scene_->size() > kMostSceneText) return;
+    const auto scene = std::make_unique<palpate_site_Scene>();
+    name_.copy(scene->site, sizeof scene->site - 1);
+    scene_->copy(scene->text, sizeof scene->text - 1);
+    scene_at_ = now;
+    if (dds_write(scene_writer_, scene.get()) == DDS_RETCODE_OK) scene_.reset();
+  }
+
+  void take(const palpate_site_Hand& hand, dds_instance_handle_t writer, Clock::time_point now) {
+    const std::string name(hand.site, strnlen(hand.site, sizeof hand.site));
+    if (!isSiteName(name)) return;
+    if (name == name_) {
+      if (!std::exchange(told_same_, true)) {
+        say(fmt::format("site {}: another one has the same name: give each its own", name));
+      }
+      return;
+    }
+    if (others_.find(name) == others_.end() && !makeRoom()) return;
+    Other& other = others_[name];
+    SiteState& state = other.state;
+    // Another program with this name is a new site, for any message numbers. It is accepted once
+    // the previous program is silent and its link has let go; until then it is ignored. The same is
+    // true for a program that DDS has lost and found again.
+    if (other.slot != kMostLinks && writer != other.writer) {
+      if (state.here || state.presence > 0.0) return;
+      letGo(other);
+    }
+    if (other.slot == kMostLinks && !seat(name, other)) return;
+    other.writer = writer;
+    ++state.heard;
+    ++other.count;
+    if (hand.number <= other.newest) return;
+    if (other.newest == 0) {
+      other.first = hand.number;
+      other.count = 1;
+      ++state.lives;
+    }
+    other.newest = hand.number;
+    const std::uint64_t sent = other.newest - other.first + 1;
+    state.missed = sent > other.count ? sent - other.count : 0;
+    other.last = now;
+    other.gone = false;
+    if (!state.here) {
+      state.here = true;
+      say(fmt::format("site {}: its hand is felt", name));
+    }
+    LinkWord word;
+    word.number = hand.number;
+    word.proxy = {hand.proxy[0], hand.proxy[1], hand.proxy[2]};
+    for (std::uint32_t w = 0; w < hand.words._length; ++w) {
+      const palpate_site_Word& one = hand.words._buffer[w];
+      if (one.to_site != number_) continue;
+      word.from = one.life;
+      word.to = one.to_life;
+      word.given = one.given;
+    }
+    // A site that does not know this one yet has no word for it.
+    if (word.from != 0) heard_.words[other.slot] = word;
+  }
+
+  /// Returns the site that has been silent for longest.
+  template <class Is>
+  std::map<std::string, Other>::iterator longestSilent(Is is) {
+    auto longest = others_.end();
+    for (auto one = others_.begin(); one != others_.end(); ++one) {
+      if (one->second.state.here || !is(one->second)) continue;
+      if (longest == others_.end() || one->second.last < longest->second.last) longest = one;
+    }
+    return longest;
+  }
+
+  void full() {
+    if (std::exchange(told_full_, true)) return;
+    say(fmt::format("more than {} hands elsewhere: some are not felt", kMostLinks));
+  }
+
+  /// Makes room for one more name: if too many are known, forgets the one that has been silent for
+  /// longest.
+  bool makeRoom() {
+    if (others_.size() < 4 * kMostLinks) return true;
+    const auto longest = longestSilent([](const Other&) { return true; });
+    if (longest == others_.end()) {
+      full();
+      return false;
+    }
+    letGo(longest->second);
+    others_.erase(longest);
+    return true;
+  }
+
+  void letGo(Other& other) {
+    if (other.slot == kMostLinks) return;
+    heard_.who[other.slot] = site_[other.slot] = 0;
+    other.slot = kMostLinks;
+    other.newest = 0;
+  }
+
+  /// Gives a site a slot among the links: a free one, or that of the site silent for longest.
+  bool seat(const std::string& name, Other& other) {
+    std::size_t slot = 0;
+    while (slot < kMostLinks && heard_.who[slot] != 0) ++slot;
+    if (slot == kMostLinks) {
+      const auto longest = longestSilent([](const Other& one) { return one.slot != kMostLinks; });
+      if (longest == others_.end()) {
+        full();
+        return false;
+      }
+      slot = longest->second.slot;
+      letGo(longest->second);
+    }
+    other.slot = slot;
+    heard_.who[slot] = ++seats_;  // a new number: the link starts again
+    heard_.words[slot] = {};
+    site_[slot] = numberOfSite(name);
+    return true;
+  }
+
+  void leave(const char* site) {
+    const auto found =
+        others_.find(std::string(site, strnlen(site, sizeof palpate_site_Hand::site)));
+    if (found == others_.end() || std::exchange(found->second.gone, true)) return;
+    found->second.state.here = false;
+    say(fmt::format("site {}: it has gone", found->first));
+  }
+
+  void tell() {
+    const LinksTold& told = links_.told();
+    for (auto& [name, other] : others_) {
+      if (other.slot == kMostLinks) continue;
+      other.state.presence = told.presence[other.slot];
+      other.state.paid = told.paid[other.slot];
+      other.state.energy = told.energy[other.slot];
+    }
+    // No tick yet, or no further ticks: an ended loop or an absent hand is silent.
+    if (told.words[0].number == ticked_) return;
+    ticked_ = told.words[0].number;
+    const auto now = Clock::now();
+    double gift = 0.0;
+    for (std::size_t i = 0; i < kMostLinks; ++i) {
+      gift = std::max(gift, std::abs(told.words[i].given - sent_[i]));
+    }
+    const bool news = (told.proxy - sent_proxy_).norm() > kSmallWay || gift > kSmallGift;
+    if (!news && now - sent_at_ < kRest) return;
+    std::array<palpate_site_Word, kMostLinks> words{};
+    std::uint32_t count = 0;
+    for (std::size_t i = 0; i < kMostLinks; ++i) {
+      sent_[i] = told.words[i].given;
+      // The loop may not know the owner of this slot yet.
+      if (heard_.who[i] == 0 || heard_.who[i] != told.who[i]) continue;
+      words[count++] = {site_[i], told.words[i].from, told.words[i].to, told.words[i].given};
+    }
+    palpate_site_Hand hand{};
+    name_.copy(hand.site, sizeof hand.site - 1);
+    hand.number = ++messages_;
+    std::copy_n(numbers(told.hand).begin(), 3, hand.probe);
+    std::copy_n(numbers(told.proxy).begin(), 3, hand.proxy);
+    std::copy_n(numbers(told.force).begin(), 3, hand.force);
+    hand.words = {count, count, words.data(), false};
+    (void)dds_write(writer_, &hand);
+    sent_at_ = now;
+    sent_proxy_ = told.proxy;
+  }
+
+  std::string name_;
+  std::uint64_t number_;
+  HandLinks& links_;
+  Complaints complaints_;
+  Clock::time_point begun_ = Clock::now();
+  dds_entity_t domain_ = 0;
+  dds_entity_t reader_ = 0;
+  dds_entity_t writer_ = 0;
+  dds_entity_t scene_reader_ = 0;  ///< 0: scenes are not exchanged.
+  dds_entity_t scene_writer_ = 0;
+
+  mutable std::mutex mutex_;
+  std::condition_variable wake_;
+  bool quit_ = false;
+  bool failed_ = false;
+  bool alone_told_ = false;
+  std::vector<std::string> news_;
+  std::map<std::string, Other> others_;
+  std::optional<std::string> scene_;           ///< Text to send,
+  std::map<std::string, std::string> scenes_;  ///< and received texts.
+
+  // Used by the thread only.
+  LinksHeard heard_;
+  std::array<std::uint64_t, kMostLinks> site_{};  ///< Owner of each slot, by numberOfSite; 0: free.
+  std::uint64_t seats_ = 0;
+  std::uint64_t ticked_ = 0;
+  bool told_same_ = false;
+  bool told_full_ = false;
+  Clock::time_point said_at_;  ///< Start of the current second,
+  std::size_t said_ = 0;       ///< and the number of its lines.
+  std::uint64_t messages_ = 0;
+  Clock::time_point sent_at_;
+  Clock::time_point scene_at_;
+  Vec3 sent_proxy_ = Vec3::Zero();
+  std::array<double, kMostLinks> sent_{};
+  std::thread thread_;
+};
+
+Site::Site(const SiteParams& params, HandLinks& links)
+    : carrier_(std::make_unique<Carrier>(params, links)) {}
+Site::~Site() = default;
+
+std::vector<std::string> Site::takeNews() {
+  return carrier_->takeNews();
+}
+
+std::map<std::string, SiteState> Site::others() const {
+  return carrier_->others();
+}
+
+void Site::tellScene(std::string text) {
+  carrier_->tellScene(std::move(text));
+}
+
+std::map<std::string, std::string> Site::takeScenes() {
+  return carrier_->takeScenes();
+}
+
+}  // namespace palpate

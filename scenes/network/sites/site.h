@@ -1,0 +1,73 @@
+/// A site: connects this program's hand, over DDS, with hands elsewhere in one scene
+/// (docs/cluster.md).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "palpate/engine/loop/hand_links.h"
+
+namespace palpate {
+
+/// Identity of a site, and its peers.
+struct SiteParams {
+  std::string name;               ///< Letters, digits, - and _, at most 31; each site has its own.
+  int domain = 0;                 ///< DDS domain, 0 to 230: sites of different domains do not meet.
+  std::vector<std::string> with;  ///< Numeric addresses of machines; empty: only this machine.
+  std::string keys;               ///< Folder of its keys; empty: no keys, all peers are accepted.
+  bool scene = false;             ///< Sites also exchange their scenes.
+};
+
+/// Longest text about a scene that a site sends [bytes].
+inline constexpr std::size_t kMostSceneText = 65536;
+
+/// Parses NAME or NAME@DOMAIN. Throws Error.
+[[nodiscard]] SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with);
+
+/// Returns true if a site can have this name.
+[[nodiscard]] bool isSiteName(const std::string& name) noexcept;
+
+/// State of another site.
+struct SiteState {
+  bool here = false;         ///< Its messages arrive.
+  std::uint64_t heard = 0;   ///< Number of received messages.
+  std::uint64_t missed = 0;  ///< Number of lost messages.
+  std::uint64_t lives = 0;   ///< Number of times it has joined.
+  double presence = 0.0;     ///< Link::presence
+  double paid = 1.0;         ///< Link::paid
+  double energy = 0.0;       ///< Link::energy [J]
+};
+
+/// Carries a loop's links on a thread of its own: up to 250 messages per second of some 250 bytes,
+/// fewer while the hand rests.
+class Site {
+ public:
+  /// Throws Error if built without DDS, or if the address or the network does not exist.
+  /// @param links  Must outlive the site.
+  Site(const SiteParams& params, HandLinks& links);
+  Site(const Site&) = delete;
+  Site& operator=(const Site&) = delete;
+  /// Leaves: the other sites know at once.
+  ~Site();
+
+  /// Returns the events since the last call, one line each.
+  [[nodiscard]] std::vector<std::string> takeNews();
+  /// Returns all sites that were heard, by name.
+  [[nodiscard]] std::map<std::string, SiteState> others() const;
+
+  /// Sets the text about this scene for the other sites, including late joiners. The newest text is
+  /// sent at most 5 times per second.
+  void tellScene(std::string text);
+  /// Returns the newest text of each site since the last call, by name. The texts are untrusted.
+  [[nodiscard]] std::map<std::string, std::string> takeScenes();
+
+ private:
+  class Carrier;
+  std::unique_ptr<Carrier> carrier_;
+};
+
+}  // namespace palpate

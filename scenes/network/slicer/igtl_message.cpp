@@ -1,0 +1,362 @@
+#include "palpate/scenes/network/slicer/igtl_message.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <type_traits>
+
+#include <Eigen/LU>
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/grid/array_volume.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr std::size_t kType = 12;  ///< Bytes of a type's name.
+constexpr std::size_t kName = 20;  ///< Bytes of a device's name.
+constexpr std::size_t kImageHead = 72;
+
+template <std::size_t kBytes>
+using Word = std::conditional_t<
+    kBytes == 1, std::uint8_t,
+    std::conditional_t<kBytes == 2, std::uint16_t,
+                       std::conditional_t<kBytes == 4, std::uint32_t, std::uint64_t>>>;
+
+/// Returns a number from bytes in the given order.
+template <class T, bool kBig>
+T numberAt(const std::uint8_t* bytes) noexcept {
+  Word<sizeof(T)> word = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i) {
+    const std::size_t place = 8 * (kBig ? sizeof(T) - 1 - i : i);
+    word = static_cast<Word<sizeof(T)>>(
+        word | static_cast<Word<sizeof(T)>>(static_cast<std::uint64_t>(bytes[i]) << place));
+  }
+  return std::bit_cast<T>(word);
+}
+
+/// Reads consecutive values, most significant byte first; the caller has checked the length.
+class In {
+ public:
+  explicit In(ByteView bytes) : at_(bytes.data()) {}
+  template <class T>
+  T take() noexcept {
+    const T value = numberAt<T, true>(at_);
+    at_ += sizeof(T);
+    return value;
+  }
+  /// Returns the text up to its first zero byte.
+  std::string text(std::size_t room) {
+    const std::uint8_t* end = std::find(at_, at_ + room, 0);
+    std::string text(at_, end);
+    at_ += room;
+    return text;
+  }
+
+ private:
+  const std::uint8_t* at_;
+};
+
+class Out {
+ public:
+  template <class T>
+  void put(T value) {
+    const auto word = std::bit_cast<Word<sizeof(T)>>(value);
+    for (std::size_t i = sizeof(T); i-- > 0;) {
+      bytes.push_back(static_cast<std::uint8_t>(word >> (8 * i)));
+    }
+  }
+  void text(std::string_view text, std::size_t room) {
+    text = text.substr(0, room);
+    bytes.insert(bytes.end(), text.begin(), text.end());
+    bytes.resize(bytes.size() + room - text.size());
+  }
+
+  Bytes bytes;
+};
+
+Bytes message(std::string_view type, std::string_view name, std::int64_t now, const Bytes& body) {
+  constexpr std::uint64_t kSecond = 1'000'000'000;
+  const auto time = static_cast<std::uint64_t>(now);
+  Out out;
+  out.put<std::uint16_t>(1);
+  out.text(type, kType);
+  out.text(name, kName);
+  // Seconds, and fractions in units of 2^-32 s.
+  out.put<std::uint64_t>((time / kSecond) << 32U | ((time % kSecond) << 32U) / kSecond);
+  out.put<std::uint64_t>(body.size());
+  out.put<std::uint64_t>(igtlCrc(body));
+  out.bytes.insert(out.bytes.end(), body.begin(), body.end());
+  return out.bytes;
+}
+
+[[noreturn]] void refuse(const std::string& what, const std::string& why,
+                         const std::string& remedy) {
+  throw Error(what, why, remedy);
+}
+
+/// Returns the bytes of a scalar by the protocol's number of its type; 0: unknown type.
+std::size_t bytesOf(std::uint8_t scalar) {
+  switch (scalar) {
+    case 2:
+    case 3:
+      return 1;
+    case 4:
+    case 5:
+      return 2;
+    case 6:
+    case 7:
+    case 10:
+      return 4;
+    case 11:
+      return 8;
+    default:
+      return 0;
+  }
+}
+
+template <class From, class To>
+std::vector<To> converted(const IgtlImage& image) {
+  const std::size_t count = (image.bytes.size() - image.first) / sizeof(From);
+  std::vector<To> values(count);
+  const std::uint8_t* at = image.bytes.data() + image.first;
+  for (To& value : values) {
+    value =
+        static_cast<To>(image.big_endian ? numberAt<From, true>(at) : numberAt<From, false>(at));
+    at += sizeof(From);
+  }
+  return values;
+}
+
+template <class From, class To>
+std::shared_ptr<const Volume> make(const IgtlImage& image) {
+  const std::vector<To> values = converted<From, To>(image);
+  VoxelArray array;
+  array.values = values.data();
+  array.type = std::is_same_v<To, float> ? VoxelArray::Type::kFloat : VoxelArray::Type::kDouble;
+  array.vector = image.components == 3;
+  array.size = image.size;
+  array.component_stride = sizeof(To);
+  array.stride[0] = static_cast<std::ptrdiff_t>(sizeof(To)) * image.components;
+  array.stride[1] = array.stride[0] * image.size[0];
+  array.stride[2] = array.stride[1] * image.size[1];
+  array.axes = image.axes;
+  array.origin = image.origin;
+  array.name = image.name;
+  return makeVolume(array);
+}
+
+}  // namespace
+
+IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes) {
+  In in(bytes);
+  IgtlHead head;
+  head.version = in.take<std::uint16_t>();
+  head.type = in.text(kType);
+  head.name = in.text(kName);
+  (void)in.take<std::uint64_t>();  // time of sending
+  head.size = in.take<std::uint64_t>();
+  head.crc = in.take<std::uint64_t>();
+  return head;
+}
+
+std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before) noexcept {
+  static const std::array<std::uint64_t, 256> words = [] {
+    constexpr std::uint64_t kPolynomial = 0x42F0E1EBA9EA3693ULL;
+    constexpr std::uint64_t kTop = 1ULL << 63U;
+    std::array<std::uint64_t, 256> table{};
+    for (std::size_t i = 0; i < table.size(); ++i) {
+      std::uint64_t word = static_cast<std::uint64_t>(i) << 56U;
+      for (int bit = 0; bit < 8; ++bit) {
+        word = (word & kTop) != 0 ? word << 1U ^ kPolynomial : word << 1U;
+      }
+      table[i] = word;
+    }
+    return table;
+  }();
+  std::uint64_t crc = before;
+  for (const std::uint8_t byte : bytes) crc = words[(crc >> 56U ^ byte) & 0xFFU] ^ crc << 8U;
+  return crc;
+}
+
+Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place) {
+  Out out;
+  // Columns, without rotation.
+  for (const double x : Mat3::Identity().reshaped()) out.put(static_cast<float>(x));
+  for (const double x : place) out.put(static_cast<float>(x));
+  return message("TRANSFORM", name, now, out.bytes);
+}
+
+Bytes igtlString(std::string_view name, std::int64_t now, std::string_view text) {
+  constexpr std::uint16_t kAscii = 3;
+  text = text.substr(0, 0xFFFF);
+  Out out;
+  out.put(kAscii);
+  out.put(static_cast<std::uint16_t>(text.size()));
+  out.text(text, text.size());
+  return message("STRING", name, now, out.bytes);
+}
+
+Bytes igtlStatus(std::string_view name, std::int64_t now, IgtlCode code, std::string_view text) {
+  Out out;
+  out.put(static_cast<std::uint16_t>(code));
+  out.put<std::int64_t>(0);
+  out.text(code == IgtlCode::kOk ? "" : "refused", kName);
+  out.text(text, text.size());
+  out.put<std::uint8_t>(0);
+  return message("STATUS", name, now, out.bytes);
+}
+
+Bytes igtlCapability(std::string_view name, std::int64_t now, std::span<const char* const> types) {
+  Out out;
+  for (const char* type : types) out.text(type, kType);
+  return message("CAPABILITY", name, now, out.bytes);
+}
+
+ByteView igtlContent(const IgtlHead& head, ByteView body) {
+  if (head.version < 2) return body;
+  constexpr std::size_t kLeast = 12;
+  if (body.size() < kLeast) refuse(head.type, "its extended header is cut", "send all of it");
+  In in(body);
+  const std::uint64_t begin = in.take<std::uint16_t>();
+  const std::uint64_t about = in.take<std::uint16_t>();
+  const std::uint64_t more = in.take<std::uint32_t>();
+  if (begin < kLeast || begin + about + more > body.size()) {
+    refuse(head.type, "its extended header does not fit its body", "send sizes as they are");
+  }
+  return body.subspan(begin, body.size() - begin - about - more);
+}
+
+Vec3 readIgtlTransform(ByteView content) {
+  if (content.size() != 12 * sizeof(float)) {
+    refuse("TRANSFORM", fmt::format("it has {} bytes, not 48", content.size()),
+           "send twelve numbers");
+  }
+  In in(content);
+  std::array<float, 12> numbers{};
+  for (float& number : numbers) {
+    number = in.take<float>();
+    if (!std::isfinite(number)) refuse("TRANSFORM", "it is not finite", "send millimetres");
+  }
+  return {numbers[9], numbers[10], numbers[11]};
+}
+
+std::string readIgtlString(ByteView content) {
+  constexpr std::size_t kHead = 4;
+  if (content.size() >= kHead) {
+    In in(content);
+    (void)in.take<std::uint16_t>();  // encoding: ASCII is understood
+    if (in.take<std::uint16_t>() == content.size() - kHead) {
+      return {content.begin() + kHead, content.end()};
+    }
+  }
+  refuse("STRING", "its length is not its body's", "send sizes as they are");
+}
+
+IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
+  const std::string what = "IMAGE " + head.name;
+  const ByteView content = igtlContent(head, body);
+  if (content.size() < kImageHead) refuse(what, "its header is cut", "send all of it");
+  In in(content);
+  IgtlImage image;
+  image.name = head.name;
+  (void)in.take<std::uint16_t>();  // version: all known ones have this header
+  image.components = in.take<std::uint8_t>();
+  image.scalar = in.take<std::uint8_t>();
+  const auto endian = in.take<std::uint8_t>();
+  const auto space = in.take<std::uint8_t>();
+  for (std::int64_t& side : image.size) side = in.take<std::uint16_t>();
+  std::array<double, 12> matrix{};
+  for (double& number : matrix) number = in.take<float>();
+  std::array<std::int64_t, 3> offset{};
+  std::array<std::int64_t, 3> part{};
+  for (std::int64_t& side : offset) side = in.take<std::uint16_t>();
+  for (std::int64_t& side : part) side = in.take<std::uint16_t>();
+
+  const std::size_t bytes = bytesOf(image.scalar);
+  if (bytes == 0) {
+    refuse(what, fmt::format("its scalars are of type {}", image.scalar),
+           "send int8 to uint32, float32 or float64: 2 to 7, 10, 11");
+  }
+  if (image.components != 1 && image.components != 3) {
+    refuse(what, fmt::format("it has {} components", image.components),
+           "send scalars, or vectors of three");
+  }
+  if (endian != 1 && endian != 2) {
+    refuse(what, fmt::format("its byte order is {}", endian), "send 1 (big) or 2 (little)");
+  }
+  image.big_endian = endian == 1;
+  if (space != 1 && space != 2) {
+    refuse(what, fmt::format("its coordinates are {}", space), "send 1 (RAS) or 2 (LPS)");
+  }
+  if (part != image.size || offset != std::array<std::int64_t, 3>{}) {
+    refuse(what, "it is a part of an image", "send all of it at once");
+  }
+  // Sides are below 2^16: their product is below 2^48.
+  const auto values =
+      static_cast<std::uint64_t>(image.size[0] * image.size[1] * image.size[2] * image.components);
+  if (values == 0 || values > kIgtlMostValues) {
+    refuse(what,
+           fmt::format("it is {} x {} x {} voxels", image.size[0], image.size[1], image.size[2]),
+           fmt::format("send 1 to {} values", kIgtlMostValues));
+  }
+  if (content.size() - kImageHead != values * bytes) {
+    refuse(
+        what,
+        fmt::format("its values are {} bytes, not {}", content.size() - kImageHead, values * bytes),
+        "send sizes as they are");
+  }
+
+  // Columns: steps along i, j, k, and the middle of the image.
+  Vec3 middle(matrix[9], matrix[10], matrix[11]);
+  for (Eigen::Index column = 0; column < 3; ++column) {
+    for (Eigen::Index row = 0; row < 3; ++row) {
+      image.axes(row, column) = matrix[static_cast<std::size_t>(3 * column + row)];
+    }
+  }
+  const double room =
+      image.axes.col(0).norm() * image.axes.col(1).norm() * image.axes.col(2).norm();
+  constexpr double kFlat = 1e-6;
+  if (!image.axes.allFinite() || !middle.allFinite() ||
+      !(std::abs(image.axes.determinant()) > kFlat * room)) {
+    refuse(what, "its matrix is not finite, or has no volume", "send three axes and a place");
+  }
+  if (space == 2) {
+    image.axes.topRows<2>() *= -1.0;
+    middle.head<2>() *= -1.0;
+  }
+  const Vec3 half =
+      0.5 * Vec3(static_cast<double>(image.size[0] - 1), static_cast<double>(image.size[1] - 1),
+                 static_cast<double>(image.size[2] - 1));
+  image.origin = middle - image.axes * half;
+  image.first = static_cast<std::size_t>(content.data() - body.data()) + kImageHead;
+  body.resize(image.first + values * bytes);
+  image.bytes = std::move(body);
+  return image;
+}
+
+std::shared_ptr<const Volume> volumeOf(const IgtlImage& image) {
+  switch (image.scalar) {
+    case 2:
+      return make<std::int8_t, float>(image);
+    case 3:
+      return make<std::uint8_t, float>(image);
+    case 4:
+      return make<std::int16_t, float>(image);
+    case 5:
+      return make<std::uint16_t, float>(image);
+    // A float cannot represent all values.
+    case 6:
+      return make<std::int32_t, double>(image);
+    case 7:
+      return make<std::uint32_t, double>(image);
+    case 10:
+      return make<float, float>(image);
+    default:
+      return make<double, double>(image);
+  }
+}
+
+}  // namespace palpate::cli

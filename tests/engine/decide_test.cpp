@@ -1,0 +1,75 @@
+/// Tests the decisions after a trial step, case by case.
+#include "palpate/engine/tick/decide.h"
+
+#include <array>
+
+#include <catch2/catch.hpp>
+
+namespace palpate::decide_test {
+namespace {
+
+/// A row of TrialState: read, within, spent, held.
+struct TrialRow {
+  TrialState state;
+  Next next;
+};
+
+/// A row of SweepState: complete, strays, chosen_out, met_before.
+struct SweepRow {
+  SweepState state;
+  Next next;
+};
+
+constexpr bool kNo = false;
+constexpr bool kYes = true;
+
+}  // namespace
+
+TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a release", "[step]") {
+  // All sixteen states.
+  constexpr std::array<TrialRow, 16> kRows{{
+      // Nothing has been read: read, whatever else is true.
+      {{kNo, kNo, kNo, kNo}, Next::kRead},
+      {{kNo, kNo, kNo, kYes}, Next::kRead},
+      {{kNo, kNo, kYes, kNo}, Next::kRead},
+      {{kNo, kNo, kYes, kYes}, Next::kRead},
+      {{kNo, kYes, kNo, kNo}, Next::kRead},
+      {{kNo, kYes, kNo, kYes}, Next::kRead},
+      {{kNo, kYes, kYes, kNo}, Next::kRead},
+      {{kNo, kYes, kYes, kYes}, Next::kRead},
+      // The rest is within the tolerance: arrive, even at the last reading.
+      {{kYes, kYes, kNo, kNo}, Next::kArrive},
+      {{kYes, kYes, kNo, kYes}, Next::kArrive},
+      {{kYes, kYes, kYes, kNo}, Next::kArrive},
+      {{kYes, kYes, kYes, kYes}, Next::kArrive},
+      // Readings are left.
+      {{kYes, kNo, kNo, kNo}, Next::kRead},
+      {{kYes, kNo, kNo, kYes}, Next::kRead},
+      // None is left.
+      {{kYes, kNo, kYes, kYes}, Next::kWait},
+      {{kYes, kNo, kYes, kNo}, Next::kRelease},
+  }};
+  for (const TrialRow& row : kRows) {
+    CAPTURE(row.state.read, row.state.within, row.state.spent, row.state.held);
+    CHECK(decide(row.state) == row.next);
+  }
+}
+
+TEST_CASE("a free proxy reads where its sweep meets a surface or new parts, once", "[step]") {
+  constexpr std::array<SweepRow, 8> kRows{{
+      {{kNo, kNo, kNo, kNo}, Next::kRead},      // the first surface
+      {{kNo, kNo, kNo, kYes}, Next::kRelease},  // a second one: the path is not searched further
+      {{kNo, kNo, kYes, kNo}, Next::kRead},
+      {{kNo, kYes, kNo, kNo}, Next::kRead},  // new parts, also after a surface
+      {{kNo, kYes, kNo, kYes}, Next::kRead},
+      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // no choice of parts is left
+      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the hand is reached
+      {{kYes, kYes, kNo, kYes}, Next::kRelease},
+  }};
+  for (const SweepRow& row : kRows) {
+    CAPTURE(row.state.complete, row.state.strays, row.state.chosen_out, row.state.met_before);
+    CHECK(decide(row.state) == row.next);
+  }
+}
+
+}  // namespace palpate::decide_test

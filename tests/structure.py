@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+"""Checks that no source includes a header of a higher folder, and prints how large folders, files and functions are.
+
+structure.py          checks the order of includes; status 1 if one points up
+structure.py sizes    prints files and lines of each folder, the longest files and the longest functions
+"""
+import re
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+# Lowest first: a source includes headers of its own folder and of those before it. So there is no circle.
+ORDER = """
+engine
+engine/balance engine/field engine/modes engine/safety engine/scene engine/tick engine/loop
+samplers
+samplers/grid samplers/time samplers/bricks
+devices/methods devices/json devices/arm devices/recording devices/simulated devices/hid devices/plugins
+devices
+scenes/guess scenes/library scenes/apps/common scenes/network/sites scenes/network/slicer
+scenes/bindings/c scenes/bindings/python scenes/apps/import scenes/apps/view scenes/apps/cli scenes/apps
+scenes
+""".split()
+# Folders that are above the library and do not see each other.
+APART = {"scenes/bindings/c", "scenes/bindings/python", "scenes/apps/import", "scenes/apps/view", "scenes/apps/cli"}
+# Folders without a public header.
+PRIVATE = APART - {"scenes/bindings/c"} | {"devices/methods", "scenes/apps/common", "scenes/network/sites",
+                                           "scenes/network/slicer"}
+LONGEST_FILE = 600
+LONGEST_FUNCTION = 80
+
+
+def sources():
+    names = subprocess.run(["git", "ls-files", "engine", "samplers", "devices", "scenes"], cwd=ROOT, text=True,
+                           capture_output=True, check=True).stdout.split()
+    return [name for name in names if name.endswith((".h", ".cpp"))]
+
+
+def fault_of(source, header):
+    """Returns why a source may not include a header, both relative to the root, or None."""
+    own, other = str(Path(source).parent), str(Path(header).parent)
+    for folder in (own, other):
+        if folder not in ORDER:
+            return f"{folder} has no place in the order of tests/structure.py"
+    if own == other:
+        return None
+    if ORDER.index(other) > ORDER.index(own):
+        return f"{other} is above {own}"
+    if own in APART and other in APART:
+        return f"{own} and {other} stand apart"
+    return None
+
+
+def functions(text):
+    """Yields (first line, lines) of each function body that clang-format's layout shows."""
+    lines = text.splitlines()
+    for first, line in enumerate(lines):
+        if not re.match(r"^ {0,2}\S.*[)a-z] \{$", line) or re.match(r"^ *(namespace|struct|class|enum|union)\b", line):
+            continue
+        indent = re.match(r" *", line)[0]
+        for last in range(first + 1, len(lines)):
+            if lines[last].startswith(indent + "}"):
+                yield first + 1, last - first + 1
+                break
+
+
+def check():
+    faults = []
+    installed = (ROOT / "scenes" / "package" / "install.cmake").read_text(encoding="utf-8").split()
+    documented = (ROOT / "docs" / "Doxyfile").read_text(encoding="utf-8").split()
+    for source in sources():
+        folder = str(Path(source).parent)
+        if folder not in ORDER:
+            faults.append(f"{source}: {folder} has no place in the order of tests/structure.py")
+        if source.endswith(".h") and folder not in PRIVATE:
+            for place, words in (("scenes/package/install.cmake", installed), ("docs/Doxyfile", documented)):
+                if folder not in words and folder + ")" not in words:
+                    faults.append(f"{source}: {place} does not have its folder")
+        for header in re.findall(r'^#include "palpate/([^"]+)"', (ROOT / source).read_text(encoding="utf-8"), re.M):
+            if fault := fault_of(source, header):
+                faults.append(f"{source} includes {header}: {fault}")
+    print("\n".join(faults) or "structure: no include points up")
+    return 1 if faults else 0
+
+
+def sizes():
+    files, lines, long_files, long_functions = Counter(), Counter(), [], []
+    for source in sources():
+        text = (ROOT / source).read_text(encoding="utf-8")
+        folder, count = str(Path(source).parent), text.count("\n")
+        files[folder] += 1
+        lines[folder] += count
+        long_files.append((count, source))
+        long_functions += [(n, f"{source}:{at}") for at, n in functions(text)]
+    for folder in sorted(files, key=ORDER.index):
+        print(f"{folder:26} {files[folder]:4} files {lines[folder]:7} lines")
+    print(f"in all {sum(files.values())} files, {sum(lines.values())} lines")
+    for what, limit, found in (("files", LONGEST_FILE, long_files), ("functions", LONGEST_FUNCTION, long_functions)):
+        over = sorted((one for one in found if one[0] > limit), reverse=True)
+        print(f"{len(over)} {what} over {limit} lines:")
+        for count, name in over:
+            print(f"  {count:5} {name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(sizes() if sys.argv[1:] == ["sizes"] else check())
