@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""Runs clang-tidy on sources that have not passed unchanged before: tidy.py [--all] BUILD SOURCE...
+"""Runs clang-tidy on sources that have not passed unchanged before: tidy.py [--all] [--most N] BUILD SOURCE...
 
 BUILD has a compile_commands.json. A source has passed unchanged if it has a stamp: a file named by a hash of
 clang-tidy's version, its configuration, this file, the compile command, and the bytes of every file that the source
 includes, system headers among them. Stamps are in the user's cache folder, as ccache's objects are, so that all clones
-share them. --all ignores the stamps and runs the slow checks too.
+share them. --all ignores the stamps and runs the slow checks too. With --most N only the first N sources without a stamp
+are checked, and the next run continues: so a machine without stamps, or a new flag, does not make one run long.
 
 Most of the time goes into headers, which clang-tidy 14 reads and matches again for every source. So several sources
 with the same flags are checked in one unit. If a unit has complaints, or does not compile, each of its sources is
 checked again alone, and only those results count."""
+import argparse
 import collections
 import concurrent.futures
 import contextlib
@@ -182,9 +184,14 @@ def ask(build, unit, every):
 
 
 def main():
-    arguments = sys.argv[1:]
-    every = "--all" in arguments
-    build, *sources = [Path(a).resolve() for a in arguments if a != "--all"]
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--all", action="store_true")
+    parser.add_argument("--most", type=int)
+    parser.add_argument("build", type=Path)
+    parser.add_argument("sources", type=Path, nargs="+")
+    options = parser.parse_args()
+    every, build = options.all, options.build.resolve()
+    sources = [source.resolve() for source in options.sources]
     stamps = Stamps(build)
     CACHE.mkdir(parents=True, exist_ok=True)
     for old in CACHE.iterdir():
@@ -199,6 +206,8 @@ def main():
             stamp.touch()
         else:
             left[source] = stamp
+    known = len(sources) - len(left)
+    left = dict(list(left.items())[:options.most])
     bad = 0
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         asked = pool.map(lambda unit: ask(build, unit, every), units(stamps, build, left))
@@ -208,8 +217,8 @@ def main():
                 print(words, file=sys.stderr)
             elif left[source] is not None:
                 left[source].touch()
-    print(f"tidy: {len(sources)} sources, {len(sources) - len(left)} of them passed before as they "
-          f"are, {bad} with complaints")
+    print(f"tidy: {len(sources)} sources, {known} of them passed before as they are, {len(left)} checked, "
+          f"{bad} with complaints, {len(sources) - known - len(left)} left for the next run")
     return 1 if bad else 0
 
 
