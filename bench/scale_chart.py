@@ -143,7 +143,7 @@ def tables(data):
              r["felt_most"], r["ticks_with_parts_left_out"], number(1e3 * r["build_s"]),
              number(r["memory_mb"])] for r in data["scenes"]]
     if body:
-        parts.append("**Fragments of a skull**, explored for 60 s.\n\n" + table(
+        parts.append("**Scenes of files**, each explored for 60 s.\n\n" + table(
             ["placed", "volumes", "tick [us], p50 / p99.9", "met in the mean", "at most",
              "ticks without room", "load and build [ms]", "memory [MB]"], body))
     parts.append(f"{where(data['machine'])}; times include the clock's {data['clock_ns']:.0f} ns.")

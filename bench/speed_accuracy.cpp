@@ -28,7 +28,7 @@
 #include "bench/exploration.h"
 #include "bench/machine.h"
 #include "bench/report.h"
-#include "palpate/devices/methods/constraint_approach.h"
+#include "palpate/bench/methods/constraint_approach.h"
 #include "palpate/engine/balance/solver.h"
 #include "tests/support/contenders.h"
 #include "tests/support/percentiles.h"

@@ -11,6 +11,7 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/report.h"
+#include "palpate/bench/methods/map_methods.h"
 #include "palpate/devices/simulated/stability.h"
 #include "palpate/devices/simulated/stability_map.h"
 #include "palpate/engine/balance/solver.h"

@@ -57,10 +57,10 @@ class SingleProcess final : public ProcessGroup {
 /// Gathers one trivially copyable value from each rank, in order of rank. All machines must be of
 /// one kind.
 template <class T>
-[[nodiscard]] std::vector<T> gatherOne(ProcessGroup& crew, const T& own) {
+[[nodiscard]] std::vector<T> gatherOne(ProcessGroup& group, const T& own) {
   static_assert(std::is_trivially_copyable_v<T>);
   std::vector<T> all;
-  for (const ProcessGroup::Bytes& bytes : crew.gather(std::as_bytes(std::span(&own, 1)))) {
+  for (const ProcessGroup::Bytes& bytes : group.gather(std::as_bytes(std::span(&own, 1)))) {
     std::memcpy(&all.emplace_back(), bytes.data(), sizeof(T));
   }
   return all;
@@ -68,10 +68,10 @@ template <class T>
 
 /// Gathers a list from each rank and joins the lists in order of rank.
 template <class T>
-[[nodiscard]] std::vector<T> gatherAll(ProcessGroup& crew, const std::vector<T>& own) {
+[[nodiscard]] std::vector<T> gatherAll(ProcessGroup& group, const std::vector<T>& own) {
   static_assert(std::is_trivially_copyable_v<T>);
-  if (crew.size() == 1) return own;
-  const std::vector<ProcessGroup::Bytes> lists = crew.gather(std::as_bytes(std::span(own)));
+  if (group.size() == 1) return own;
+  const std::vector<ProcessGroup::Bytes> lists = group.gather(std::as_bytes(std::span(own)));
   std::size_t bytes = 0;
   for (const ProcessGroup::Bytes& list : lists) bytes += list.size();
   std::vector<T> all(bytes / sizeof(T));
@@ -94,8 +94,8 @@ struct Share {
 
 /// Returns the part of `count` items for this rank. The parts of all ranks make up the whole, in
 /// order, and differ in size by one at most.
-[[nodiscard]] inline Share shareOf(const ProcessGroup& crew, std::int64_t count) noexcept {
-  return {count * crew.rank() / crew.size(), count * (crew.rank() + 1) / crew.size()};
+[[nodiscard]] inline Share shareOf(const ProcessGroup& group, std::int64_t count) noexcept {
+  return {count * group.rank() / group.size(), count * (group.rank() + 1) / group.size()};
 }
 
 /// Runs `work`; every rank must call this function. If `work` throws in one rank, it ends for all
@@ -103,15 +103,15 @@ struct Share {
 /// @return  The result of `work`; T() if another rank gives up, or has given up, and reports the
 /// error.
 template <class Work>
-[[nodiscard]] auto workTogether(ProcessGroup& crew, Work work) -> decltype(work()) {
+[[nodiscard]] auto workTogether(ProcessGroup& group, Work work) -> decltype(work()) {
   try {
     auto result = work();
-    (void)crew.gather({});
+    (void)group.gather({});
     return result;
   } catch (const GroupEnded&) {
     return {};
   } catch (...) {
-    if (crew.giveUp()) throw;
+    if (group.giveUp()) throw;
     return {};
   }
 }

@@ -4,9 +4,9 @@
     cmake --preset coverage && cmake --build build/coverage
     tests/coverage.py run build/coverage OUT [SUITE...]    runs the Catch2 tests and the Python suites (default: all)
     tests/coverage.py report build/coverage OUT            prints, for each file, the functions that only the Python
-                                                           suites reach, and which of their tests would reach them
+                                                           suites reach, and which tests would reach these
 
-The script reads gcov's counters from .gcda files, a folder of them for each test. A function has run if one of its
+The script reads gcov's counters from .gcda files, a folder for each test. A function has run if one of its
 arcs has run. Names come from the .gcno files of the build. A process that ends by a signal or by _exit() writes no
 counters."""
 import collections

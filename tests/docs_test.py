@@ -123,7 +123,7 @@ class Documents(unittest.TestCase):
 
 
 class Programs(unittest.TestCase):
-    def test_what_pages_show_is_what_is_built(self):
+    def test_code_on_pages_equals_its_source(self):
         """A block of C or C++ equals consecutive lines of a source."""
         sources = [path.read_text(encoding="utf-8")
                    for folder in ("scenes", "tests/scenes/embed")
@@ -137,7 +137,7 @@ class Programs(unittest.TestCase):
                                 f"{page.name} shows what no source has:\n{block}")
         self.assertGreater(shown, 8)
 
-    def test_the_session_is_shown_as_it_is(self):
+    def test_the_session_page_equals_its_script(self):
         """Compares every cell of the script, without its title."""
         script = (ROOT / "scenes" / "bindings" / "python" / "session.py").read_text(encoding="utf-8")
         page = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
@@ -158,7 +158,7 @@ class Paper(unittest.TestCase):
         section = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", self.text, flags=re.S | re.M)[1]
         return re.findall(r"^\| \(?(\d+)\)? \|", section, flags=re.M)
 
-    def test_what_it_names_exists(self):
+    def test_names_on_the_page_exist(self):
         self.assertGreater(sum(1 for span in spans(self.text) if REFERENCE.fullmatch(span)), 80)
         self.assertEqual(broken_references(self.text), [])
         self.assertEqual(broken_tags(self.text), [])

@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "passed"
 # The files that decide whether a room has changed: its own sources and tests.
-ROOMS = {"engine": ("engine", "tests/engine", "tests/loop", "tests/motion"),
+ROOMS = {"engine": ("engine", "bench/methods", "tests/engine", "tests/loop", "tests/motion"),
          "samplers": ("samplers", "tests/samplers"),
          "devices": ("devices", "tests/devices"),
          "scenes": ("scenes", "tests/scenes", "tests/import")}

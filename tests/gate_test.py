@@ -118,7 +118,7 @@ class Prose(unittest.TestCase):
             self.addCleanup(setattr, prose, "ROOT", root)
             return [rule for _, rule, _ in prose.hits_of(name)[1]]
 
-    def test_what_strangers_stumble_over_is_found(self):
+    def test_unclear_prose_is_found(self):
         self.assertEqual(self.hits("a.h", "/// What is told to nobody.\nint a;  // begun anew\n"),
                          ["nobody", "what-clause", "archaic"])
         self.assertEqual(self.hits("a.cpp", "// " + "word " * 16 + "\n// " + "word " * 16 + "end.\n"), ["long"])

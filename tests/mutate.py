@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
-"""Plants faults of one line, one at a time, and says which tests see them: by hand, before a release.
+"""Plants faults of one line, one at a time, and prints which tests detect them: by hand, before a release.
 
-tests/mutate.json has the faults. A copy of the sources, as they lie here with what is not committed,
-is built in the folder of --build; nothing here is touched. Every test that is asked passes first
-without a fault. Then each fault is planted, what its tests need is built, and they run, over a tenth
-of the random cases and, where none of them fails, over all. A test that fails, crashes or hangs has
-seen the fault. Ends with 1 below 97 % seen, where one lives that has no reason to, or one does not
-build."""
+tests/mutate.json has the faults. The script copies the sources, uncommitted changes included, and builds the copy
+in the folder of --build; it changes nothing in this tree. First, all selected tests must pass without a fault. Then
+the script plants each fault, builds the tests of the fault, and runs them over a tenth of the random cases. If all
+pass, it runs them over all cases. A test that fails, crashes or hangs has detected the fault. The exit status is 1 if
+fewer than 97 % are detected, if an undetected fault has no reason in the file, or if a fault does not build."""
 import argparse
 import collections
 import hashlib

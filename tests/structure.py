@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Checks that no source includes a header of a higher folder, and prints how large folders, files and functions are.
+"""Checks that no source includes a header of a higher folder and that no function is too long, and prints sizes.
 
-structure.py          checks the order of includes; status 1 if one points up
+structure.py          checks; status 1 if an include points up, or a function has more lines than LONGEST_FUNCTION
 structure.py sizes    prints files and lines of each folder, the longest files and the longest functions
 """
 import re
@@ -11,13 +11,13 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# Lowest first: a source includes headers of its own folder and of those before it. So there is no circle.
+# Lowest first: a source includes headers of its own folder and of the folders before it. This excludes a circle.
 ORDER = """
 engine
 engine/balance engine/field engine/modes engine/safety engine/scene engine/tick engine/loop
 samplers
 samplers/grid samplers/time samplers/bricks
-devices/methods devices/json devices/arm devices/recording devices/simulated devices/hid devices/plugins
+devices/json devices/arm devices/recording devices/simulated devices/hid devices/plugins
 devices
 scenes/guess scenes/library scenes/apps/common scenes/network/sites scenes/network/slicer
 scenes/bindings/c scenes/bindings/python scenes/apps/import scenes/apps/view scenes/apps/cli scenes/apps
@@ -26,8 +26,7 @@ scenes
 # Folders that are above the library and do not see each other.
 APART = {"scenes/bindings/c", "scenes/bindings/python", "scenes/apps/import", "scenes/apps/view", "scenes/apps/cli"}
 # Folders without a public header.
-PRIVATE = APART - {"scenes/bindings/c"} | {"devices/methods", "scenes/apps/common", "scenes/network/sites",
-                                           "scenes/network/slicer"}
+PRIVATE = APART - {"scenes/bindings/c"} | {"scenes/apps/common", "scenes/network/sites", "scenes/network/slicer"}
 LONGEST_FILE = 600
 LONGEST_FUNCTION = 80
 
@@ -78,10 +77,13 @@ def check():
             for place, words in (("scenes/package/install.cmake", installed), ("docs/Doxyfile", documented)):
                 if folder not in words and folder + ")" not in words:
                     faults.append(f"{source}: {place} does not have its folder")
-        for header in re.findall(r'^#include "palpate/([^"]+)"', (ROOT / source).read_text(encoding="utf-8"), re.M):
+        text = (ROOT / source).read_text(encoding="utf-8")
+        for header in re.findall(r'^#include "palpate/([^"]+)"', text, re.M):
             if fault := fault_of(source, header):
                 faults.append(f"{source} includes {header}: {fault}")
-    print("\n".join(faults) or "structure: no include points up")
+        faults += [f"{source}:{at}: a function of {n} lines, and {LONGEST_FUNCTION} are allowed"
+                   for at, n in functions(text) if n > LONGEST_FUNCTION]
+    print("\n".join(faults) or "structure: no include points up, no function is too long")
     return 1 if faults else 0
 
 

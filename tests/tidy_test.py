@@ -58,7 +58,7 @@ class Unit(unittest.TestCase):
         passed, words = self.told(GOOD, OTHER)
         self.assertTrue(passed, words)
 
-    def test_a_fault_in_any_of_them_is_heard(self):
+    def test_a_fault_in_any_source_is_reported(self):
         for check, fault in FAULTS.items():
             for texts in ((GOOD + fault, OTHER), (GOOD, OTHER + fault)):
                 with self.subTest(check=check, last=texts[0] == GOOD):
@@ -67,7 +67,7 @@ class Unit(unittest.TestCase):
                     self.assertFalse(passed)
                     self.assertIn(check, words)
 
-    def test_a_wrong_name_is_heard_though_the_other_has_it_rightly(self):
+    def test_a_wrong_name_is_reported_though_another_source_has_it_right(self):
         self.assertTrue(self.told(NAMES % ("Told", "shape", "one", "shape"), GOOD)[0])
         passed, words = self.told(NAMES % ("Told", "shape", "one", "shape"),
                                   NAMES % ("shape", "Told", "two", "Told"))

@@ -56,6 +56,21 @@ std::string inWords(const Vec3& v) {
   return words + ")";
 }
 
+/// Reports driven axes whose masses differ by more than a real arm's, if nothing else is wrong.
+void compareMasses(SelfTestResult& result) {
+  double light = std::numeric_limits<double>::infinity();
+  double heavy = 0.0;
+  for (const AxisResult& axis : result.axes) {
+    if (!axis.driven) continue;
+    light = std::min(light, axis.mass);
+    heavy = std::max(heavy, axis.mass);
+  }
+  if (result.problems.empty() && heavy > kAlike * light) {
+    result.problems.push_back("one way it moves like " + inWords(light) + " kg, another like " +
+                              inWords(heavy) + ": the scale of a motor is another one");
+  }
+}
+
 }  // namespace
 
 std::string ArmAxes::name(int axis) const {
@@ -91,131 +106,166 @@ Vec3 SelfTest::axis() const noexcept {
   return (run_ % 2 == 0 ? 1.0 : -1.0) * params_.axes.along.col(run_ / 2);
 }
 
-void SelfTest::enter(Phase phase, double now) noexcept {
+void SelfTest::enter(Phase phase) noexcept {
   phase_ = phase;
-  entered_ = now;
+  entered_ = now_;
 }
 
-void SelfTest::nextRun(double now) noexcept {
+void SelfTest::nextRun() noexcept {
   do {
     ++run_;
   } while (run_ < kRuns && !params_.axes.has[static_cast<std::size_t>(run_ / 2)]);
-  enter(run_ < kRuns ? Phase::kRamp : Phase::kDone, now);
-  from_ = before_;
+  enter(run_ < kRuns ? Phase::kRamp : Phase::kDone);
+  from_ = position_;
   level_ = 0.0;
 }
 
 Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcept {
   if (!started_) {
     started_ = true;
-    began_ = entered_ = last_ = fresh_at_ = now;
-    home_ = from_ = before_ = hand.position;
+    began_ = entered_ = now_ = fresh_at_ = now;
+    home_ = from_ = position_ = hand.position;
     still_since_ = now;
   }
-  const double dt = std::max(now - last_, 1e-6);
-  last_ = now;
+  const double dt = std::max(now - now_, 1e-6);
+  now_ = now;
   ++ticks_;
-  velocity_ += (1.0 - std::exp(-dt / kSmooth)) * ((hand.position - before_) / dt - velocity_);
-  before_ = hand.position;
-  // The age is measured a little after `now`.
-  constexpr double kApart = 1e-4;  // [s]
-  const double read_at = now - hand.age;
-  if (positions_ == 0 || read_at > read_at_ + kApart) {
-    read_at_ = read_at;
-    ++positions_;
-    slowest_ = std::max(slowest_, now - fresh_at_);
-    fresh_at_ = now;
-  }
-  if (phase_ != Phase::kDone && (hand.position - home_).norm() > params_.travel) {
+  velocity_ += (1.0 - std::exp(-dt / kSmooth)) * ((hand.position - position_) / dt - velocity_);
+  position_ = hand.position;
+  countPosition(hand.age);
+  if (phase_ != Phase::kDone && (position_ - home_).norm() > params_.travel) {
     far_ = true;
-    enter(Phase::kDone, now);
+    enter(Phase::kDone);
   }
+  recordSample(sent);
+  const Vec3 force = runPhase();
+  return phase_ == Phase::kDone ? Vec3(Vec3::Zero()) : force;
+}
 
+void SelfTest::countPosition(double age) noexcept {
+  // The age is measured a little after `now_`.
+  constexpr double kApart = 1e-4;  // [s]
+  const double read_at = now_ - age;
+  if (positions_ != 0 && !(read_at > read_at_ + kApart)) return;
+  read_at_ = read_at;
+  ++positions_;
+  slowest_ = std::max(slowest_, now_ - fresh_at_);
+  fresh_at_ = now_;
+}
+
+void SelfTest::recordSample(const Vec3& sent) noexcept {
   const bool rests = phase_ == Phase::kRest || phase_ == Phase::kCatch;
   if ((rests || phase_ == Phase::kRamp || phase_ == Phase::kPush || phase_ == Phase::kOppose) &&
       samples_.size() < kMostSamples) {
-    samples_.push_back({now - began_, hand.position - home_, sent,
-                        rests ? kFall : static_cast<std::int8_t>(run_)});
+    samples_.push_back(
+        {now_ - began_, position_ - home_, sent, rests ? kFall : static_cast<std::int8_t>(run_)});
   }
-  const double since = now - entered_;
-  const Vec3 ahead = axis();
-  const Vec3 moved = hand.position - from_;
-  const auto slot = static_cast<std::size_t>(run_);
-  Vec3 force = Vec3::Zero();
+}
+
+Vec3 SelfTest::runPhase() noexcept {
   switch (phase_) {
     case Phase::kRest:
-      // Starts again whenever the arm moves: the hand lets go.
-      if (moved.norm() > kBegun) {
-        from_ = hand.position;
-        still_since_ = now;
-        rest_ = 0;
-        sum_.setZero();
-        sum2_ = 0.0;
-      }
-      sum_ += hand.position - from_;
-      sum2_ += (hand.position - from_).squaredNorm();
-      ++rest_;
-      if (const Vec3 gone = hand.position - home_; gone.norm() > kFell) {
-        falls_ = gone.normalized();
-        enter(Phase::kCatch, now);
-      } else if ((since > kLetGo && now - still_since_ > kRest) || since > kUneasy) {
-        home_ = hand.position;
-        run_ = -1;
-        nextRun(now);
-      }
+      awaitRest();
       break;
     case Phase::kCatch:
-      force = -params_.force * falls_;
-      // The arm is back, or held.
-      if (velocity_.dot(falls_) < kStill) caught_ = true;
-      if ((hand.position - home_).dot(falls_) < kMoved || since > kCaught) enter(Phase::kDone, now);
-      break;
+      return catchFall();
     case Phase::kRamp:
-      level_ = std::min(params_.force, kRamp * since);
-      if (moved.norm() > kBegun && breakaway_[slot] == 0.0) breakaway_[slot] = level_;
-      force = level_ * ahead;
-      if (moved.norm() > kMoved) {
-        went_[slot] = true;
-        along_[slot] = moved.dot(ahead) / moved.norm();
-        trusted_ = trusted_ && along_[slot] > kStraight;
-        enter(trusted_ ? Phase::kPush : Phase::kSettle, now);
-      } else if (since > params_.force / kRamp + 0.5) {
-        breakaway_[slot] = 0.0;  // the arm trembles, or is held
-        enter(Phase::kSettle, now);
-      }
-      break;
+      return raiseForce();
     case Phase::kPush:
-      force = params_.force * ahead;
-      if (moved.dot(ahead) > kPushed || since > kLongest) enter(Phase::kOppose, now);
-      break;
+      return holdForce();
     case Phase::kOppose:
-      force = -params_.force * ahead;
-      if (velocity_.dot(ahead) < 0.0 || since > kLongest) enter(Phase::kSettle, now);
-      break;
+      return opposeMotion();
     case Phase::kSettle:
-      if ((velocity_.norm() < kStill && since > 0.1) || since > kLongest) {
-        // An arm that goes elsewhere is not brought back: the other axes show where they go.
-        if (trusted_) {
-          enter(Phase::kReturn, now);
-        } else {
-          nextRun(now);
-        }
-      }
+      awaitStandstill();
       break;
     case Phase::kReturn:
-      // Along the axes that are known to go where they are pushed.
-      for (int a = 0; a < 3; ++a) {
-        if (!went_[2 * static_cast<std::size_t>(a)]) continue;
-        const Vec3 back = params_.axes.along.col(a);
-        force -= (kSpring * (hand.position - home_) + kDamper * velocity_).dot(back) * back;
-      }
-      if (force.norm() > params_.force) force *= params_.force / force.norm();
-      if (since > kBack) nextRun(now);
-      break;
+      return pullHome();
     case Phase::kDone:
       break;
   }
-  return phase_ == Phase::kDone ? Vec3(Vec3::Zero()) : force;
+  return Vec3::Zero();
+}
+
+void SelfTest::awaitRest() noexcept {
+  // Starts again whenever the arm moves: the hand lets go.
+  if ((position_ - from_).norm() > kBegun) {
+    from_ = position_;
+    still_since_ = now_;
+    rest_ = 0;
+    sum_.setZero();
+    sum2_ = 0.0;
+  }
+  sum_ += position_ - from_;
+  sum2_ += (position_ - from_).squaredNorm();
+  ++rest_;
+  if (const Vec3 gone = position_ - home_; gone.norm() > kFell) {
+    falls_ = gone.normalized();
+    enter(Phase::kCatch);
+  } else if ((inPhase() > kLetGo && now_ - still_since_ > kRest) || inPhase() > kUneasy) {
+    home_ = position_;
+    run_ = -1;
+    nextRun();
+  }
+}
+
+Vec3 SelfTest::catchFall() noexcept {
+  // The arm is back, or held.
+  if (velocity_.dot(falls_) < kStill) caught_ = true;
+  if ((position_ - home_).dot(falls_) < kMoved || inPhase() > kCaught) enter(Phase::kDone);
+  return -params_.force * falls_;
+}
+
+Vec3 SelfTest::raiseForce() noexcept {
+  const Vec3 ahead = axis();
+  const Vec3 moved = position_ - from_;
+  const auto slot = static_cast<std::size_t>(run_);
+  level_ = std::min(params_.force, kRamp * inPhase());
+  if (moved.norm() > kBegun && breakaway_[slot] == 0.0) breakaway_[slot] = level_;
+  if (moved.norm() > kMoved) {
+    went_[slot] = true;
+    along_[slot] = moved.dot(ahead) / moved.norm();
+    trusted_ = trusted_ && along_[slot] > kStraight;
+    enter(trusted_ ? Phase::kPush : Phase::kSettle);
+  } else if (inPhase() > params_.force / kRamp + 0.5) {
+    breakaway_[slot] = 0.0;  // the arm trembles, or is held
+    enter(Phase::kSettle);
+  }
+  return level_ * ahead;
+}
+
+Vec3 SelfTest::holdForce() noexcept {
+  const Vec3 ahead = axis();
+  if ((position_ - from_).dot(ahead) > kPushed || inPhase() > kLongest) enter(Phase::kOppose);
+  return params_.force * ahead;
+}
+
+Vec3 SelfTest::opposeMotion() noexcept {
+  const Vec3 ahead = axis();
+  if (velocity_.dot(ahead) < 0.0 || inPhase() > kLongest) enter(Phase::kSettle);
+  return -params_.force * ahead;
+}
+
+void SelfTest::awaitStandstill() noexcept {
+  if (!(velocity_.norm() < kStill && inPhase() > 0.1) && !(inPhase() > kLongest)) return;
+  // An arm that goes elsewhere is not brought back: the other axes show where they go.
+  if (trusted_) {
+    enter(Phase::kReturn);
+  } else {
+    nextRun();
+  }
+}
+
+Vec3 SelfTest::pullHome() noexcept {
+  Vec3 force = Vec3::Zero();
+  // Along the axes that are known to go where they are pushed.
+  for (int a = 0; a < 3; ++a) {
+    if (!went_[2 * static_cast<std::size_t>(a)]) continue;
+    const Vec3 back = params_.axes.along.col(a);
+    force -= (kSpring * (position_ - home_) + kDamper * velocity_).dot(back) * back;
+  }
+  if (force.norm() > params_.force) force *= params_.force / force.norm();
+  if (inPhase() > kBack) nextRun();
+  return force;
 }
 
 std::vector<SelfTest::Way> SelfTest::pushes(int axis) const {
@@ -390,91 +440,99 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
 
 SelfTestResult SelfTest::result() const {
   SelfTestResult result;
-  result.seconds = last_ - began_;
+  result.seconds = now_ - began_;
   result.positions = positions_;
   result.slowest = slowest_;
   if (rest_ > 0) {
     const double n = static_cast<double>(rest_);
     result.noise = std::sqrt(std::max(0.0, sum2_ / n - (sum_ / n).squaredNorm()));
   }
-  const auto say = [&](std::string words) { result.problems.push_back(std::move(words)); };
   if (!done()) {
-    say("it was ended early: run it again");
+    result.problems.emplace_back("it was ended early: run it again");
     return result;
   }
   result.falls = falls_;
   if (result.falls.norm() > 0.0) {
-    say(weigh(result));
+    result.problems.push_back(weigh(result));
     return result;
   }
   if (far_) {
-    say("it went farther than " + inWords(params_.travel) +
+    result.problems.push_back(
+        "it went farther than " + inWords(params_.travel) +
         " m: hold nothing against it, and see whether it falls or runs away by itself");
   }
+  checkReadings(result);
+  for (int a = 0; a < 3; ++a) judgeAxis(a, result);
+  compareMasses(result);
+  return result;
+}
+
+void SelfTest::checkReadings(SelfTestResult& result) const {
   const double rate = static_cast<double>(positions_) / std::max(result.seconds, 1e-9);
   const double asked =
       std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
   if (rate < 0.5 * asked) {
-    say("it gives " + inWords(rate) + " positions a second where its profile says " +
+    result.problems.push_back(
+        "it gives " + inWords(rate) + " positions a second where its profile says " +
         inWords(params_.input_rate) + ": mend rate/input, or see to its firmware");
   }
   if (params_.stale > 0.0 && result.slowest > params_.stale) {
-    say("a pause of " + inWords(1e3 * result.slowest) +
-        " ms between two positions is longer than " + inWords(1e3 * params_.stale) +
-        " ms, when they are stale: see to its cable or firmware");
+    result.problems.push_back("a pause of " + inWords(1e3 * result.slowest) +
+                              " ms between two positions is longer than " +
+                              inWords(1e3 * params_.stale) +
+                              " ms, when they are stale: see to its cable or firmware");
   }
-  for (int a = 0; a < 3; ++a) {
-    AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
-    axis.driven = params_.axes.has[static_cast<std::size_t>(a)];
-    if (!axis.driven) continue;
-    const std::string name = params_.axes.name(a);
-    const std::size_t plus = 2 * static_cast<std::size_t>(a);
-    axis.moved = went_[plus] && went_[plus + 1];
-    axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
-    axis.along = std::min(along_[plus], along_[plus + 1]);
-    if (!axis.moved) {
-      if (!far_ && trusted_) {
-        say(name + ": " + inWords(params_.force) +
-            " N did not move it: let go of it, switch its motors on, or it has more friction "
-            "(--force)");
-      }
-    }
-    for (const std::size_t run : {plus, plus + 1}) {
-      if (!went_[run] || along_[run] > kStraight) continue;
-      const std::string where = (run == plus ? "+" : "-") + name;
-      if (along_[run] < -kStraight) {
-        say("pushed to " + where +
-            " it went the other way: exchange the sign of its motors' scale, or of its encoders'");
-      } else {
-        say("pushed to " + where + " it went elsewhere (cosine " + inWords(along_[run]) +
-            "): motors may be exchanged, or the geometry is another one");
-      }
-    }
-    if (!axis.moved || axis.along <= kStraight) continue;
-    fitDelay(pushes(a), axis);
-    // No real arm has these values: the scale of an encoder or motor differs from the profile.
-    if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
-      say(name + ": its friction cannot be told: let go of it, or its steps are too coarse");
-    } else if (axis.delay > (kLatest - 1) * period()) {
-      say(name + ": its force comes " + inWords(1e3 * axis.delay) +
-          " ms late or more: see to its firmware or its cable, or another program holds it");
-    } else if (axis.mass < kLightest || axis.mass > kHeaviest) {
-      say(name + ": it moves like " + inWords(axis.mass) +
-          " kg: the scale of its encoders or motors is another one");
-    }
+}
+
+void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
+  AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
+  axis.driven = params_.axes.has[static_cast<std::size_t>(a)];
+  if (!axis.driven) return;
+  const std::string name = params_.axes.name(a);
+  const std::size_t plus = 2 * static_cast<std::size_t>(a);
+  axis.moved = went_[plus] && went_[plus + 1];
+  axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
+  axis.along = std::min(along_[plus], along_[plus + 1]);
+  if (!axis.moved && !far_ && trusted_) {
+    result.problems.push_back(
+        name + ": " + inWords(params_.force) +
+        " N did not move it: let go of it, switch its motors on, or it has more friction "
+        "(--force)");
   }
-  double light = std::numeric_limits<double>::infinity();
-  double heavy = 0.0;
-  for (const AxisResult& axis : result.axes) {
-    if (!axis.driven) continue;
-    light = std::min(light, axis.mass);
-    heavy = std::max(heavy, axis.mass);
+  checkDirection(plus, "+" + name, result);
+  checkDirection(plus + 1, "-" + name, result);
+  if (!axis.moved || axis.along <= kStraight) return;
+  fitDelay(pushes(a), axis);
+  if (std::string trouble = fitTrouble(axis); !trouble.empty()) {
+    result.problems.push_back(name + ": " + trouble);
   }
-  if (result.problems.empty() && heavy > kAlike * light) {
-    say("one way it moves like " + inWords(light) + " kg, another like " + inWords(heavy) +
-        ": the scale of a motor is another one");
+}
+
+void SelfTest::checkDirection(std::size_t run, const std::string& where,
+                              SelfTestResult& result) const {
+  if (!went_[run] || along_[run] > kStraight) return;
+  result.problems.push_back(
+      "pushed to " + where +
+      (along_[run] < -kStraight
+           ? " it went the other way: exchange the sign of its motors' scale, or of its encoders'"
+           : " it went elsewhere (cosine " + inWords(along_[run]) +
+                 "): motors may be exchanged, or the geometry is another one"));
+}
+
+std::string SelfTest::fitTrouble(const AxisResult& axis) const {
+  // No real arm has these values: the scale of an encoder or motor differs from the profile.
+  if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
+    return "its friction cannot be told: let go of it, or its steps are too coarse";
   }
-  return result;
+  if (axis.delay > (kLatest - 1) * period()) {
+    return "its force comes " + inWords(1e3 * axis.delay) +
+           " ms late or more: see to its firmware or its cable, or another program holds it";
+  }
+  if (axis.mass < kLightest || axis.mass > kHeaviest) {
+    return "it moves like " + inWords(axis.mass) +
+           " kg: the scale of its encoders or motors is another one";
+  }
+  return {};
 }
 
 std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes, int axis) {

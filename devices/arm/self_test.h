@@ -114,8 +114,24 @@ class SelfTest {
   /// Returns the pushes along an axis, in both directions.
   [[nodiscard]] std::vector<Way> pushes(int axis) const;
   [[nodiscard]] std::vector<Way> fall() const;
-  void enter(Phase phase, double now) noexcept;
-  void nextRun(double now) noexcept;
+  void enter(Phase phase) noexcept;
+  void nextRun() noexcept;
+  /// Returns the time since the phase began [s].
+  [[nodiscard]] double inPhase() const noexcept { return now_ - entered_; }
+  /// Counts the position if it is new, and measures the pause before it.
+  void countPosition(double age) noexcept;
+  /// Keeps this tick for the fit, if the phase is one that is fitted.
+  void recordSample(const Vec3& sent) noexcept;
+  /// Returns the force of the present phase, and enters the next one when it is over.
+  Vec3 runPhase() noexcept;
+  // The phases: kRest, kCatch, kRamp, kPush, kOppose, kSettle, kReturn.
+  void awaitRest() noexcept;
+  Vec3 catchFall() noexcept;
+  Vec3 raiseForce() noexcept;
+  Vec3 holdForce() noexcept;
+  Vec3 opposeMotion() noexcept;
+  void awaitStandstill() noexcept;
+  Vec3 pullHome() noexcept;
   /// Residuals of a fit.
   struct Left {
     double square = 0.0;  ///< Sum of squares over all rows.
@@ -130,8 +146,16 @@ class SelfTest {
   [[nodiscard]] std::string weigh(SelfTestResult& result) const;
   /// Returns the mean period of the ticks [s].
   [[nodiscard]] double period() const noexcept {
-    return (last_ - began_) / static_cast<double>(ticks_);
+    return (now_ - began_) / static_cast<double>(ticks_);
   }
+  /// Reports positions that come too seldom, or after too long a pause.
+  void checkReadings(SelfTestResult& result) const;
+  /// Fills in the result of axis `a`, and reports its problems.
+  void judgeAxis(int a, SelfTestResult& result) const;
+  /// Reports a push that moved the arm elsewhere. `where`: direction of the push, as text.
+  void checkDirection(std::size_t run, const std::string& where, SelfTestResult& result) const;
+  /// Returns the problem of a fit, as text; empty: none.
+  [[nodiscard]] std::string fitTrouble(const AxisResult& axis) const;
 
   SelfTestParams params_;
   Phase phase_ = Phase::kRest;
@@ -139,14 +163,14 @@ class SelfTest {
   bool started_ = false;
   double entered_ = 0.0;
   double began_ = 0.0;
-  double last_ = 0.0;
+  double now_ = 0.0;  ///< Time of the last tick [s].
   std::int64_t ticks_ = 0;
   Vec3 home_ = Vec3::Zero();
   Vec3 falls_ = Vec3::Zero();  ///< SelfTestResult::falls.
   double still_since_ = 0.0;   ///< [s]
   bool caught_ = false;        ///< The falling arm came to rest, or back.
   Vec3 from_ = Vec3::Zero();
-  Vec3 before_ = Vec3::Zero();
+  Vec3 position_ = Vec3::Zero();  ///< In the last tick [m].
   Vec3 velocity_ = Vec3::Zero();
   double level_ = 0.0;  ///< Force of the push [N].
   bool trusted_ = true;

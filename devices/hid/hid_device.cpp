@@ -441,61 +441,7 @@ HandState HidDevice::read() noexcept {
   const std::int64_t now = host_.now();
   const double dt = 1e-9 * static_cast<double>(now - read_at_);
   read_at_ = now;
-  {
-    const Using port(open_port_, reading_);
-    const std::uint32_t plugging = plugging_;
-    if (port && plugging != plugging_seen_) {
-      plugging_seen_ = plugging;
-      heard_ = false;
-      heard_at_ = written_at_ = now;
-      for (Unwrapped& counter : counters_) counter.forget();
-      input_.adopt(mended_);
-      moved_at_ = now;
-      knowFlags(now);
-    }
-    // The arm may have moved since the opening. An arm that reports by itself that it is homed is
-    // where it now reports. An arm homed at the opening must be followed from there on.
-    if (!ticked_) {
-      ticked_ = true;
-      if (!profile_.home_at_open && profile_.home.empty()) {
-        for (Unwrapped& counter : counters_) counter.forget();
-      }
-    }
-    // After a pause the waiting reports are old; the next report gives the position.
-    const bool paused = dt > profile_.limits.stale;
-    if (paused) {
-      heard_ = false;
-      if (!silent()) heard_at_ = now;
-      moved_at_ = written_at_ = now;
-      std::fill(flags_at_.begin(), flags_at_.end(), kNever);
-    }
-    ReadStatus got = port ? input_.takeNewest(*port) : ReadStatus::kGone;
-    if (paused && got == ReadStatus::kReport && !silent()) got = ReadStatus::kNothing;
-    // The counters may have wrapped, so only homing can give the position.
-    if (got == ReadStatus::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
-      miscounted_ = true;
-      got = ReadStatus::kGone;
-      hand.fault = Fault::kMiscounted;
-    }
-    if (got == ReadStatus::kGone) {
-      if (port) lost();
-      if (hand.fault == Fault::kNone) hand.fault = Fault::kGone;
-    }
-    if (got == ReadStatus::kReport) {
-      counted_at_ = now;
-      heard_ = true;
-      heard_at_ = now;
-      lookForMotion(now);
-    }
-    for (std::size_t r = 0; r < flags_at_.size(); ++r) {
-      if (input_.came(r) && !paused) flags_at_[r] = now;
-    }
-    // A puck that is held off its rest sends reports again and again. If they stop, the last one is
-    // valid until it is stale.
-    const double since = 1e-9 * static_cast<double>(now - heard_at_);
-    const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
-    if (got == ReadStatus::kReport || (got == ReadStatus::kNothing && silent())) follow(moves);
-  }
+  readReports(now, dt, hand);
   hand.position = position_W_;
   lookAtHandle();
   hand.handle = handle_;
@@ -503,14 +449,86 @@ HandState HidDevice::read() noexcept {
   hand.age = silent() ? 0.0 : 1e-9 * static_cast<double>(now - heard_at_);
   hand.ready = pose_.reachable && (heard_ || silent());
   if (profile_.output && !numbered_) hand.still = 1e-9 * static_cast<double>(now - moved_at_);
+  applyFlags(hand);
+  lookAtFlags(now, hand);
+  lookAtWrites(now, hand);
+  // The carried weight grows like every force, and ends at once.
+  upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= profile_.limits.stale;
+  const double step = std::min(dt, kLongestStep) / kEngage;
+  carried_share_ = carries_ && upright_ ? std::min(1.0, carried_share_ + step) : 0.0;
+  return hand;
+}
+
+void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexcept {
+  const Using port(open_port_, reading_);
+  const std::uint32_t plugging = plugging_;
+  if (port && plugging != plugging_seen_) {
+    plugging_seen_ = plugging;
+    adoptMended(now);
+  }
+  // The arm may have moved since the opening. An arm that reports by itself that it is homed is
+  // where it now reports. An arm homed at the opening must be followed from there on.
+  if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
+    forgetCounters();
+  }
+  // After a pause the waiting reports are old; the next report gives the position.
+  const bool paused = dt > profile_.limits.stale;
+  if (paused) forgetReports(now);
+  ReadStatus got = port ? input_.takeNewest(*port) : ReadStatus::kGone;
+  if (paused && got == ReadStatus::kReport && !silent()) got = ReadStatus::kNothing;
+  // The counters may have wrapped, so only homing can give the position.
+  if (got == ReadStatus::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
+    miscounted_ = true;
+    got = ReadStatus::kGone;
+    hand.fault = Fault::kMiscounted;
+  }
+  if (got == ReadStatus::kGone) {
+    if (port) lost();
+    if (hand.fault == Fault::kNone) hand.fault = Fault::kGone;
+  }
+  if (got == ReadStatus::kReport) {
+    counted_at_ = now;
+    heard_ = true;
+    heard_at_ = now;
+    lookForMotion(now);
+  }
+  for (std::size_t r = 0; r < flags_at_.size(); ++r) {
+    if (input_.came(r) && !paused) flags_at_[r] = now;
+  }
+  // A puck that is held off its rest sends reports again and again. If they stop, the last one is
+  // valid until it is stale.
+  const double since = 1e-9 * static_cast<double>(now - heard_at_);
+  const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
+  if (got == ReadStatus::kReport || (got == ReadStatus::kNothing && silent())) follow(moves);
+}
+
+void HidDevice::adoptMended(std::int64_t now) noexcept {
+  heard_ = false;
+  heard_at_ = written_at_ = now;
+  forgetCounters();
+  input_.adopt(mended_);
+  moved_at_ = now;
+  knowFlags(now);
+}
+
+void HidDevice::forgetReports(std::int64_t now) noexcept {
+  heard_ = false;
+  if (!silent()) heard_at_ = now;
+  moved_at_ = written_at_ = now;
+  std::fill(flags_at_.begin(), flags_at_.end(), kNever);
+}
+
+void HidDevice::forgetCounters() noexcept {
+  for (Unwrapped& counter : counters_) counter.forget();
+}
+
+void HidDevice::applyFlags(HandState& hand) noexcept {
   for (const HidFlag& flag : profile_.flags) {
     // Flags without a report are ignored here; lookAtFlags waits for them.
     if (!silent() && flags_at_[flag.field.report] == kNever) continue;
     const bool says = input_.raw(flag.field) == flag.equals;
     // Homing sets counters, so their earlier values are not a reference.
-    if (flag.means == HidFlag::Means::kHomed && !says) {
-      for (Unwrapped& counter : counters_) counter.forget();
-    }
+    if (flag.means == HidFlag::Means::kHomed && !says) forgetCounters();
     if (flag.means == HidFlag::Means::kHomed || flag.means == HidFlag::Means::kEnabled) {
       hand.ready = hand.ready && says;
     } else if (says && hand.fault == Fault::kNone) {
@@ -519,13 +537,6 @@ HandState HidDevice::read() noexcept {
                                                               : Fault::kSwitch;
     }
   }
-  lookAtFlags(now, hand);
-  lookAtWrites(now, hand);
-  // The carried weight grows like every force, and ends at once.
-  upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= profile_.limits.stale;
-  const double step = std::min(dt, kLongestStep) / kEngage;
-  carried_share_ = carries_ && upright_ ? std::min(1.0, carried_share_ + step) : 0.0;
-  return hand;
 }
 
 void HidDevice::lookAtFlags(std::int64_t now, HandState& hand) noexcept {

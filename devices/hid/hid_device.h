@@ -179,8 +179,17 @@ class HidDevice final : public Arm {
   /// Waits until a field has its value. Throws DeviceError if it does not get it.
   void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                const std::function<bool()>& stop);
+  /// Takes the newest reports and follows the joints; sets `hand.fault` if the device is absent.
+  void readReports(std::int64_t now, double dt, HandState& hand) noexcept;
+  /// Takes over the input of a device that was plugged in again.
+  void adoptMended(std::int64_t now) noexcept;
+  /// Makes the arm wait for fresh reports, after a pause.
+  void forgetReports(std::int64_t now) noexcept;
+  void forgetCounters() noexcept;
   /// Reads buttons, orientation, gripper and joints.
   void lookAtHandle() noexcept;
+  /// Sets readiness and fault by the last values of the flags.
+  void applyFlags(HandState& hand) noexcept;
   /// Checks the age of reports with flags. If one is too old, `hand` is stale; if one has not come,
   /// it is not ready.
   void lookAtFlags(std::int64_t now, HandState& hand) noexcept;

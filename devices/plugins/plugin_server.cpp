@@ -301,6 +301,86 @@ palpate_plugin_facts sendFacts(const PluginDevice& device) {
   return facts;
 }
 
+/// Maps the memory that the program shares, and protects the program's part from the plug-in.
+/// Throws DeviceError.
+PluginLink& mapLink() {
+  void* memory =
+      mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
+  if (memory == MAP_FAILED) throw DeviceError("palpate-plugin", "no memory", "free some");
+  auto& link = *static_cast<PluginLink*>(memory);
+  if (link.magic != PluginLink::kMagic || link.size != sizeof(PluginLink)) {
+    throw DeviceError("palpate-plugin", "it is of another version than palpate",
+                      "install both anew");
+  }
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const auto orders = static_cast<std::size_t>(reinterpret_cast<const char*>(&link.news) -
+                                               static_cast<const char*>(memory));
+  if (mprotect(memory, orders / page * page, PROT_READ) != 0) {
+    throw DeviceError("palpate-plugin", "its memory cannot be protected", "use another kernel");
+  }
+  close(kPluginMemory);
+  return link;
+}
+
+void sendFound(const palpate_plugin_found& found) {
+  (void)sendPluginMessage(kPluginControl, PluginMessage::kFound,
+                          std::as_bytes(std::span(&found, 1)));
+}
+
+/// Tells the program which arm is opened. Returns its serial number, which the caller may leave
+/// out.
+std::string chooseArm(const PluginLibrary& plugin, const std::string& serial) {
+  palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};
+  const std::string own = plugin.only(serial);
+  own.copy(chosen.serial, sizeof(chosen.serial) - 1);
+  sendFound(chosen);
+  return own.empty() ? serial : own;
+}
+
+/// Stops the arm. If the plug-in does not stop in time, the process ends instead.
+void stopInTime(PluginServer& server) {
+  endIn(kStopTime);
+  server.stop();
+  endIn(0);
+}
+
+/// Watches the haptic thread until the program ends. Stops the arm if the program asks for zero
+/// force, or if the thread hangs.
+void watchServer(PluginServer& server) {
+  // Above the haptic thread, because a hung thread keeps its core.
+  RealtimeRequest above;
+  above.priority = kMostPriority;
+  above.lock_memory = false;
+  (void)becomeRealtime(above, StayAwake(false));
+  std::array<pollfd, 2> ends{{{kPluginControl, POLLIN, 0}, {kPluginZero, POLLIN, 0}}};
+  constexpr int kLook = 2;  // [ms]
+  bool over = false;
+  while (!over) {
+    (void)poll(ends.data(), ends.size(), kLook);
+    std::array<char, 64> any{};
+    if ((ends[1].revents & POLLIN) != 0 && recv(kPluginZero, any.data(), any.size(), 0) > 0) {
+      stopInTime(server);
+    }
+    over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
+    const PluginServer::Look look = server.look(nowNs());
+    if (look == PluginServer::Look::kStop) stopInTime(server);
+    // The haptic thread hangs in the plug-in.
+    if (look == PluginServer::Look::kEnd) _exit(3);
+  }
+}
+
+/// Stops the arm and ends the haptic thread's loop, or else this process.
+void endServer(PluginServer& server, PluginLink& link) {
+  stopInTime(server);
+  server.end();
+  wakeWord(link.orders);
+  constexpr int kPatience = 200;  // [ms]
+  for (int ms = 0; !server.done() && ms < kPatience; ++ms) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  if (!server.done()) _exit(3);
+}
+
 }  // namespace
 
 int listPlugin(const std::filesystem::path& file) try {
@@ -309,8 +389,7 @@ int listPlugin(const std::filesystem::path& file) try {
   const PluginLibrary plugin(file, host());
   introduce(plugin);
   for (const palpate_plugin_found& found : plugin.find()) {
-    (void)sendPluginMessage(kPluginControl, PluginMessage::kFound,
-                            std::as_bytes(std::span(&found, 1)));
+    sendFound(found);
     try {
       const Claim claim(file.stem(), found.serial);
       (void)sendFacts(plugin.open(found.serial));
@@ -329,30 +408,10 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   catchCrashes();
   const HandlerStack own_stack;
   endWithProgram();
-  void* memory =
-      mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
-  if (memory == MAP_FAILED) throw DeviceError("palpate-plugin", "no memory", "free some");
-  auto& link = *static_cast<PluginLink*>(memory);
-  if (link.magic != PluginLink::kMagic || link.size != sizeof(PluginLink)) {
-    throw DeviceError("palpate-plugin", "it is of another version than palpate",
-                      "install both anew");
-  }
-  // Prevents the plug-in from writing to the program's part.
-  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
-  const auto orders = static_cast<std::size_t>(reinterpret_cast<const char*>(&link.news) -
-                                               static_cast<const char*>(memory));
-  if (mprotect(memory, orders / page * page, PROT_READ) != 0) {
-    throw DeviceError("palpate-plugin", "its memory cannot be protected", "use another kernel");
-  }
-  close(kPluginMemory);
+  PluginLink& link = mapLink();
   const PluginLibrary plugin(file, host());
   introduce(plugin);
-  palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};
-  const std::string own = plugin.only(serial);
-  own.copy(chosen.serial, sizeof(chosen.serial) - 1);
-  (void)sendPluginMessage(kPluginControl, PluginMessage::kFound,
-                          std::as_bytes(std::span(&chosen, 1)));
-  const std::string asked = own.empty() ? serial : own;
+  const std::string asked = chooseArm(plugin, serial);
   const Claim claim(file.stem(), asked);
   const PluginDevice device = plugin.open(asked);
   the_device = &device;
@@ -367,40 +426,8 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   // The arm is ready when the loop turns: locking its memory may take a while.
   while (link.heart == 0 && !programEnded()) std::this_thread::yield();
   (void)sendPluginMessage(kPluginControl, PluginMessage::kDone, std::string());
-  std::array<pollfd, 2> ends{{{kPluginControl, POLLIN, 0}, {kPluginZero, POLLIN, 0}}};
-  constexpr int kLook = 2;  // [ms]
-  // If the plug-in does not stop in time, the process ends instead.
-  const auto stop_in_time = [&] {
-    endIn(kStopTime);
-    server.stop();
-    endIn(0);
-  };
-  // Above the haptic thread, because a hung thread keeps its core.
-  RealtimeRequest above;
-  above.priority = kMostPriority;
-  above.lock_memory = false;
-  (void)becomeRealtime(above, StayAwake(false));
-  bool over = false;
-  while (!over) {
-    (void)poll(ends.data(), ends.size(), kLook);
-    std::array<char, 64> any{};
-    if ((ends[1].revents & POLLIN) != 0 && recv(kPluginZero, any.data(), any.size(), 0) > 0) {
-      stop_in_time();
-    }
-    over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
-    const PluginServer::Look look = server.look(nowNs());
-    if (look == PluginServer::Look::kStop) stop_in_time();
-    // The haptic thread hangs in the plug-in.
-    if (look == PluginServer::Look::kEnd) _exit(3);
-  }
-  stop_in_time();
-  server.end();
-  wakeWord(link.orders);
-  constexpr int kPatience = 200;  // [ms]
-  for (int ms = 0; !server.done() && ms < kPatience; ++ms) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  if (!server.done()) _exit(3);
+  watchServer(server);
+  endServer(server, link);
   haptic.join();
   the_device = nullptr;
   return 0;

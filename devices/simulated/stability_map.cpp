@@ -9,12 +9,6 @@
 #include <Eigen/Geometry>
 #include <tbb/parallel_for.h>
 
-#include "palpate/devices/methods/constraint_approach.h"
-#include "palpate/devices/methods/euler_adaptive.h"
-#include "palpate/devices/methods/euler_fixed.h"
-#include "palpate/devices/methods/force_function.h"
-#include "palpate/devices/methods/nelder_mead.h"
-#include "palpate/devices/methods/smallest_residual.h"
 #include "palpate/devices/simulated/stability.h"
 #include "palpate/engine/balance/coupling.h"
 #include "palpate/engine/balance/solver.h"
@@ -34,35 +28,6 @@ Primitive plane(const Vec3& normal, double strength) {
   return {PrimitiveKind::kPlane, Vec3::Zero(), normal, strength};
 }
 
-/// Returns the proxy's offset from the probe [m].
-using Place = std::function<Vec3(const Vec3& probe, double stiffness,
-                                 std::span<const Primitive> primitives, const Vec3& start)>;
-
-/// Wraps a method of the literature at its usual setting, or at `params`.
-template <class... Params>
-Place placedBy(methods::Balance (*method)(const Vec3&, double, std::span<const Primitive>,
-                                          const Vec3&, const Params&...) noexcept,
-               const Params&... params) {
-  return [=](const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-             const Vec3& start) {
-    return method(probe, stiffness, primitives, start, params...).offset;
-  };
-}
-
-/// Makes a method over fixed primitives, balanced again for each reading.
-MapMethod standing(const MapContact& contact, const char* name, int size, const Place& place) {
-  const auto make = [contact, place](double stiffness, double damping, double period) -> MapFeel {
-    const CouplingParams coupling{stiffness, damping};
-    return
-        [=, start = std::optional<Vec3>(), rate = LengthRate()](const Vec3& probe) mutable -> Vec3 {
-          const Vec3 offset = place(probe, stiffness, contact.primitives, start.value_or(probe));
-          start = probe + offset;
-          return couplingForce(coupling, offset, rate.next(offset.norm(), period));
-        };
-  };
-  return {name, size, make};
-}
-
 }  // namespace
 
 MapContact wallContact(double strength) {
@@ -79,31 +44,26 @@ MapContact troughContact(double degrees, double strength) {
   return contact;
 }
 
-std::vector<MapMethod> methodsOver(const MapContact& contact) {
-  constexpr int kFine = 65;
-  constexpr int kSlow = 17;  // for methods with thousands of steps
-  const auto ours = [](const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                       const Vec3& start) {
+MapMethod wrapBalance(const MapContact& contact, const std::string& name,
+                      const MapBalance& balance) {
+  const auto make = [contact, balance](double stiffness, double damping, double period) -> MapFeel {
+    const CouplingParams coupling{stiffness, damping};
+    return
+        [=, start = std::optional<Vec3>(), rate = LengthRate()](const Vec3& probe) mutable -> Vec3 {
+          const Vec3 offset = balance(probe, stiffness, contact.primitives, start.value_or(probe));
+          start = probe + offset;
+          return couplingForce(coupling, offset, rate.next(offset.norm(), period));
+        };
+  };
+  return {name, make};
+}
+
+MapMethod solverOver(const MapContact& contact) {
+  const auto solver = [](const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
+                         const Vec3& start) {
     return solveProxy(probe, stiffness, primitives, start, SolverParams{}).offset;
   };
-  methods::EulerFixedParams fixed;
-  fixed.step = 1e-2;
-  fixed.max_iterations = 2000;
-  methods::EulerAdaptiveParams adaptive;
-  adaptive.grow = 1.05;
-  adaptive.shrink = 0.5;
-  methods::NelderMeadParams simplex;
-  simplex.tolerance = 1e-8;
-  methods::SmallestResidualParams smallest;
-  smallest.tolerance = 1e-8;
-  return {
-      standing(contact, "palpate", kFine, ours),
-      standing(contact, "constraint approach", kFine, placedBy(methods::constraintApproach)),
-      standing(contact, "force function", kFine, placedBy(methods::forceFunction)),
-      standing(contact, "Euler, fixed step", kSlow, placedBy(methods::eulerFixed, fixed)),
-      standing(contact, "Euler, adaptive step", kSlow, placedBy(methods::eulerAdaptive, adaptive)),
-      standing(contact, "Nelder-Mead", kSlow, placedBy(methods::nelderMead, simplex)),
-      standing(contact, "smallest residual", kFine, placedBy(methods::smallestResidual, smallest))};
+  return wrapBalance(contact, "palpate", solver);
 }
 
 MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start) {
@@ -122,7 +82,7 @@ MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start
       return hapticStep(hand->scene, hand->reader, {probe}, hand->state, period).wanted;
     };
   };
-  return {"whole tick", 65, make};
+  return {"whole tick", make};
 }
 
 MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const MapFeel& feel) {

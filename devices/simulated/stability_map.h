@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -33,14 +34,20 @@ struct MapContact {
 /// A method of a map. It makes a new hand without memory for a stiffness [N/m] and damping [N s/m].
 struct MapMethod {
   std::string name;  ///< Name in maps and tables.
-  int size = 65;     ///< Cells along an axis that its cost permits.
   /// Makes a new hand; `period` is the time between readings [s].
   std::function<MapFeel(double stiffness, double damping, double period)> make;
 };
 
-/// Returns the engine's solver and six methods of the literature (devices/methods) over fixed
-/// primitives, each at its intended setting.
-[[nodiscard]] std::vector<MapMethod> methodsOver(const MapContact& contact);
+/// Balances primitives and returns the proxy's offset from the probe [m]. `start` is the last
+/// proxy.
+using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
+                                      std::span<const Primitive> primitives, const Vec3& start)>;
+
+/// Returns a method that balances the contact's fixed primitives again for each reading.
+[[nodiscard]] MapMethod wrapBalance(const MapContact& contact, const std::string& name,
+                                    const MapBalance& balance);
+/// Returns the engine's solver over the contact's fixed primitives.
+[[nodiscard]] MapMethod solverOver(const MapContact& contact);
 /// Returns the engine's whole tick in a scene, with all limits but without the tank.
 [[nodiscard]] MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start);
 

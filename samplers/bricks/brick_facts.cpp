@@ -331,6 +331,128 @@ Json parseText(Text... text) {
   });
 }
 
+/// Reads consecutive bytes of a manifest with the right magic and checksum. Throws VolumeError.
+class ManifestReader {
+ public:
+  ManifestReader(std::span<const std::byte> bytes, const std::string& called) : called_(called) {
+    checkMagic(bytes);
+    std::uint32_t checksum = 0;
+    // Magic, length of the JSON and checksum.
+    if (bytes.size() < kMagic.size() + 2 * sizeof checksum) refuse("it is cut off");
+    rest_ = bytes.first(bytes.size() - sizeof checksum);
+    std::memcpy(&checksum, bytes.data() + rest_.size(), sizeof checksum);
+    if (brickChecksum(rest_) != checksum) refuse("it is cut off or damaged");
+    (void)take(kMagic.size());
+  }
+  [[noreturn]] void refuse(const char* why) const { throw VolumeError(called_, why, kRemedy); }
+  void checkEnd() const {
+    if (!rest_.empty()) refuse("it is damaged: it does not end where it should");
+  }
+  std::span<const std::byte> take(std::uint64_t count, std::size_t bytes_each = 1) {
+    if (count > rest_.size() / bytes_each) refuse("it is damaged: it ends too early");
+    const auto taken = rest_.first(count * bytes_each);
+    rest_ = rest_.subspan(taken.size());
+    return taken;
+  }
+  template <class Number>
+  Number takeNumber() {
+    Number number = 0;
+    std::memcpy(&number, take(sizeof number).data(), sizeof number);
+    return number;
+  }
+  /// Returns the JSON of the facts.
+  std::string_view takeText() {
+    const auto size = takeNumber<std::uint32_t>();
+    if (size > kMostText) refuse("what it says of itself is more than 64 kB");
+    return {reinterpret_cast<const char*>(take(size).data()), size};  // NOLINT: text
+  }
+
+ private:
+  void checkMagic(std::span<const std::byte> bytes) const {
+    constexpr std::size_t kName = kMagic.size() - 1;  // the version follows
+    if (bytes.size() < kMagic.size() || std::memcmp(bytes.data(), kMagic.data(), kName) != 0) {
+      refuse("it is no manifest of bricks");
+    }
+    if (bytes[kName] != static_cast<std::byte>(kMagic.back())) {
+      throw VolumeError(called_, "it is of another version of palpate",
+                        "read it by that one, or write it again");
+    }
+  }
+
+  const std::string& called_;
+  std::span<const std::byte> rest_;
+};
+
+BrickFormat readFormat(const FactsReader& facts) {
+  const std::string type = facts.text("type");
+  if (type != "half" && type != "float") throw std::range_error("its type is none");
+  const std::int32_t components = FactsReader::whole(facts.at("components"));
+  if (components != 1 && components != 3) throw std::range_error("its components are none");
+  return {components == 3, type == "half"};
+}
+
+std::array<float, 3> readBackground(const Json& json, std::size_t components) {
+  if (json.size() != components) throw std::range_error("its background is none");
+  std::array<float, 3> background{};
+  for (std::size_t c = 0; c < components; ++c) {
+    background[c] = static_cast<float>(FactsReader::number(json.at(c)));
+  }
+  return background;
+}
+
+Box boundsOfVoxels(const BrickLevel& level, const VoxelAt& lower, const VoxelAt& upper) {
+  Box bounds;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 p_I;
+    for (int a = 0; a < 3; ++a) {
+      const auto n = static_cast<std::size_t>(a);
+      p_I[a] = ((corner >> a) & 1) != 0 ? upper[n] : lower[n];
+    }
+    bounds.extend(level.toFile(p_I));
+  }
+  return bounds;
+}
+
+void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& info) {
+  const double active = FactsReader::number(statistics.at("active_voxels"));
+  if (!(active >= 0.0 && active <= 1e19)) throw std::range_error("its voxels are none");
+  info.active_voxels = static_cast<std::uint64_t>(active);
+  if (info.active_voxels == 0) {
+    info.refusal = "it has no active voxel: write it with its values active";
+    return;
+  }
+  const VoxelAt lower = FactsReader::voxel(statistics.at("active_lower"));
+  const VoxelAt upper = FactsReader::voxel(statistics.at("active_upper"));
+  info.bounds = boundsOfVoxels(finest, lower, upper);
+  info.lowest = FactsReader::number(statistics.at("lowest"));
+  info.highest = FactsReader::number(statistics.at("highest"));
+  info.mean = FactsReader::number(statistics.at("mean"));
+}
+
+/// Returns true if a writer could have made the entry.
+bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifest& manifest) {
+  if (!manifest.has(id) || entry.kind > BrickKind::kStored) return false;
+  const auto is_finite = [](float v) { return std::isfinite(v); };
+  return std::all_of(entry.value.begin(), entry.value.end(), is_finite) &&
+         (entry.kind == BrickKind::kStored) == (entry.bytes > 0);
+}
+
+/// Reads the table of a level, whose places ascend.
+std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest& manifest,
+                                    std::int32_t level) {
+  const auto count = reader.takeNumber<std::uint64_t>();
+  const auto rows = reader.take(count, sizeof(BrickEntry));
+  std::vector<BrickEntry> entries(count);
+  if (count > 0) std::memcpy(entries.data(), rows.data(), rows.size());
+  for (std::size_t n = 0; n < entries.size(); ++n) {
+    if (!isValidEntry(entries[n], {level, entries[n].at}, manifest) ||
+        (n > 0 && entries[n - 1].at >= entries[n].at)) {
+      reader.refuse("it is damaged: a brick of it cannot be");
+    }
+  }
+  return entries;
+}
+
 }  // namespace
 
 std::size_t BrickFacts::headOf(std::span<const std::byte> manifest) noexcept {
@@ -349,130 +471,57 @@ std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
   }
 }
 
-BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::string& called) {
-  const auto refuse = [&](const char* why) { throw VolumeError(called, why, kRemedy); };
-  // Magic, length of the JSON and checksum.
-  constexpr std::size_t kAround = kMagic.size() + 2 * sizeof(std::uint32_t);
-  if (bytes.size() < kMagic.size() ||
-      std::memcmp(bytes.data(), kMagic.data(), kMagic.size() - 1) != 0) {
-    refuse("it is no manifest of bricks");
+void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
+  const FactsReader facts(json);
+  if (FactsReader::whole(facts.at("bricks")) != kVersion) {
+    throw std::range_error("it is of another version");
   }
-  if (bytes[kMagic.size() - 1] != static_cast<std::byte>(kMagic.back())) {
-    throw VolumeError(called, "it is of another version of palpate",
-                      "read it by that one, or write it again");
-  }
-  if (bytes.size() < kAround) refuse("it is cut off");
-  std::uint32_t checksum = 0;
-  std::span<const std::byte> rest = bytes.first(bytes.size() - sizeof checksum);
-  std::memcpy(&checksum, bytes.data() + rest.size(), sizeof checksum);
-  if (brickChecksum(rest) != checksum) refuse("it is cut off or damaged");
-  const auto take = [&](std::uint64_t size) {
-    if (size > rest.size()) refuse("it is damaged: it ends too early");
-    const auto taken = rest.first(size);
-    rest = rest.subspan(size);
-    return taken;
-  };
-  (void)take(kMagic.size());
-  std::uint32_t size = 0;
-  std::memcpy(&size, take(sizeof size).data(), sizeof size);
-  if (size > kMostText) refuse("what it says of itself is more than 64 kB");
-  const auto text = take(size);
-
-  BrickManifest manifest;
   GridInfo& info = manifest.info_;
-  try {
-    const auto* begin = reinterpret_cast<const char*>(text.data());  // NOLINT: text
-    const Json json = parseText(begin, begin + text.size());
-    const FactsReader facts(json);
-    if (FactsReader::whole(facts.at("bricks")) != kVersion) {
-      throw std::range_error("it is of another version");
-    }
-    info.name = facts.text("name");
-    info.grid_class = classNamed(facts.text("class"));
-    info.source = facts.text("source");
-    const std::string type = facts.text("type");
-    if (type != "half" && type != "float") throw std::range_error("its type is none");
-    const std::int32_t components = FactsReader::whole(facts.at("components"));
-    if (components != 1 && components != 3) throw std::range_error("its components are none");
-    manifest.format_ = {components == 3, type == "half"};
-    if (facts.at("background").size() != manifest.format_.components()) {
-      throw std::range_error("its background is none");
-    }
-    for (std::size_t c = 0; c < manifest.format_.components(); ++c) {
-      manifest.background_[c] =
-          static_cast<float>(FactsReader::number(facts.at("background").at(c)));
-    }
-    manifest.extent_ = {FactsReader::voxel(facts.at("lower")),
-                        FactsReader::voxel(facts.at("upper"))};
-    const Mat3 linear = FactsReader::matrix(facts.at("linear"));
-    const Vec3 origin = FactsReader::vec(facts.at("origin"));
-    if (!isMap(linear, origin)) throw std::range_error("its map is none");
-    if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
-      throw std::range_error("its extent is none");
-    }
-    manifest.metadata_ = facts.at("metadata").dump();
-    manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));
-    const bool level_set = info.grid_class == GridClass::kLevelSet && !manifest.format_.vector;
-    manifest.levels_ = levelsOf(linear, origin, manifest.extent_, level_set);
+  info.name = facts.text("name");
+  info.grid_class = classNamed(facts.text("class"));
+  info.source = facts.text("source");
+  manifest.format_ = readFormat(facts);
+  manifest.background_ = readBackground(facts.at("background"), manifest.format_.components());
+  manifest.extent_ = {FactsReader::voxel(facts.at("lower")), FactsReader::voxel(facts.at("upper"))};
+  const Mat3 linear = FactsReader::matrix(facts.at("linear"));
+  const Vec3 origin = FactsReader::vec(facts.at("origin"));
+  if (!isMap(linear, origin)) throw std::range_error("its map is none");
+  if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
+    throw std::range_error("its extent is none");
+  }
+  manifest.metadata_ = facts.at("metadata").dump();
+  manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));
+  const bool level_set = info.grid_class == GridClass::kLevelSet && !manifest.format_.vector;
+  manifest.levels_ = levelsOf(linear, origin, manifest.extent_, level_set);
 
-    info.vector = manifest.format_.vector;
-    info.half = manifest.format_.half;
-    info.type = info.vector ? "vec3s" : "float";
-    info.voxel = linear.colwise().norm().transpose();
-    const Vec3 background(manifest.background_[0], manifest.background_[1],
-                          manifest.background_[2]);
-    info.background = info.vector ? background.norm() : background.x();
-    const Json& statistics = facts.at("statistics");
-    const double active = FactsReader::number(statistics.at("active_voxels"));
-    if (!(active >= 0.0 && active <= 1e19)) throw std::range_error("its voxels are none");
-    info.active_voxels = static_cast<std::uint64_t>(active);
-    if (info.active_voxels > 0) {
-      const VoxelAt lower = FactsReader::voxel(statistics.at("active_lower"));
-      const VoxelAt upper = FactsReader::voxel(statistics.at("active_upper"));
-      for (int corner = 0; corner < 8; ++corner) {
-        Vec3 p_I;
-        for (int a = 0; a < 3; ++a) {
-          const auto n = static_cast<std::size_t>(a);
-          p_I[a] = ((corner >> a) & 1) != 0 ? upper[n] : lower[n];
-        }
-        info.bounds.extend(linear * p_I + origin);
-      }
-      info.lowest = FactsReader::number(statistics.at("lowest"));
-      info.highest = FactsReader::number(statistics.at("highest"));
-      info.mean = FactsReader::number(statistics.at("mean"));
-    } else {
-      info.refusal = "it has no active voxel: write it with its values active";
-    }
+  info.vector = manifest.format_.vector;
+  info.half = manifest.format_.half;
+  info.type = info.vector ? "vec3s" : "float";
+  info.voxel = linear.colwise().norm().transpose();
+  const Vec3 background(manifest.background_[0], manifest.background_[1], manifest.background_[2]);
+  info.background = info.vector ? background.norm() : background.x();
+  readStatistics(facts.at("statistics"), manifest.levels_.front(), info);
+}
+
+BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::string& called) {
+  ManifestReader reader(bytes, called);
+  const std::string_view text = reader.takeText();
+  BrickManifest manifest;
+  try {
+    readFacts(parseText(text.begin(), text.end()), manifest);
   } catch (const std::exception& e) {
     std::string why = e.what();
     std::replace(why.begin(), why.end(), '\n', ' ');
     throw VolumeError(called, "it is damaged (" + why + ")", kRemedy);
   }
-
-  // The table: each row has a place of its own.
   manifest.entries_.resize(manifest.levels_.size());
-  const auto is_bad = [&](const BrickEntry& entry, const BrickId& id) {
-    bool bad = !manifest.has(id) || entry.kind > BrickKind::kStored;
-    for (const float v : entry.value) bad = bad || !std::isfinite(v);
-    return bad || (entry.kind == BrickKind::kStored) != (entry.bytes > 0);
-  };
   for (std::size_t l = 0; l < manifest.levels_.size(); ++l) {
-    std::uint64_t count = 0;
-    std::memcpy(&count, take(sizeof count).data(), sizeof count);
-    if (count > rest.size() / sizeof(BrickEntry)) refuse("it is damaged: it ends too early");
-    std::vector<BrickEntry>& entries = manifest.entries_[l];
-    entries.resize(count);
-    const auto rows = take(count * sizeof(BrickEntry));
-    if (count > 0) std::memcpy(entries.data(), rows.data(), rows.size());
-    for (std::size_t n = 0; n < entries.size(); ++n) {
-      const BrickId id{static_cast<std::int32_t>(l), entries[n].at};
-      if (is_bad(entries[n], id) || (n > 0 && entries[n - 1].at >= entries[n].at)) {
-        refuse("it is damaged: a brick of it cannot be");
-      }
-      if (l == 0 && entries[n].kind == BrickKind::kStored) info.memory += manifest.format_.bytes();
-    }
+    manifest.entries_[l] = readEntries(reader, manifest, static_cast<std::int32_t>(l));
   }
-  if (!rest.empty()) refuse("it is damaged: it does not end where it should");
+  for (const BrickEntry& entry : manifest.entries_.front()) {
+    if (entry.kind == BrickKind::kStored) manifest.info_.memory += manifest.format_.bytes();
+  }
+  reader.checkEnd();
   return manifest;
 }
 

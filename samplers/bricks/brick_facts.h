@@ -59,6 +59,9 @@ class BrickFacts {
                                            const std::string& called);
 
  private:
+  /// Reads all but the tables of a manifest. Throws std::exception.
+  static void readFacts(const nlohmann::ordered_json& json, BrickManifest& manifest);
+
   nlohmann::ordered_json facts_;
   BrickManifest manifest_;
 };

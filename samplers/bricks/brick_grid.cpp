@@ -247,9 +247,10 @@ void sortAsTree(std::vector<LeafSum>& leaves) {
 }
 
 /// Sets the identity, extent, background, metadata and fill function of an input from a grid.
-/// @param crew  The process group that has the parts; each rank's part counts in its input's share.
+/// @param group  The process group that has the parts; each rank's part counts in its input's
+/// share.
 template <class GridT>
-void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& crew, BrickInput& input) {
+void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInput& input) {
   using Tree = typename GridT::TreeType;
   using Leaf = typename Tree::LeafNodeType;
   const openvdb::tree::LeafManager<const Tree> leaves(grid->tree());
@@ -268,7 +269,7 @@ void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& crew, BrickInput
     std::erase_if(sums, [&](const LeafSum& leaf) {
       return !input.share->has(std::int64_t{leaf.origin[2]} >> kBrickShift);
     });
-    sums = gatherAll(crew, sums);
+    sums = gatherAll(group, sums);
     sortAsTree<Tree>(sums);
   }
   Sum sum;
@@ -425,7 +426,7 @@ openvdb::GridClass classOf(GridClass grid_class) {
 
 /// @param share  See BrickInput.
 BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half,
-                   ProcessGroup& crew, const std::optional<Share>& share) {
+                   ProcessGroup& group, const std::optional<Share>& share) {
   if (parts.size() != 1) {
     throw VolumeError(
         "\"" + info.name + "\"", "its components stand at different places",
@@ -442,7 +443,7 @@ BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& 
   std::visit(
       [&](const auto& grid) {
         using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
-        lookAt<GridT>(grid, crew, input);
+        lookAt<GridT>(grid, group, input);
       },
       parts[0].data);
   return input;
@@ -458,7 +459,7 @@ BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
   return input;
 }
 
-BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& crew, const Share& share) {
+BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& group, const Share& share) {
   const Prepared prepared = prepare(part->getName(), part, {});
   // A part may be empty, though the whole is not.
   if (!prepared.info.refusal.empty() && prepared.info.active_voxels > 0) {
@@ -466,7 +467,7 @@ BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& crew, co
     throw VolumeError("grid \"" + prepared.info.name + "\"", prepared.info.refusal.substr(0, colon),
                       prepared.info.refusal.substr(colon + 2));
   }
-  return inputOf(prepared.info, prepared.grid->parts, false, crew, share);
+  return inputOf(prepared.info, prepared.grid->parts, false, group, share);
 }
 
 std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder, std::int32_t level) {

@@ -14,7 +14,7 @@ namespace palpate {
 /// `share` describes the whole grid and is the same as for one grid. The part is not copied: do not
 /// write to it afterwards. Throws VolumeError with the grid's name if the volume cannot be used.
 /// Slow: reads every value.
-[[nodiscard]] BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& crew,
+[[nodiscard]] BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& group,
                                     const Share& share);
 
 }  // namespace palpate

@@ -137,12 +137,12 @@ bool isOneValue(const Space& space, std::size_t components) {
 class Writer {
  public:
   Writer(BrickFolder& folder, const BrickInput& input, const BrickOptions& options,
-         BrickFacts& facts, ProcessGroup& crew, bool resumes)
+         BrickFacts& facts, ProcessGroup& group, bool resumes)
       : folder_(folder),
         input_(input),
         options_(options),
         facts_(facts),
-        group_(crew),
+        group_(group),
         resumes_(resumes),
         components_(input.format.components()),
         spaces_([&] { return Space(input.format, facts.manifest().identity()); }) {
@@ -427,13 +427,13 @@ class Writer {
 BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
                         const BrickOptions& options) {
   SingleProcess alone;
-  ProcessGroup& crew = options.crew == nullptr ? alone : *options.crew;
+  ProcessGroup& group = options.group == nullptr ? alone : *options.group;
   BrickFacts facts(input, options);
   const std::uint64_t identity = facts.manifest().identity();
   // Rank 0 checks the folder and holds its lock while any rank writes.
   std::optional<BrickFolder> held;
   Found found = Found::kNothing;
-  if (crew.rank() == 0) {
+  if (group.rank() == 0) {
     found = lookInto(folder, identity);
     held.emplace(folder);
     if (found != Found::kFinished) held->lock();
@@ -442,7 +442,7 @@ BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
     std::uint64_t identity;
     Found found;
   };
-  const Begin first = gatherOne(crew, Begin{identity, found}).front();
+  const Begin first = gatherOne(group, Begin{identity, found}).front();
   found = first.found;
   if (first.identity != identity) {
     throw Error(folder.string(), "this rank's input is another than that of rank 0",
@@ -452,8 +452,8 @@ BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
     if (held) held->removePartial();
     return {BrickManifest::read(folder), 0, 0};
   }
-  if (!held) held.emplace(folder, crew.rank());
-  return Writer(*held, input, options, facts, crew, found == Found::kUnfinished).write();
+  if (!held) held.emplace(folder, group.rank());
+  return Writer(*held, input, options, facts, group, found == Found::kUnfinished).write();
 }
 
 }  // namespace palpate

@@ -60,7 +60,7 @@ struct BrickOptions {
   std::function<void(double done)> progress;
   /// The process group that writes together, into a folder that all ranks see; null: this process
   /// alone.
-  ProcessGroup* crew = nullptr;
+  ProcessGroup* group = nullptr;
 };
 
 /// The result of writing.

@@ -102,13 +102,20 @@ std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
   return part.graph.mode_numbers.front();
 }
 
-}  // namespace
+/// A division in progress.
+struct Division {
+  Together together;
+  std::set<std::string> base;              ///< Groups (from find) that cannot be parts.
+  std::map<std::string, PartPlan> things;  ///< By their groups.
+  std::vector<std::size_t> stay;           ///< Modes outside of the parts.
 
-ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
-  const bool placed_often = std::any_of(volumes.begin(), volumes.end(), [](const auto& entry) {
-    return !entry.second.leader.empty();
-  });
-  if (placed_often) checkNames(graph, volumes);
+  void keepInBase(const std::string& name) {
+    if (together.knows(name)) base.insert(together.find(name));
+  }
+};
+
+/// Joins the volumes and fields that depend on each other or are read together.
+Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
   Together together;
   for (const auto& [name, volume] : volumes) together.add(name);
   for (const auto& [name, derived] : graph.fields) together.add(name);
@@ -116,86 +123,120 @@ ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolu
   for (const auto& [name, volume] : volumes) {
     if (!volume.leader.empty()) together.join(name, volume.leader);
   }
-  std::set<std::string> base;  // names (from find) of things that cannot be parts
-  const auto keep = [&](const std::string& name) {
-    if (together.knows(name)) base.insert(together.find(name));
-  };
   for (const ModeSpec& mode : graph.modes) {
     const std::vector<std::string> names = namesOf(mode);
     for (const std::string& name : names) together.join(names.front(), name);
   }
-  // The joins above change the results of find, so collect `base` only now.
-  for (const auto& [name, volume] : volumes) {
-    if (!volume.may_be_part) keep(name);
-  }
-  if (graph.stiffness) {
-    for (const TransferSpec::Factor& factor : graph.stiffness->factors) keep(factor.by);
-  }
-  std::map<std::string, PartPlan> things;
-  std::vector<std::size_t> stay;
-  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
-    const ModeSpec& mode = graph.modes[i];
+  return together;
+}
+
+/// Gives each mode to the thing that it reads, or keeps it in the base.
+void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
+  for (std::size_t i = 0; i < modes.size(); ++i) {
+    const ModeSpec& mode = modes[i];
     const std::vector<std::string> names = namesOf(mode);
-    const bool stranger = std::any_of(
-        names.begin(), names.end(), [&](const std::string& name) { return !together.knows(name); });
+    const bool stranger = std::any_of(names.begin(), names.end(), [&](const std::string& name) {
+      return !division.together.knows(name);
+    });
     const bool placed = mode.kind == ModeKind::kGuide || mode.kind == ModeKind::kUser;
     if (names.empty() || stranger || placed) {
-      for (const std::string& name : names) keep(name);
-      stay.push_back(i);
+      for (const std::string& name : names) division.keepInBase(name);
+      division.stay.push_back(i);
       continue;
     }
-    PartPlan& thing = things[together.find(names.front())];
+    PartPlan& thing = division.things[division.together.find(names.front())];
     thing.graph.modes.push_back(mode);
     thing.graph.mode_numbers.push_back(i);
   }
+}
+
+/// Gives each volume and each field to its thing.
+void divideFields(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes,
+                  Division& division) {
   for (const auto& [name, volume] : volumes) {
-    const auto thing = things.find(together.find(name));
-    if (thing == things.end()) continue;
+    const auto thing = division.things.find(division.together.find(name));
+    if (thing == division.things.end()) continue;
     thing->second.volumes.push_back(name);
     if (!volume.leader.empty()) thing->second.leader = volume.leader;
   }
   for (const auto& [name, derived] : graph.fields) {
-    const auto thing = things.find(together.find(name));
-    if (thing != things.end()) thing->second.graph.fields[name] = derived;
+    const auto thing = division.things.find(division.together.find(name));
+    if (thing != division.things.end()) thing->second.graph.fields[name] = derived;
   }
+}
 
-  const auto fits = [](const PartPlan& thing) {
-    return thing.volumes.size() <= kMaxPartFields && thing.graph.modes.size() <= kMaxPartModes;
-  };
-  ScenePlan plan;
-  const bool few = things.size() <= kFewThings;
-  for (auto& [name, thing] : things) {
-    const bool many = !thing.leader.empty();
-    if (many) {
-      const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
-      for (const std::string& volume : thing.volumes) {
-        if (volumes.at(volume).leader == thing.leader) continue;
-        throw SceneError(path,
-                         "\"" + volume + "\" is felt together with \"" + thing.leader +
-                             "\", which has instances",
-                         "place it like that: {\"like\": \"" + thing.leader + "\"}");
-      }
-      if (base.count(name) != 0) {
-        throw SceneError("/volumes/" + thing.leader + "/instances",
-                         "something that is there once reads it (a guide, the coupling)",
-                         "remove that, or the instances");
-      }
-    } else if (few || base.count(name) != 0 || !fits(thing)) {
-      stay.insert(stay.end(), thing.graph.mode_numbers.begin(), thing.graph.mode_numbers.end());
+Division divide(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
+  Division division{joinNames(graph, volumes), {}, {}, {}};
+  for (const auto& [name, volume] : volumes) {
+    if (!volume.may_be_part) division.keepInBase(name);
+  }
+  if (graph.stiffness) {
+    for (const TransferSpec::Factor& factor : graph.stiffness->factors) {
+      division.keepInBase(factor.by);
+    }
+  }
+  divideModes(graph.modes, division);
+  divideFields(graph, volumes, division);
+  return division;
+}
+
+/// Throws if a thing with instances includes something that stands once.
+void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
+                    const std::map<std::string, PlanVolume>& volumes) {
+  const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
+  for (const std::string& volume : thing.volumes) {
+    if (volumes.at(volume).leader == thing.leader) continue;
+    throw SceneError(
+        path,
+        "\"" + volume + "\" is felt together with \"" + thing.leader + "\", which has instances",
+        "place it like that: {\"like\": \"" + thing.leader + "\"}");
+  }
+  if (in_base) {
+    throw SceneError("/volumes/" + thing.leader + "/instances",
+                     "something that is there once reads it (a guide, the coupling)",
+                     "remove that, or the instances");
+  }
+}
+
+/// Moves out the things that become parts, in the scene's order; the modes of the others stay.
+std::vector<PartPlan> takeParts(const GraphSpec& graph,
+                                const std::map<std::string, PlanVolume>& volumes,
+                                Division& division) {
+  std::vector<PartPlan> parts;
+  const bool few = division.things.size() <= kFewThings;
+  for (auto& [name, thing] : division.things) {
+    const bool in_base = division.base.count(name) != 0;
+    const bool fits =
+        thing.volumes.size() <= kMaxPartFields && thing.graph.modes.size() <= kMaxPartModes;
+    const std::vector<std::size_t>& numbers = thing.graph.mode_numbers;
+    if (!thing.leader.empty()) {
+      checkInstances(thing, in_base, graph, volumes);
+    } else if (few || in_base || !fits) {
+      division.stay.insert(division.stay.end(), numbers.begin(), numbers.end());
       continue;
     }
-    plan.parts.push_back(std::move(thing));
+    parts.push_back(std::move(thing));
   }
-  // Use the scene's order.
-  std::sort(stay.begin(), stay.end());
+  std::sort(division.stay.begin(), division.stay.end());
   const auto first = [](const PartPlan& part) { return part.graph.mode_numbers.front(); };
-  std::sort(plan.parts.begin(), plan.parts.end(),
+  std::sort(parts.begin(), parts.end(),
             [&](const PartPlan& a, const PartPlan& b) { return first(a) < first(b); });
-  plan.base = graph;
+  return parts;
+}
+
+}  // namespace
+
+ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
+  const bool placed_often = std::any_of(volumes.begin(), volumes.end(), [](const auto& entry) {
+    return !entry.second.leader.empty();
+  });
+  if (placed_often) checkNames(graph, volumes);
+  Division division = divide(graph, volumes);
+  ScenePlan plan{graph, takeParts(graph, volumes, division)};
   if (plan.parts.empty()) return plan;
   if (!placed_often) checkNames(graph, volumes);
   plan.base.modes.clear();
-  for (const std::size_t i : stay) {
+  for (const std::size_t i : division.stay) {
     plan.base.modes.push_back(graph.modes[i]);
     plan.base.mode_numbers.push_back(i);
   }

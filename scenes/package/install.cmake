@@ -49,26 +49,11 @@ if(NOT PALPATE_ENGINE_ONLY)
       LIBRARY DESTINATION ${PALPATE_PYTHON_FOLDER} COMPONENT python)
   endif()
 
-  # Shell completions and a manual page for each verb are generated from the programs' help.
-  set(words ${PROJECT_BINARY_DIR}/words)
+  # A manual page for each verb is generated from the programs' help.
   set(speakers palpate palpate-import-light)
   if(PALPATE_VTK)
     list(APPEND speakers palpate-import)
   endif()
-  file(MAKE_DIRECTORY ${words})
-  set(completions "")
-  foreach(shell bash zsh)
-    add_custom_command(OUTPUT ${words}/completion.${shell}
-      COMMAND palpate completion ${shell} > ${words}/completion.${shell}
-      DEPENDS ${speakers}
-      COMMENT "Completion for ${shell}")
-    list(APPEND completions ${words}/completion.${shell})
-  endforeach()
-  add_custom_target(palpate_completion ALL DEPENDS ${completions})
-  install(FILES ${words}/completion.bash RENAME palpate
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT programs)
-  install(FILES ${words}/completion.zsh RENAME _palpate
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions COMPONENT programs)
   find_program(PALPATE_HELP2MAN help2man)
   if(PALPATE_HELP2MAN AND NOT PALPATE_SANITIZE)
     set(pages ${PROJECT_BINARY_DIR}/man)
@@ -186,8 +171,8 @@ set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
 Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, its importer of \
 NIfTI, NRRD, MetaImage and raw values, its manual, the rules that let a user open an arm.")
 set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
-Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files; and netCDF and \
-GRIB of weather and oceans.")
+Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files; and netCDF of \
+weather and oceans.")
 set(CPACK_COMPONENT_VIEW_DESCRIPTION "\
 A window for palpate view: the volumes, the hand and its forces, and why they are what they are.")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\

@@ -43,7 +43,7 @@ case "$(basename "$0") $*" in
     cmake*) exit 0 ;;
     "palpate --version") echo "palpate 0.2.0 ($COMMIT)"; echo "GNU 12.2.0, Release; imports"; exit 0 ;;
     *paper*) n=1 ;; *balance*) n=2 ;; *speed_accuracy*) n=3 ;; *tick*) n=4 ;; *press*) n=5 ;;
-    *1.5*) n=6 ;; *scale*) n=7 ;; *whatever*) n=8 ;; *kill_table*) n=9 ;; *realtime*) n=10 ;;
+    *1.5*) n=6 ;; *scale*) n=7 ;; *random*) n=8 ;; *kill_table*) n=9 ;; *realtime*) n=10 ;;
 esac
 [ "$n" != "$FAILS" ] || { echo "it went wrong" >&2; exit 3; }
 cat "$RECORDED/$n.txt"
@@ -62,7 +62,7 @@ class Reading(unittest.TestCase):
         for number, (_, read) in figures.COMMANDS.items():
             self.assertEqual(read(recorded(number)), CELLS[number], number)
 
-    def test_what_is_not_there_is_not_found(self):
+    def test_missing_figures_are_not_found(self):
         for number, (_, read) in figures.COMMANDS.items():
             before, after = OTHERWISE[number]
             self.assertIn(before, recorded(number), number)
@@ -141,7 +141,7 @@ class Writing(unittest.TestCase):
         self.run_it("--write", self.page, "--only", "2,3", commit="ba9876543210")
         self.assertEqual(figures.Page(self.page).cells, CELLS)
 
-    def test_what_it_asks_for(self):
+    def test_missing_inputs_and_markers_are_reported(self):
         (self.dir / "head.json").unlink()
         self.assertIn("./demo.sh", self.run_it("--write", self.page, status=1))
         self.untouched()
@@ -149,7 +149,7 @@ class Writing(unittest.TestCase):
         self.assertIn("no <!-- figures: begin -->", self.run_it("--write", self.page, status=1))
         self.assertEqual(self.page.read_text(), "bare\n")
 
-    def test_without_a_page_it_tells_what_changes(self):
+    def test_without_a_page_it_prints_the_changes(self):
         told = self.run_it("--only", "7")
         self.assertIn("| 1.03 times, 1.07 at p99.9 | 7 |", told)
         self.assertIn(f"| {figures.MISSING} | 8 |", told)

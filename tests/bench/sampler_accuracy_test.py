@@ -87,7 +87,7 @@ class SamplerAccuracy(unittest.TestCase):
             self.falls("palpate cubic", "gradient", 7.0, field)
             self.falls("BoxStencil", "gradient", 1.9, field)
 
-    def test_trilinear_is_trilinear_whoever_reads_it(self):
+    def test_all_trilinear_readers_agree(self):
         same = {"palpate trilinear", "BoxSampler", "BoxStencil"} | self.nano
         for field in FIELDS:
             for which in ("rms", "max"):

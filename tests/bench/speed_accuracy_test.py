@@ -70,7 +70,7 @@ class SpeedAccuracy(unittest.TestCase):
             self.assertEqual(r.get("cold_ns", 0) > 0, timed_cold)
             self.assertLessEqual(r["error_m"]["median"], r["error_m"]["worst"])
 
-    def test_our_solver_reaches_what_it_is_asked_for(self):
+    def test_our_solver_reaches_the_requested_accuracy(self):
         for r in self.data["results"]:
             if r["method"].startswith("palpate") and r["setting"] in r["reached"]:
                 self.assertEqual(r["reached"][r["setting"]], 1.0, r)
@@ -80,7 +80,7 @@ class SpeedAccuracy(unittest.TestCase):
             if r["method"] == "constraint approach" and r["family"] == "orthogonal":
                 self.assertEqual(r["reached"]["1e-6"], 1.0, r)
 
-    def test_ratios_count_what_they_leave_out(self):
+    def test_ratios_count_the_missed_cases(self):
         self.assertTrue(any(r["other"] == "Euler, adaptive step" for r in self.data["ratios"]))
         for r in self.data["ratios"]:
             self.assertGreaterEqual(r["both"] + r["missed_by_other"] + r["missed_by_ours"],

@@ -39,7 +39,7 @@ class StabilityAccuracy(unittest.TestCase):
                 self.assertGreater(at["stiffness"], 0.85 * at["formula"], (contact, at))
                 self.assertLess(at["stiffness"], 1.3 * at["formula"], (contact, at))
 
-    def test_others_fail(self):
+    def test_other_methods_fail(self):
         for contact in ("a wall", "two planes"):
             none = self.of(contact, "force function")
             self.assertGreater(none["force_error"], 1.0)

@@ -75,7 +75,8 @@ std::int64_t ms(std::int64_t t) {
 
 }  // namespace
 
-TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags", "[profile]") {
+TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and flags",
+          "[profile]") {
   ArmWatch watch(arm(""));
   Says port;
   CHECK(watch.take(port, ms(1000)) == ReadStatus::kNothing);
@@ -132,7 +133,7 @@ TEST_CASE("what an arm says is shown: bytes, rates, fields, joints, tip, flags",
   CHECK(port.sent == 0);
 }
 
-TEST_CASE("what is watched is counted beyond its ends, from home where it was first seen",
+TEST_CASE("the watch follows a counter past its end, from home if the profile homes at opening",
           "[profile]") {
   const auto first = [](const char* home, const std::vector<std::vector<int>>& reports) {
     ArmWatch watch(arm(home));

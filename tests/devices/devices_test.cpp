@@ -96,7 +96,7 @@ TEST_CASE("a path may start at any time and have one row", "[path]") {
   CHECK(device.ended());
 }
 
-TEST_CASE("a bad path is one line that names the row", "[path]") {
+TEST_CASE("a malformed path file is refused with its reason", "[path]") {
   CHECK_THROWS_WITH(path(""), Contains("p.csv: it is empty"));
   CHECK_THROWS_WITH(path("x,y,z\n1,2,3\n"), Contains("header t,x,y,z"));
   CHECK_THROWS_WITH(path("t,x,y,z\n"), Contains("no row"));
@@ -108,7 +108,7 @@ TEST_CASE("a bad path is one line that names the row", "[path]") {
   CHECK(path("t, x, y, z\r\n0, 1e-3, -2, +3\r\n\r\n").front().p == Vec3(1e-3, -2, 3));
 }
 
-TEST_CASE("a free arm with friction slows as its closed form says", "[simulated]") {
+TEST_CASE("a released arm with viscous friction slows as the closed form says", "[simulated]") {
   // Released, without Coulomb friction and encoder: v = v0 exp(-b t/m) after a push of one tick.
   ArmParams arm;
   arm.coulomb = 0.0;
@@ -141,7 +141,7 @@ TEST_CASE("Coulomb friction holds the arm against a smaller force", "[simulated]
   CHECK(device.position().x() > 1e-2);
 }
 
-TEST_CASE("a force acts after the delay, whole and fractional", "[simulated]") {
+TEST_CASE("a force acts after a delay of whole or fractional ticks", "[simulated]") {
   const double ticks = GENERATE(0.0, 1.0, 1.5, 3.25);
   ArmParams arm;
   arm.viscous = 0.0;
@@ -154,7 +154,7 @@ TEST_CASE("a force acts after the delay, whole and fractional", "[simulated]") {
   CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
 }
 
-TEST_CASE("a hand's target is asked once a tick, and never for the past", "[simulated]") {
+TEST_CASE("a hand's target is evaluated once a tick, in rising time", "[simulated]") {
   // So the target may have memory: here each call moves it by a millimetre, 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
@@ -174,14 +174,14 @@ TEST_CASE("a hand's target is asked once a tick, and never for the past", "[simu
   CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }
 
-TEST_CASE("the probe is read in steps of the encoder", "[simulated]") {
+TEST_CASE("the position is read in encoder steps", "[simulated]") {
   ArmParams arm;
   arm.encoder = 1e-3;
   SimulatedDevice device(arm, {300.0, 5.0}, hold({0.0126, -0.0004, 0}, 1.0), 1000.0);
   CHECK((device.read().position - Vec3(0.013, 0, 0)).norm() < 1e-15);
 }
 
-TEST_CASE("the same run gives the same bits", "[simulated]") {
+TEST_CASE("two equal simulated runs give bitwise equal positions", "[simulated]") {
   const Box box{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
   SimulatedDevice a({}, {}, explore(box, 2.0), 1000.0);
   SimulatedDevice b({}, {}, explore(box, 2.0), 1000.0);
@@ -192,7 +192,7 @@ TEST_CASE("the same run gives the same bits", "[simulated]") {
   }
 }
 
-TEST_CASE("the simulated hand has no energy of its own: released it comes to rest", "[simulated]") {
+TEST_CASE("a released simulated arm only slows down, and stops", "[simulated]") {
   SimulatedDevice device({}, {0.0, 0.0}, hold(Vec3::Zero(), 10.0), 1000.0);
   for (int i = 0; i < 50; ++i) device.write({1, -1, 0.5});
   double speed = device.velocity().norm();
@@ -223,7 +223,8 @@ TEST_CASE("parameters out of range are refused", "[simulated]") {
   CHECK_THROWS_AS(SimulatedDevice({}, {}, HandTarget{}, 1000.0), DeviceError);
 }
 
-TEST_CASE("the exploration starts and ends outside and goes deep between", "[simulated]") {
+TEST_CASE("the exploration path starts and ends outside the box and passes near its centre",
+          "[simulated]") {
   const Box box{{-0.05, -0.03, -0.02}, {0.05, 0.03, 0.02}};
   for (const double seconds : {1.0, 5.0, 20.0}) {
     const HandTarget target = explore(box, seconds);
@@ -247,7 +248,7 @@ TEST_CASE("the exploration starts and ends outside and goes deep between", "[sim
   }
 }
 
-TEST_CASE("reading and writing a device allocates and locks nothing", "[simulated][realtime]") {
+TEST_CASE("reading and writing a device neither allocates nor locks", "[simulated][realtime]") {
   const Box box{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
   SimulatedDevice simulated({}, {}, explore(box, 2.0), 1000.0);
   PathDevice follower({{0.0, Vec3::Zero()}, {1.0, Vec3::Ones()}, {2.0, Vec3::Zero()}}, 1000.0);

@@ -125,7 +125,8 @@ const std::vector<Expected> kExpected{
 
 }  // namespace
 
-TEST_CASE("each trouble has its cause and its latency, and what is cut stays off", "[fault]") {
+TEST_CASE("each injected trouble gives its expected fault in time, and the fault stays latched",
+          "[fault]") {
   REQUIRE(kExpected.size() == kTroubles);
   std::printf("trouble    cause        zero after ticks by\n");
   for (const Expected& expected : kExpected) {
@@ -180,7 +181,7 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
   }
 }
 
-TEST_CASE("no trouble is for a real arm", "[fault]") {
+TEST_CASE("troubles cannot be injected into a real arm", "[fault]") {
   struct Real final : Device {
     DeviceInfo about;
     [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
@@ -192,8 +193,7 @@ TEST_CASE("no trouble is for a real arm", "[fault]") {
                     Catch::Contains("no test for a real arm"));
 }
 
-TEST_CASE("a clock that leaps cuts the force, one that goes back lets nothing more out",
-          "[fault]") {
+TEST_CASE("a forward clock jump cuts the force, a backward jump adds at most 0.2 N", "[fault]") {
   for (const double leap : {0.0051, 0.1, 3600.0, -0.0005, -0.01, -3600.0}) {
     CAPTURE(leap);
     Pressed pressed(pressing());
@@ -213,7 +213,7 @@ TEST_CASE("a clock that leaps cuts the force, one that goes back lets nothing mo
   }
 }
 
-TEST_CASE("a thousand scenes a second are felt without a kick", "[fault]") {
+TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   Pressed pressed(pressing());
   for (int i = 0; i < 2000; ++i) pressed.tick();
   const double before = pressed.force.norm();

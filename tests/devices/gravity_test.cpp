@@ -217,7 +217,7 @@ Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
 
 }  // namespace
 
-TEST_CASE("an arm heavier than its friction is weighed, and passes once it is carried",
+TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensation",
           "[hid][gravity]") {
   const Run light = tried(woody(), {});
   CAPTURE(light.words);
@@ -260,7 +260,7 @@ TEST_CASE("an arm heavier than its friction is weighed, and passes once it is ca
   }
 }
 
-TEST_CASE("weight is carried while the arm may be driven, within its motors' limits",
+TEST_CASE("gravity is compensated while the arm may be driven, within its motors' limits",
           "[hid][gravity][safety]") {
   HidProfile profile = woody();
   profile.masses = {{0.1, std::nullopt, Vec3::Zero()}};
@@ -343,7 +343,7 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   CHECK(tip.norm() == Approx(3.0).epsilon(1e-2));
 }
 
-TEST_CASE("no motor that carries weight becomes hotter than it may, whatever force is beside it",
+TEST_CASE("gravity compensation with an additional force never overheats a motor",
           "[hid][gravity][safety]") {
   HidProfile profile = woody();
   profile.masses = {{0.1, std::nullopt, Vec3::Zero()}, {0.05, 1, {0.1, 0.02, 0.0}}};

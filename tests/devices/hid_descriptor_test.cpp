@@ -68,7 +68,7 @@ std::string complaint(const HidProfile& profile, const std::vector<std::byte>& d
 
 }  // namespace
 
-TEST_CASE("a descriptor's reports are known by way, number and size", "[hid]") {
+TEST_CASE("a descriptor gives each report's direction, number and size", "[hid]") {
   CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
   CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
   // A keyboard's lights: 5 bits and 3 of padding; a report in two parts; a size that is pushed.
@@ -84,7 +84,7 @@ TEST_CASE("a descriptor's reports are known by way, number and size", "[hid]") {
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
 }
 
-TEST_CASE("what is no descriptor says nothing", "[hid]") {
+TEST_CASE("a malformed descriptor is refused", "[hid]") {
   for (const std::vector<int>& none : std::vector<std::vector<int>>{
            {},
            {0x75},                                               // cut off
@@ -106,15 +106,15 @@ TEST_CASE("what is no descriptor says nothing", "[hid]") {
   CHECK(text(bytes({0x75, 8, 0x96, 0, 0x40, 0x81, 2})) == " in0:16384");
 }
 
-TEST_CASE("a descriptor's fields are known by place, ends, usages and collections", "[hid]") {
+TEST_CASE("a descriptor gives each field's bits, range, usages and collections", "[hid]") {
   const auto read = [](const std::vector<int>& values) {
     const auto descriptor = parseHidDescriptor(bytes(values));
     REQUIRE(descriptor);
     REQUIRE_FALSE(descriptor->fields.empty());
     return descriptor->fields;
   };
-  // Two fields of 8 bits, then one of 16 whose upper end comes before the lower; the page after a
-  // usage.
+  // Two fields of 8 bits, then one of 16 bits with its maximum before its minimum. A usage page
+  // follows a usage.
   const auto fields =
       read({0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x05, 0x0F, 0x0B, 0x31, 0,
             1,    0,    0x15, 0,    0x25, 0xFF, 0x75, 8,    0x95, 2,    0x81, 2,    0x09,
@@ -172,7 +172,7 @@ TEST_CASE("a descriptor's fields are known by place, ends, usages and collection
   CHECK(text(bytes({0xC0, 0x75, 8, 0x95, 1, 0x81, 2})) == "none");
 }
 
-TEST_CASE("any bytes are a descriptor or none, never worse", "[hid]") {
+TEST_CASE("mutated descriptors are parsed consistently or refused", "[hid]") {
   test::Random random(7);
   const std::vector<std::vector<std::byte>> seeds{virtualArm(), bytes(kRawHid)};
   long read = 0;
@@ -199,7 +199,7 @@ TEST_CASE("any bytes are a descriptor or none, never worse", "[hid]") {
   CHECK(20 * read > cases - 100);
 }
 
-TEST_CASE("a profile is told what the device has otherwise, and what to write", "[hid]") {
+TEST_CASE("a mismatch of profile and descriptor is reported with its correction", "[hid]") {
   HidProfile arm;
   arm.input = {report(1, 40)};
   arm.output = report(2, 24);
@@ -253,7 +253,7 @@ TEST_CASE("a profile is told what the device has otherwise, and what to write", 
   CHECK(complaint(puck, virtualArm()) == "none");
   puck.input = {report(1, 41)};
   CHECK(complaint(puck, virtualArm()) != "none");
-  // Of many reports the message lists the first few.
+  // The message lists the first few of many reports.
   std::vector<int> many{0x75, 8, 0x95, 1};
   for (int id = 1; id <= 200; ++id) many.insert(many.end(), {0x85, id, 0x81, 2});
   puck.input = {report(std::nullopt, 1)};

@@ -248,7 +248,7 @@ constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
 
-TEST_CASE("what an arm says beside where its tip is goes to the application", "[hid]") {
+TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.handle.buttons = {{"one", {0, 3}, 1.0}, {"two", {0, 3}, 2.0}};
@@ -285,7 +285,7 @@ TEST_CASE("what an arm says beside where its tip is goes to the application", "[
   CHECK(device->read().handle.buttons == 1);
 }
 
-TEST_CASE("what is no number leaves a handle as it was", "[hid]") {
+TEST_CASE("a NaN in a report leaves the handle's last value", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   // Its state is the upper half of a float, including the exponent.
@@ -326,7 +326,7 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
 }
 
-TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays", "[hid]") {
+TEST_CASE("forces are scaled, with their direction kept, so that no motor overheats", "[hid]") {
   // Two motors that hold 1 and 0.5 for ever, and give at most 4.
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
@@ -408,7 +408,7 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
   CHECK(device->given() == 0.0);
 }
 
-TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[hid]") {
+TEST_CASE("the newest report is used, and an overflowed report ring is discarded", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   (void)device->read();
@@ -420,7 +420,7 @@ TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[
   const HandState again = device->read();
   CHECK(again.position.x() == Approx(0.004));
   CHECK(again.age == Approx(0.02));
-  // 300 reports in a pause: the ring holds the first 63. The hand is at none of them.
+  // 300 reports arrive in a pause. The ring holds the first 63, and the hand has moved on since.
   for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
@@ -447,7 +447,7 @@ TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[
   CHECK(device->read().age == Approx(0.04));
 }
 
-TEST_CASE("encoders are followed beyond the ends of their counters", "[hid]") {
+TEST_CASE("encoder counters are followed past their ends", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   long count = 0;
@@ -461,7 +461,7 @@ TEST_CASE("encoders are followed beyond the ends of their counters", "[hid]") {
   CHECK(count > 5 * 65536);
 }
 
-TEST_CASE("strange reports change nothing", "[hid]") {
+TEST_CASE("reports that are too short are counted and ignored", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   arm.giveCounts(100, 0, 0);
@@ -475,7 +475,7 @@ TEST_CASE("strange reports change nothing", "[hid]") {
   CHECK(device->read().position.x() == 0.0);
 }
 
-TEST_CASE("numbered reports are told apart", "[hid]") {
+TEST_CASE("reports are distinguished by their numbers", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.input[0].id = 7;
@@ -506,7 +506,7 @@ TEST_CASE("numbered reports are told apart", "[hid]") {
   CHECK(hand.position.x() == Approx(1e-3));
 }
 
-TEST_CASE("flags say whether the arm is ready, and what is wrong", "[hid]") {
+TEST_CASE("flags set the arm's ready state and its faults", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kEnabled},
@@ -524,7 +524,7 @@ TEST_CASE("flags say whether the arm is ready, and what is wrong", "[hid]") {
   CHECK(with(3).fault == Fault::kSwitch);
 }
 
-TEST_CASE("a motor's limit weakens the force and keeps its direction", "[hid]") {
+TEST_CASE("a motor's limit scales the force and keeps its direction", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   device->write({2.0, -8.0, 1.0});  // 8 N from a motor of 4
@@ -541,7 +541,7 @@ TEST_CASE("a motor's limit weakens the force and keeps its direction", "[hid]") 
   CHECK(device->given() == 0.0);
 }
 
-TEST_CASE("beyond its reach an arm is not ready and drives nothing", "[hid]") {
+TEST_CASE("beyond its reach an arm is not ready and its motors get zero", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.scale = 1e-3;
@@ -557,7 +557,7 @@ TEST_CASE("beyond its reach an arm is not ready and drives nothing", "[hid]") {
   await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
 }
 
-TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
+TEST_CASE("no force is given along directions without a motor", "[hid]") {
   HidHost host;
   host.measured.viscous = 0.5;
   host.measured.coulomb = 0.5;
@@ -622,7 +622,7 @@ TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
   }
 }
 
-TEST_CASE("one report a tick, and a slow wire holds nobody up", "[hid]") {
+TEST_CASE("each tick sends one report, and a blocked write does not delay ticks", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   const std::size_t before = arm.sent().size();
@@ -642,7 +642,7 @@ TEST_CASE("one report a tick, and a slow wire holds nobody up", "[hid]") {
   CHECK(arm.sent().size() == before + 52);
 }
 
-TEST_CASE("an arm is sent no more forces a second than it takes, and the newest", "[hid]") {
+TEST_CASE("forces are sent at most at the arm's rate, and the newest one is sent", "[hid]") {
   HidProfile profile = slides();
   profile.output_rate = 100.0;
   FakeArm arm;
@@ -678,7 +678,7 @@ TEST_CASE("an arm is sent no more forces a second than it takes, and the newest"
   CHECK(slow.driven() == std::array<int, 3>{0, 0, 0});
 }
 
-TEST_CASE("a write that does not come back is a fault", "[hid]") {
+TEST_CASE("a write that does not return is a fault", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   Held held(arm);
@@ -692,8 +692,7 @@ TEST_CASE("a write that does not come back is a fault", "[hid]") {
   await([&] { return device->read().fault == Fault::kNone; });
 }
 
-TEST_CASE("a force that does not go out is a fault, whatever its writer waits for",
-          "[hid][safety]") {
+TEST_CASE("an unsent force is a fault, also while the writer waits for its pace", "[hid][safety]") {
   // The writer waits for its pace by the machine's clock, so in the test's time the pace never
   // comes.
   HidProfile profile = slides();
@@ -721,9 +720,9 @@ TEST_CASE("a force that does not go out is a fault, whatever its writer waits fo
   CHECK(device->read().fault == Fault::kNone);
 }
 
-TEST_CASE("at their own pace no forces wait, however late some come", "[hid][passivity]") {
-  // Ticks of a clock, each late by up to the time to the next, some of them left out; and a writer
-  // that takes the newest when the pace allows it. An overtaken force goes out as the newer one.
+TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][passivity]") {
+  // The ticks of a clock, each late by up to one period, some left out. A writer takes the newest
+  // force when the pace allows it. An overtaken force goes out as the newer one.
   test::Random random(7);
   const long cases = test::cases(2000);
   for (long i = 0; i < cases; ++i) {
@@ -757,8 +756,7 @@ TEST_CASE("at their own pace no forces wait, however late some come", "[hid][pas
   }
 }
 
-TEST_CASE("unplugged it is gone, plugged in again it is there, and its count begins anew",
-          "[hid]") {
+TEST_CASE("an unplugged arm is a fault, a replugged arm returns with its counters reset", "[hid]") {
   FakeArm arm;
   std::atomic<int> looked{0};
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
@@ -788,7 +786,7 @@ TEST_CASE("unplugged it is gone, plugged in again it is there, and its count beg
   await([&] { return arm.driven()[0] == 500; });
 }
 
-TEST_CASE("the writer's loss is the reader's", "[hid]") {
+TEST_CASE("an arm that a write finds lost is gone for the reader too", "[hid]") {
   FakeArm arm;
   const auto device = open(arm, slides(), true, {{}, [] { return std::unique_ptr<ReportPort>(); }});
   Held held(arm);
@@ -799,7 +797,7 @@ TEST_CASE("the writer's loss is the reader's", "[hid]") {
   await([&] { return device->read().fault == Fault::kGone; });
 }
 
-TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hid]") {
+TEST_CASE("an arm homed by its pose does not reconnect by itself", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.home_at_open = true;
@@ -822,7 +820,8 @@ TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hi
   CHECK(device->read().fault == Fault::kGone);
 }
 
-TEST_CASE("what no motor drives rests, in every report that says nothing else of it", "[hid]") {
+TEST_CASE("an output field without a motor keeps its rest value unless a command sets it",
+          "[hid]") {
   HidProfile profile = slides();
   profile.output->fields[3].rest = 5.0;
   HidStep send;
@@ -845,7 +844,7 @@ TEST_CASE("what no motor drives rests, in every report that says nothing else of
   CHECK(ones == 1);
 }
 
-TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid]") {
+TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled", "[hid]") {
   HidProfile profile = slides();
   HidStep send;
   send.kind = HidStep::Kind::kSend;
@@ -893,8 +892,7 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
 }
 
-TEST_CASE("what an arm needs afterwards is done as it is written, after a failed opening too",
-          "[hid]") {
+TEST_CASE("the closing sequence runs in order, also after a failed opening", "[hid]") {
   HidProfile profile = slides();
   HidStep pause;
   pause.seconds = 0.15;
@@ -937,7 +935,7 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   CHECK(closed(silent));
 }
 
-TEST_CASE("what is to be sent at the end is sent, whatever was waited for before it", "[hid]") {
+TEST_CASE("a closing command is sent even if a wait before it times out", "[hid]") {
   HidProfile profile = slides();
   const HidStep wait = waitForState(7, 0.05);
   HidStep off;
@@ -949,7 +947,7 @@ TEST_CASE("what is to be sent at the end is sent, whatever was waited for before
   CHECK(arm.sent().back()[7] == std::byte{9});
 }
 
-TEST_CASE("the amplifier is switched off although a report does not go out", "[hid][safety]") {
+TEST_CASE("the amplifier is switched off although up to four writes fail", "[hid][safety]") {
   HidProfile profile = slides();
   HidStep off;
   off.kind = HidStep::Kind::kSend;
@@ -966,7 +964,7 @@ TEST_CASE("the amplifier is switched off although a report does not go out", "[h
   }
 }
 
-TEST_CASE("a report that is sent again is none", "[hid]") {
+TEST_CASE("a report with a repeated sequence number is not a new position", "[hid]") {
   HidProfile profile = slides();
   profile.input[0].sequence = 3;
   FakeArm arm;
@@ -987,7 +985,7 @@ TEST_CASE("a report that is sent again is none", "[hid]") {
   CHECK(device->read().age == 0.0);
 }
 
-TEST_CASE("a switch is believed for as long as its report comes", "[hid]") {
+TEST_CASE("a switch state expires when its report stops", "[hid]") {
   // Positions in report 1, the dead-man switch in report 2, which comes ten times a second.
   HidProfile profile = slides();
   profile.input[0].id = 1;
@@ -1041,7 +1039,7 @@ TEST_CASE("a switch is believed for as long as its report comes", "[hid]") {
   CHECK(device.read().ready);
 }
 
-TEST_CASE("an arm that says the same count for ever gets no force for ever", "[hid][safety]") {
+TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][safety]") {
   // Firmware that repeats its last counters, without a number that would show it. To the loop the
   // hand is in the ball.
   FakeArm arm;
@@ -1080,7 +1078,7 @@ TEST_CASE("an arm that says the same count for ever gets no force for ever", "[h
     if (i % 100 == 0) z -= 1;
   }
   CHECK(last > 3.5);
-  // A force below friction proves nothing.
+  // A force below friction does not show that the arm is held.
   for (; z < 2990; z += 5) (void)tick();
   for (int i = 0; i < 1500; ++i) (void)tick();
   CHECK(loop.latest().report.force.norm() > 0.02);
@@ -1117,11 +1115,11 @@ class Counting final : public Device {
 
 /// A hand that presses on a ball with 3 N and holds.
 struct Holding {
-  bool sways = true;  ///< By 1 % of its force, slowly, and 20 um at 9 Hz.
+  bool sways = true;  ///< Changes its force slowly by 1 %, and moves 20 um at 9 Hz.
   double step = 1e-5, grip = 300.0, coulomb = 0.02;
 
   struct Held {
-    std::vector<Vec3> places;  ///< Of the arm, not rounded.
+    std::vector<Vec3> places;  ///< Positions of the arm, not rounded.
     long faded = 0;            ///< Ticks in which the force faded.
     double force = 0.0;        ///< At the end [N].
   };
@@ -1158,7 +1156,7 @@ struct Holding {
 
 }  // namespace
 
-TEST_CASE("a joint that does not move the tip is no sign of life", "[hid][safety]") {
+TEST_CASE("a joint that does not move the tip does not count as motion", "[hid][safety]") {
   // A planar arm with a third joint that is only sensed, as a wrist's. Its last bit trembles.
   HidProfile profile = slides();
   profile.kinematics = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
@@ -1179,8 +1177,7 @@ TEST_CASE("a joint that does not move the tip is no sign of life", "[hid][safety
   CHECK(device->read().still == 0.0);
 }
 
-TEST_CASE("a hand that lives feels no more of it than the arm's friction and a count",
-          "[hid][safety]") {
+TEST_CASE("a live hand feels the fade only within friction and an encoder count", "[hid][safety]") {
   // Friction holds the arm while the force fades, and the hand feels no less. Once the arm moves by
   // a count the force comes back.
   const FieldPtr ball = test::ballField();
@@ -1209,7 +1206,7 @@ TEST_CASE("a hand that lives feels no more of it than the arm's friction and a c
   }
 }
 
-TEST_CASE("an arm that is back tells what it needs", "[hid]") {
+TEST_CASE("a reconnected arm repeats its request to the user", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   const HidStep wait = waitForState(5, 20.0, "press the button");
@@ -1245,7 +1242,8 @@ TEST_CASE("an arm that is back tells what it needs", "[hid]") {
   CHECK(said == std::vector<std::string>(2, "arm slides: press the button"));
 }
 
-TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][safety]") {
+TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again",
+          "[hid][safety]") {
   FakeArm arm;
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.bits = 12;  // 2 cm to either side
@@ -1282,7 +1280,7 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   CHECK(device->read().position.x() == Approx(1e-4));
 }
 
-TEST_CASE("after its homing an arm's counters are those nearest to its home", "[hid]") {
+TEST_CASE("after homing, counters are taken in the range nearest to home", "[hid]") {
   // A count below its home, which is the middle along x, and 5 cm aside along y.
   HidProfile profile = narrowSlides();
   HidStep home;
@@ -1297,7 +1295,7 @@ TEST_CASE("after its homing an arm's counters are those nearest to its home", "[
   CHECK((device->read().position - Vec3(-1e-5, 0.05003, 1e-2)).norm() < 1e-12);
 }
 
-TEST_CASE("an arm that says it is homed is believed, however long nobody has looked", "[hid]") {
+TEST_CASE("the first read trusts the homed flag after any pause", "[hid]") {
   // A little below zero.
   HidProfile profile = narrowSlides();
   HidFlag homed;
@@ -1324,8 +1322,7 @@ TEST_CASE("an arm that says it is homed is believed, however long nobody has loo
   CHECK(device->read().fault == Fault::kMiscounted);
 }
 
-TEST_CASE("an arm that is miscounted is told to give no force, and what it needs afterwards",
-          "[hid][safety]") {
+TEST_CASE("a miscounted arm gets zero force and its closing command", "[hid][safety]") {
   FakeArm arm;
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.bits = 12;
@@ -1364,7 +1361,7 @@ TEST_CASE("an arm that is miscounted is told to give no force, and what it needs
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
 }
 
-TEST_CASE("what an arm that is back said while it was prepared is known", "[hid]") {
+TEST_CASE("a fault that a reconnected arm reports during preparation is kept", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 3.0, HidFlag::Means::kHot}};
@@ -1382,7 +1379,7 @@ TEST_CASE("what an arm that is back said while it was prepared is known", "[hid]
   CHECK(device->read().fault == Fault::kTemperature);
 }
 
-TEST_CASE("a counter is not followed while the arm is not homed", "[hid]") {
+TEST_CASE("a counter is not followed past its end while the arm is not homed", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kHomed}};
@@ -1398,7 +1395,7 @@ TEST_CASE("a counter is not followed while the arm is not homed", "[hid]") {
   CHECK(device->whyNotReady().empty());
 }
 
-TEST_CASE("why an arm is not ready is said", "[hid]") {
+TEST_CASE("the reason why an arm is not ready is reported", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kEnabled}};
@@ -1420,8 +1417,7 @@ TEST_CASE("why an arm is not ready is said", "[hid]") {
   CHECK_THAT(device->whyNotReady(), Contains("do not come"));
 }
 
-TEST_CASE("silence at the opening is firmware or power, and one that only answers is asked",
-          "[hid]") {
+TEST_CASE("a silent arm fails to open with a hint, an arm that only answers is polled", "[hid]") {
   HidProfile profile = slides();
   profile.firmware = "version 3";
   FakeArm silent;
@@ -1433,7 +1429,7 @@ TEST_CASE("silence at the opening is firmware or power, and one that only answer
   CHECK(device.read().ready);
 }
 
-TEST_CASE("an arm that has not been tested is held to 1 N and 100 N/m", "[hid][safety]") {
+TEST_CASE("an untested arm is limited to 1 N and 100 N/m", "[hid][safety]") {
   FakeArm arm;
   const auto wild = open(arm, slides(), false);
   CHECK(wild->info().limits.peak == kUntestedForce);
@@ -1444,7 +1440,7 @@ TEST_CASE("an arm that has not been tested is held to 1 N and 100 N/m", "[hid][s
   CHECK(tame->info().max_stiffness == 1000.0);
 }
 
-TEST_CASE("a puck that gives velocities moves the hand and stays within reach", "[hid]") {
+TEST_CASE("a puck's velocities move the hand within its reach", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
   profile.output.reset();
@@ -1505,7 +1501,7 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
   CHECK(device.read().position == left);
 }
 
-TEST_CASE("reading and writing take no memory", "[hid]") {
+TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
   Vec3 sum = Vec3::Zero();
@@ -1522,7 +1518,7 @@ TEST_CASE("reading and writing take no memory", "[hid]") {
   CHECK(sum.allFinite());
 }
 
-TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
+TEST_CASE("a replugged arm gets force again only after the fault is cleared",
           "[hid][safety][host]") {
   FakeArm arm;
   int z = 4000;
@@ -1546,7 +1542,7 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
     params.realtime = {0, -1, false, false};
     HapticThread hand(patient, params);
     hand.publish(test::ballScene(test::ballField()));
-    // By ticks, not by time: a busy machine stops any process.
+    // Waits for ticks, not for time, because a busy machine stops any process.
     const auto ticks = [&](std::int64_t count) {
       const std::int64_t last = hand.latest().tick + count;
       await([&] { return hand.latest().tick >= last; });

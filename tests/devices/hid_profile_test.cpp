@@ -86,7 +86,7 @@ std::string trouble(const Json& json) {
 
 }  // namespace
 
-TEST_CASE("a profile with everything is read", "[profile]") {
+TEST_CASE("a complete profile is read", "[profile]") {
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
   CHECK(arm.match[0].vendor == 0x1209);
   CHECK(arm.match[0].usage_page == 0xFF00);
@@ -105,7 +105,7 @@ TEST_CASE("a profile with everything is read", "[profile]") {
   CHECK(arm.handle.gripper->ratio == -10);
 }
 
-TEST_CASE("bad profiles are refused with their path, by reader or schema", "[profile]") {
+TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
   REQUIRE(trouble(full()) == "none");
   REQUIRE(schemaAccepts(full()));
   struct Bad {
@@ -267,7 +267,7 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
   CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));
 }
 
-TEST_CASE("the schema that is shipped is the one that the table prints", "[profile]") {
+TEST_CASE("the shipped profile schema equals the printed one", "[profile]") {
   std::ifstream in(test::sourceDir() + "/devices/hid/hid_profile.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
@@ -275,7 +275,7 @@ TEST_CASE("the schema that is shipped is the one that the table prints", "[profi
   CHECK(shipped.str() == hidProfileSchema());
 }
 
-TEST_CASE("a report's own number and age are read", "[profile]") {
+TEST_CASE("a report's sequence field and stale time are read", "[profile]") {
   Json json = full();
   json["input"][0]["sequence"] = "d";
   json["input"][0]["stale"] = 0.25;
@@ -290,7 +290,7 @@ TEST_CASE("a report's own number and age are read", "[profile]") {
   CHECK(plain.input[0].stale == 0.0);
 }
 
-TEST_CASE("a counter that only a flag homes has a range as wide as the workspace", "[profile]") {
+TEST_CASE("a counter that is homed only by a flag must span the workspace", "[profile]") {
   Json json = full();
   json.erase("home");
   REQUIRE(trouble(json) == "none");  // 32 bits of 1 um
@@ -335,7 +335,7 @@ TEST_CASE("a counter that only a flag homes has a range as wide as the workspace
   CHECK(trouble(chain) == "none");
 }
 
-TEST_CASE("a device is one program's", "[profile]") {
+TEST_CASE("a device is claimed by one program at a time", "[profile]") {
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
@@ -354,7 +354,7 @@ TEST_CASE("a device is one program's", "[profile]") {
   close(second);
 }
 
-TEST_CASE("what a killed program leaves to its guardian is waited for, and said", "[profile]") {
+TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[profile]") {
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
@@ -403,7 +403,7 @@ TEST_CASE("what a killed program leaves to its guardian is waited for, and said"
   close(ours);
 }
 
-TEST_CASE("what a motor holds for ever is read, and fits its field", "[profile]") {
+TEST_CASE("a motor's continuous limit is read and checked", "[profile]") {
   Json json = full();
   json["limits"].erase("continuous");
   json["limits"].erase("heating");
@@ -490,7 +490,7 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
             .norm() == 0.0);
 }
 
-TEST_CASE("what an arm carries of its weight is read", "[profile]") {
+TEST_CASE("gravity masses are read, and may use at most half of a motor's force", "[profile]") {
   Json json = full();
   json["limits"].erase("continuous");
   json["limits"].erase("heating");
@@ -521,7 +521,7 @@ TEST_CASE("what an arm carries of its weight is read", "[profile]") {
   CHECK(trouble(json) == "none");
 }
 
-TEST_CASE("where an arm moves, and where its motors push it, is found", "[profile]") {
+TEST_CASE("the axes along which an arm moves and is driven are found", "[profile]") {
   const auto axes = [](const Json& json) {
     const ProfileFacts facts = factsOf(parseHidProfile(json.dump(), "arm.json"));
     std::string words;
@@ -568,7 +568,7 @@ TEST_CASE("where an arm moves, and where its motors push it, is found", "[profil
                 {{"origin", {0.3, 0.2, 0}}})) == "xy|xy|");
 }
 
-TEST_CASE("what a profile's numbers come to", "[profile]") {
+TEST_CASE("a profile's resolution, home position and motor demands are computed", "[profile]") {
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
   CHECK(facts.step == Approx(3e-6));
@@ -590,7 +590,7 @@ TEST_CASE("what a profile's numbers come to", "[profile]") {
   }
 }
 
-TEST_CASE("what was tested is remembered by serial number and profile", "[profile]") {
+TEST_CASE("self-test results are stored by serial number and profile", "[profile]") {
   const test::TemporaryFolder folder;
   setenv("XDG_STATE_HOME", folder.path().c_str(), 1);
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
@@ -664,7 +664,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   unsetenv("XDG_STATE_HOME");
 }
 
-TEST_CASE("an arm without a serial number is known by where it is plugged in", "[profile]") {
+TEST_CASE("an arm without a serial number is identified by its port", "[profile]") {
   const HidProfile profile = parseHidProfile(full().dump(), "arm.json");
   FoundArm arm;
   arm.device.port = "usb-0000:00:14.0-2/input0";
@@ -681,7 +681,7 @@ TEST_CASE("an arm without a serial number is known by where it is plugged in", "
   CHECK(FoundArm{}.identity().empty());
 }
 
-TEST_CASE("an arm's name is taken apart", "[profile]") {
+TEST_CASE("an arm's name is split into profile, serial number and file", "[profile]") {
   const auto parts = [](const char* name) {
     const auto parsed = parseArmName(name);
     return parsed ? parsed->profile + "|" + parsed->serial + (parsed->isFile() ? "|file" : "")
@@ -702,7 +702,7 @@ TEST_CASE("an arm's name is taken apart", "[profile]") {
   CHECK_THROWS_WITH(openArm("hid@S1", {}), Contains("hid:PROFILE@SERIAL"));
 }
 
-TEST_CASE("a name that several editions share names none of them", "[profile]") {
+TEST_CASE("an ambiguous profile name is refused with the matching profiles", "[profile]") {
   // Their motors differ twelvefold: one taken for the other would get twelve times its force.
   const std::string editions =
       "hid:woodenhaptics: it may be woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
@@ -718,13 +718,13 @@ TEST_CASE("a name that several editions share names none of them", "[profile]") 
   CHECK(young.joints[1].torque_constant == 0.0603);
 }
 
-TEST_CASE("an arm that drives motors has limits", "[profile]") {
+TEST_CASE("a profile with an output must have limits", "[profile]") {
   Json json = full();
   json.erase("limits");
   CHECK_THAT(trouble(json), Contains("an arm with an output has limits"));
 }
 
-TEST_CASE("the shipped profiles are good, and say where every number comes from", "[profile]") {
+TEST_CASE("the shipped profiles are valid, and every number has a source", "[profile]") {
   std::vector<std::string> notes;
   const std::vector<HidProfile> arms = hidProfiles("/nowhere", notes);
   CHECK(notes.empty());
@@ -761,7 +761,7 @@ TEST_CASE("the shipped profiles are good, and say where every number comes from"
   }
 }
 
-TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") {
+TEST_CASE("a user's profiles replace shipped ones, and a broken profile is reported", "[profile]") {
   const test::TemporaryFolder folder;
   Json mine = full();
   mine["name"] = "polhem";
@@ -805,7 +805,7 @@ TEST_CASE("the known arms have limits and sources", "[profile]") {
   }
 }
 
-TEST_CASE("damaged profiles are refused or read, never worse", "[profile]") {
+TEST_CASE("damaged profiles are read or refused without a crash", "[profile]") {
   const std::string good = full().dump();
   // At every byte in turn: the byte is replaced or left out, or the text ends there.
   for (std::size_t i = 0; i < good.size(); ++i) {
@@ -827,8 +827,7 @@ TEST_CASE("damaged profiles are refused or read, never worse", "[profile]") {
   SUCCEED();
 }
 
-TEST_CASE("a PID device's profile gives its ways in metres and its forces in newtons",
-          "[profile][pid]") {
+TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[profile][pid]") {
   const Json good = Json::parse(R"({
     "palpate_arm": 1, "name": "stick", "firmware": "f",
     "match": [{"vendor": "1209", "product": "FFB0"}],
@@ -905,7 +904,7 @@ TEST_CASE("a PID device's profile gives its ways in metres and its forces in new
   CHECK_THAT(trouble(slow), Contains("an output and its rate belong together"));
 }
 
-TEST_CASE("a PID device is held against its profile", "[profile][pid]") {
+TEST_CASE("a PID profile with an axis that the device lacks is refused", "[profile][pid]") {
   const HidProfile arm = parseHidProfile(R"({
     "palpate_arm": 1, "name": "stick", "firmware": "f",
     "match": [{"vendor": "1209", "product": "FFB0"}], "rate": {"input": 1000, "output": 500},
@@ -924,7 +923,7 @@ TEST_CASE("a PID device is held against its profile", "[profile][pid]") {
         "arm.json: /pid/axes/1: the device says nothing of its z: remove this axis");
 }
 
-TEST_CASE("whoever plays effects on a device has it", "[profile][pid]") {
+TEST_CASE("a device is refused while another program holds its force effects", "[profile][pid]") {
   namespace fs = std::filesystem;
   const test::TemporaryFolder folder;
   const fs::path input = folder / "hidraw3" / "device" / "input" / "input7";

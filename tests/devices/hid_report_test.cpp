@@ -39,7 +39,7 @@ ReportField field(std::uint32_t bit, std::uint32_t bits, ReportField::Type type)
 
 }  // namespace
 
-TEST_CASE("numbers are where their bits are", "[hid]") {
+TEST_CASE("fields are decoded at their bit positions", "[hid]") {
   using Type = ReportField::Type;
   const auto report = bytes({0x34, 0x12, 0xFE, 0xFF, 0xA5});
   CHECK(rawOf(report, field(0, 16, Type::kUnsigned)) == 0x1234);
@@ -55,7 +55,7 @@ TEST_CASE("numbers are where their bits are", "[hid]") {
   CHECK(rawOf(pi, field(0, 32, Type::kFloat)) == 3.25);
 }
 
-TEST_CASE("what is put in is read out, and nothing else is touched", "[hid]") {
+TEST_CASE("a written field reads back, and all other bits stay unchanged", "[hid]") {
   Random random(1);
   using Type = ReportField::Type;
   for (long i = 0; i < test::cases(20000); ++i) {
@@ -95,7 +95,7 @@ TEST_CASE("what is put in is read out, and nothing else is touched", "[hid]") {
   }
 }
 
-TEST_CASE("what is sent is cut off at its limits, and never what no number is", "[hid]") {
+TEST_CASE("a written value is clamped to its limits, and a non-finite value becomes 0", "[hid]") {
   ReportField f = field(0, 16, ReportField::Type::kSigned);
   f.least = -3000;
   f.most = 2000;
@@ -107,7 +107,7 @@ TEST_CASE("what is sent is cut off at its limits, and never what no number is", 
   }
 }
 
-TEST_CASE("a counter is followed beyond its ends", "[hid]") {
+TEST_CASE("a counter is followed past its ends", "[hid]") {
   for (const std::uint32_t bits : {8U, 16U, 24U, 32U}) {
     Random random(bits);
     const double range = std::ldexp(1.0, static_cast<int>(bits));

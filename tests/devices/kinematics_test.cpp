@@ -53,7 +53,7 @@ std::vector<Arm> arms() {
 
 }  // namespace
 
-TEST_CASE("Jacobians are the derivatives of where the tip is", "[kinematics]") {
+TEST_CASE("Jacobians are the derivatives of the tip position", "[kinematics]") {
   Random random(3);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -78,8 +78,7 @@ TEST_CASE("Jacobians are the derivatives of where the tip is", "[kinematics]") {
   }
 }
 
-TEST_CASE("points of links move as their Jacobians say, and the tip is one of them",
-          "[kinematics]") {
+TEST_CASE("link points move as their Jacobians say, and include the tip", "[kinematics]") {
   Random random(13);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -126,7 +125,7 @@ TEST_CASE("points of links move as their Jacobians say, and the tip is one of th
   CHECK((delta->on(3, Vec3::Zero(), level).position_D - delta->at(level).position_D).norm() == 0.0);
 }
 
-TEST_CASE("a force is given back by its torques", "[kinematics]") {
+TEST_CASE("joint torques reproduce the force at the tip", "[kinematics]") {
   // Virtual work, both ways: the torques of a force do its work. The force that those torques make
   // at the tip, solved by the Jacobian's transpose, is the same.
   Random random(5);
@@ -156,7 +155,7 @@ TEST_CASE("a force is given back by its torques", "[kinematics]") {
   }
 }
 
-TEST_CASE("known poses", "[kinematics]") {
+TEST_CASE("known joint angles give the known tip positions", "[kinematics]") {
   // WoodenHaptics at home: the upper link upright, the lower one level.
   const auto woody = makeCapstanArm(0.08, 0.205, 0.245);
   CHECK((woody->at({0, 0, M_PI / 2}).position_D - Vec3(0.245, 0, 0.285)).norm() < 1e-15);
@@ -179,8 +178,7 @@ TEST_CASE("known poses", "[kinematics]") {
   CHECK((chain->at({M_PI / 2, -M_PI / 2, 1.0}).position_D - Vec3(0.2, 0.3, 0)).norm() < 1e-15);
 }
 
-TEST_CASE("beyond reach and without hold no motor is driven, and every number is finite",
-          "[kinematics]") {
+TEST_CASE("unreachable poses give no torque, and all poses give finite numbers", "[kinematics]") {
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   // Elbows farther apart than the rods are long; rods in one line, so that the tip is not held.
@@ -208,7 +206,7 @@ TEST_CASE("beyond reach and without hold no motor is driven, and every number is
   CHECK(lost > 0);
 }
 
-TEST_CASE("geometries that are none are refused", "[kinematics]") {
+TEST_CASE("impossible geometries are refused", "[kinematics]") {
   CHECK_THROWS_AS(makeCapstanArm(0.1, 0.0, 0.1), DeviceError);
   CHECK_THROWS_AS(makeCapstanArm(std::nan(""), 0.1, 0.1), DeviceError);
   CHECK_THROWS_AS(makeDelta(0.1, 0.05, -1, 0.1), DeviceError);

@@ -190,7 +190,7 @@ PidMap mapOf(const PidModel& model) {
 
 }  // namespace
 
-TEST_CASE("a PID device of either kind and one to three axes is read, driven and let go of",
+TEST_CASE("a PID device of either kind with one to three axes is read, driven and released",
           "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
@@ -242,7 +242,7 @@ TEST_CASE("a PID device of either kind and one to three axes is read, driven and
   CHECK(wire.model.strange() == 0);
 }
 
-TEST_CASE("what a PID device has not is not sent", "[hid][pid]") {
+TEST_CASE("reports that a PID device lacks are not sent", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   const int without = GENERATE(0, 1, 2, 3, 4, 5, 6, 7);
@@ -268,7 +268,7 @@ TEST_CASE("what a PID device has not is not sent", "[hid][pid]") {
   CHECK(wire.model.strange() == 0);
 }
 
-TEST_CASE("an effect that can be neither freed nor stopped with all is stopped by itself",
+TEST_CASE("an effect is stopped individually if the device can neither free nor stop all",
           "[hid][pid]") {
   PidShape shape;
   shape.free = shape.control = false;
@@ -282,8 +282,7 @@ TEST_CASE("an effect that can be neither freed nor stopped with all is stopped b
   CHECK(wire.playing() == 0);
 }
 
-TEST_CASE("an untested PID device has a tenth of its gain, and moves nothing when it is opened",
-          "[hid][pid]") {
+TEST_CASE("an untested PID device opens without force and with a tenth of its gain", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   shape.wakes_with = 4000;  // firmware that oscillates, or remembers
@@ -309,7 +308,7 @@ TEST_CASE("an untested PID device has a tenth of its gain, and moves nothing whe
   CHECK(8.0 * other.share(0) == Approx(0.5).epsilon(0.03));
 }
 
-TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]") {
+TEST_CASE("a PID device that cannot create its effects is refused with the reason", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   {
@@ -369,7 +368,7 @@ TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]"
   }
 }
 
-TEST_CASE("an effect ends by itself, is renewed in time, and never lasts for ever", "[hid][pid]") {
+TEST_CASE("effects have a finite duration and are renewed in time", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   shape.duration_bits = GENERATE(8, 16);
@@ -402,8 +401,7 @@ TEST_CASE("an effect ends by itself, is renewed in time, and never lasts for eve
   CHECK(wire.share(0) > 0.2);
 }
 
-TEST_CASE("firmware that starts no effect anew while it plays is started after its end",
-          "[hid][pid]") {
+TEST_CASE("an effect that cannot restart while it plays restarts after its end", "[hid][pid]") {
   PidShape shape;
   shape.deaf_to_starts = true;
   Wire wire(shape);
@@ -419,7 +417,7 @@ TEST_CASE("firmware that starts no effect anew while it plays is started after i
   CHECK(longest <= 0.25 * PidPort::kDuration + 0.011);
 }
 
-TEST_CASE("only magnitudes that change are sent", "[hid][pid]") {
+TEST_CASE("only changed magnitudes are sent", "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   send(*device, {1.0, 1.0, 0.0});
@@ -437,7 +435,7 @@ TEST_CASE("only magnitudes that change are sent", "[hid][pid]") {
   CHECK(sent({NAN, 0.0, 0.0}) == 0);
 }
 
-TEST_CASE("what is taken off an axis goes before what is added to another", "[hid][pid]") {
+TEST_CASE("a decrease on one axis is sent before an increase on another", "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   for (const Vec3& force : {Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(4, 0, 0)}) {
@@ -447,7 +445,7 @@ TEST_CASE("what is taken off an axis goes before what is added to another", "[hi
   CHECK(wire.together == Approx(0.5).margin(1e-3));
 }
 
-TEST_CASE("what a PID device says of its state cuts the force", "[hid][pid]") {
+TEST_CASE("a PID device's power, safety and actuator states cut the force", "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   const auto says = [&](bool active, bool power, bool safety) {
@@ -474,7 +472,7 @@ TEST_CASE("what a PID device says of its state cuts the force", "[hid][pid]") {
   CHECK(says(false, true, true).fault == Fault::kPower);
 }
 
-TEST_CASE("actuators that a guardian has stopped come back with no force", "[hid][pid]") {
+TEST_CASE("actuators that a guardian stopped are enabled again only at zero force", "[hid][pid]") {
   PidShape shape;
   shape.stops_deaf = true;
   Wire wire(shape);
@@ -493,7 +491,7 @@ TEST_CASE("actuators that a guardian has stopped come back with no force", "[hid
   CHECK(wire.share(0) == 0.0);
   wire.say(wire.model.state());
   CHECK(device->read().fault == Fault::kPower);
-  // While a force is written, nothing is switched on.
+  // While a force is written, the actuators stay off.
   pass(2.0);
   send(*device, {2.0, 0.0, 0.0});
   CHECK_FALSE(wire.model.active());
@@ -506,7 +504,7 @@ TEST_CASE("actuators that a guardian has stopped come back with no force", "[hid
   CHECK(wire.share(0) > 0.2);
 }
 
-TEST_CASE("one report stops either kind", "[hid][pid]") {
+TEST_CASE("one control report stops a PID device of either kind", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
   Wire wire(shape);
@@ -522,7 +520,7 @@ TEST_CASE("one report stops either kind", "[hid][pid]") {
   CHECK(wire.model.active());  // still switched on
 }
 
-TEST_CASE("how stiff a PID device may be follows from how long its reports take", "[hid][pid]") {
+TEST_CASE("a PID device's stiffness limit follows from the time of its reports", "[hid][pid]") {
   PidShape shape;
   shape.axes = 2;
   Wire wire(shape);
@@ -555,7 +553,7 @@ TEST_CASE("how stiff a PID device may be follows from how long its reports take"
   CHECK_THAT(device->info().source, Contains("as measured"));
 }
 
-TEST_CASE("a PID device that comes back is made ready as at first", "[hid][pid]") {
+TEST_CASE("a reconnected PID device is set up again", "[hid][pid]") {
   Wire wire;
   HidHost host;
   host.find = [&]() -> std::unique_ptr<ReportPort> {
@@ -585,7 +583,7 @@ TEST_CASE("a PID device that comes back is made ready as at first", "[hid][pid]"
   CHECK(wire.model.strange() == 0);
 }
 
-TEST_CASE("buttons of a PID device are told", "[hid][pid]") {
+TEST_CASE("a PID device's buttons are reported", "[hid][pid]") {
   Wire wire;
   const auto device = open(wire);
   CHECK(device->info().handle.buttons.size() == 32);
@@ -597,7 +595,7 @@ TEST_CASE("buttons of a PID device are told", "[hid][pid]") {
   CHECK(device->read().handle.buttons == 0);
 }
 
-TEST_CASE("the haptic thread takes no memory for a PID device", "[hid][pid][realtime]") {
+TEST_CASE("reading and writing a PID device does not allocate", "[hid][pid][realtime]") {
   Wire wire;
   const auto device = open(wire);
   wire.fixed = wire.model.input(wire.raw);
@@ -609,8 +607,7 @@ TEST_CASE("the haptic thread takes no memory for a PID device", "[hid][pid][real
   CHECK(test::CountScope::counts().allocations == 0);
 }
 
-TEST_CASE("a descriptor that can do no constant force is refused, and told what is missing",
-          "[hid][pid]") {
+TEST_CASE("a descriptor without constant force is refused with the missing part", "[hid][pid]") {
   const PidModel model(PidShape{});
   CHECK(mapOf(model).buttons.size() == 32);
   // Replaces the usage that defines the purpose of a report.
@@ -652,8 +649,7 @@ TEST_CASE("a descriptor that can do no constant force is refused, and told what 
   CHECK_THROWS_WITH(readPidMap(*pulls, "arm"), Contains("its constant force cannot pull and push"));
 }
 
-TEST_CASE("any bytes are a PID device or none, and whatever it says is survived",
-          "[hid][pid][fuzz]") {
+TEST_CASE("mutated PID descriptors and answers are accepted or refused", "[hid][pid][fuzz]") {
   test::Random random(11);
   std::vector<std::vector<std::byte>> seeds;
   for (const bool rhino : {false, true}) {

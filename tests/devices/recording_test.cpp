@@ -126,7 +126,7 @@ TEST_CASE("the checksum is CRC-32C", "[record]") {
   }
 }
 
-TEST_CASE("one wrong bit costs a second at most, whatever was written at once", "[record]") {
+TEST_CASE("one wrong bit loses at most one chunk of 1024 ticks", "[record]") {
   const Folder folder;
   Random random(90);
   std::vector<RecordedTick> ticks;
@@ -139,7 +139,7 @@ TEST_CASE("one wrong bit costs a second at most, whatever was written at once", 
   CHECK(recording.lost() == 1024);
 }
 
-TEST_CASE("what is recorded is read again: ticks, scenes and setting", "[record]") {
+TEST_CASE("recorded ticks, scenes and settings are read back unchanged", "[record]") {
   const Folder folder;
   Random random(91);
   const fs::path file = folder.file("a.rec");
@@ -176,7 +176,7 @@ TEST_CASE("what is recorded is read again: ticks, scenes and setting", "[record]
   CHECK(recordingHeader(recording.setting()) == recordingHeader(setting()));
 }
 
-TEST_CASE("of a file that was torn off or damaged what is whole is read", "[record]") {
+TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   const Folder folder;
   Random random(92);
   std::string whole = recordingHeader(setting());
@@ -235,7 +235,7 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
   CHECK(Recording(file).damaged() == ends[2] - ends[1]);
   CHECK(ticksOf(whole.substr(0, ends[0]) + chunk(1) + chunk(0) + chunk(2)) == 6);
   CHECK(Recording(file).lost() == 0);
-  // The search in a file full of marks, each of which might begin a chunk, ends soon.
+  // Every mark may begin a chunk. The search in a file full of marks ends soon.
   const std::size_t record = sizeof(RecordedTick);
   std::string marks;
   for (std::uint64_t left = 8000; left-- > 0;) {
@@ -273,8 +273,7 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
   CHECK_THROWS_AS(header_with("{\"version\"", deep + "{\"version\""), Error);
 }
 
-TEST_CASE("a disk that is full ends the recording, and what was written is whole",
-          "[record][fault]") {
+TEST_CASE("a full disk ends the recording, and the file stays readable", "[record][fault]") {
   const Folder folder;
   const fs::path file = folder.file("full.rec");
   CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
@@ -315,7 +314,7 @@ TEST_CASE("a disk that is full ends the recording, and what was written is whole
   CHECK(fs::file_size(file) <= 200000);
 }
 
-TEST_CASE("a tick is kept without memory, locks or waiting", "[record][realtime]") {
+TEST_CASE("recording a tick neither allocates nor locks", "[record][realtime]") {
   const Folder folder;
   Recorder recorder(folder.file("many.rec"), setting());
   recorder.begin();
@@ -446,7 +445,7 @@ struct Troubles {
 
 }  // namespace
 
-TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[record][replay]") {
+TEST_CASE("a run with many faults replays bit for bit", "[record][replay]") {
   const auto count = static_cast<std::size_t>(test::cases(200000));
   const Troubles troubles(count);
   REQUIRE(troubles.ticks.size() == count);
@@ -468,8 +467,7 @@ TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[r
 }
 
 #if defined(__x86_64__)
-TEST_CASE("whatever arithmetic a host has set, the bits are the same and nothing traps",
-          "[record][replay]") {
+TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[record][replay]") {
   const Troubles troubles(20000);
   const unsigned before = _mm_getcsr();
   constexpr unsigned kFlush = 0x8040;    // denormals are zero
@@ -496,7 +494,7 @@ TEST_CASE("whatever arithmetic a host has set, the bits are the same and nothing
 }
 #endif
 
-TEST_CASE("a replayed hand is where it was, from any time on", "[replay]") {
+TEST_CASE("a replay starts at any time and gives the recorded positions and shares", "[replay]") {
   const Folder folder;
   const fs::path file = folder.file("hand.rec");
   Random random(97);

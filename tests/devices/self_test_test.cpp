@@ -69,7 +69,7 @@ void expectWords(const Run& run, const std::string& words) {
 
 }  // namespace
 
-TEST_CASE("the friction of an arm is found, with half a newton", "[hid]") {
+TEST_CASE("the self-test measures an arm's friction with at most 0.5 N", "[hid]") {
   for (const double mass : {0.05, 0.1, 0.3}) {
     for (const double viscous : {0.1, 0.5, 1.5}) {
       for (const double coulomb : {0.02, 0.1, 0.25}) {
@@ -94,7 +94,7 @@ TEST_CASE("the friction of an arm is found, with half a newton", "[hid]") {
   }
 }
 
-TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
+TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   const auto says = [](const Run& run, const std::string& words) {
     expectWords(run, words);
@@ -127,7 +127,7 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
   }
 }
 
-TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
+TEST_CASE("wrong force scales and directions are found from implausible motion", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   // Motors ten times as strong; one motor six times; a force turned by 35 degrees.
   expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
@@ -149,7 +149,7 @@ TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
   CHECK(coupled.farthest < 0.06);
 }
 
-TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]") {
+TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[hid]") {
   test::Random random(7);
   const long arms = test::cases(60);
   std::vector<double> off;  // viscous, relative error
@@ -174,7 +174,7 @@ TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]"
       most = std::max(most, axis.delay + 3.0 * axis.delay_error + 0.5e-3);
       if (any.encoder < 2e-5) farthest = std::max(farthest, std::abs(axis.delay - late));
       off.push_back(std::abs(axis.viscous / any.viscous - 1.0));
-      // As far as the loop relies on them.
+      // The loop relies on these shares of the measured friction.
       CHECK(0.25 * axis.viscous < any.viscous);
       CHECK(0.5 * axis.coulomb < any.coulomb);
     }
@@ -193,7 +193,7 @@ TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]"
   expectWords(tried(slow), "ms late or more");
 }
 
-TEST_CASE("a little weight is told apart from friction", "[hid]") {
+TEST_CASE("a small weight is distinguished from friction", "[hid]") {
   const Run run = tried(arm(0.2, 0.5, 0.15), {0, 0}, nullptr, {0, 0, -0.08});
   for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
   REQUIRE(run.result.problems.empty());
@@ -202,7 +202,7 @@ TEST_CASE("a little weight is told apart from friction", "[hid]") {
   CHECK(run.result.axes[0].bias == Approx(0.0).margin(0.01));
 }
 
-TEST_CASE("a scale that only a ruler finds is said, of any one axis", "[hid]") {
+TEST_CASE("a ruler measurement reveals a wrong scale of any axis", "[hid]") {
   const ArmAxes axes;
   const auto trouble = [&](const Vec3& way, int axis = 0) {
     return rulerTrouble(way, 0.1, axes, axis);
@@ -222,7 +222,7 @@ TEST_CASE("a scale that only a ruler finds is said, of any one axis", "[hid]") {
   CHECK_THAT(trouble({0, 0.1, 0}, 2), Contains("+z went to (0, 1, 0) by the arm"));
 }
 
-TEST_CASE("an arm that pushes in a plane is tested there", "[hid]") {
+TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   for (const double lean : {0.0, 0.5}) {  // [rad], about x
     const Vec3 across(0, -std::sin(lean), std::cos(lean));
@@ -260,7 +260,7 @@ TEST_CASE("an arm that pushes in a plane is tested there", "[hid]") {
   CHECK(run.result.seconds < 10.0);
 }
 
-TEST_CASE("positions that come too rarely, and pauses that are too long, are said", "[hid]") {
+TEST_CASE("a low position rate and long pauses are reported", "[hid]") {
   SelfTestParams params;
   params.input_rate = 1000.0;
   params.stale = 0.01;
@@ -280,7 +280,7 @@ TEST_CASE("positions that come too rarely, and pauses that are too long, are sai
   CHECK_THAT(problems(20), Contains("a pause of 20 ms between two positions is longer than 10 ms"));
 }
 
-TEST_CASE("new positions are counted, and their pauses", "[hid]") {
+TEST_CASE("new positions are counted, and their longest pause is measured", "[hid]") {
   // An arm of 250 Hz under a loop of 1 kHz.
   SelfTest self;
   HandState hand;

@@ -48,7 +48,7 @@ Vec3 press(Servo& servo, int ticks = 2000) {
 
 }  // namespace
 
-TEST_CASE("a servo feels what it is given, and nothing before that", "[servo]") {
+TEST_CASE("a servo gives force only after a scene is published", "[servo]") {
   Servo servo(arm(), 1.0 / kDt);
   CHECK(press(servo, 100) == Vec3::Zero());
   servo.publish(ball());
@@ -58,7 +58,7 @@ TEST_CASE("a servo feels what it is given, and nothing before that", "[servo]") 
   CHECK(servo.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a servo's force engages slowly, also behind a fault", "[servo]") {
+TEST_CASE("a servo's force engages slowly after a fault", "[servo]") {
   Servo servo(arm(), 1.0 / kDt);
   servo.publish(ball());
   (void)press(servo);
@@ -80,7 +80,7 @@ TEST_CASE("a servo's force engages slowly, also behind a fault", "[servo]") {
   CHECK(strongest > 0.5);
 }
 
-TEST_CASE("a servo cuts where its caller or its arm is wrong", "[servo]") {
+TEST_CASE("a servo cuts the force on a late call or an arm fault, and stays cut", "[servo]") {
   const auto faultOf = [](const HandState& hand, double dt) {
     Servo servo(arm(), 1.0 / kDt);
     servo.publish(ball());
@@ -107,7 +107,8 @@ TEST_CASE("a servo cuts where its caller or its arm is wrong", "[servo]") {
   CHECK(faultOf(hand, kDt) == Fault::kNotFinite);
 }
 
-TEST_CASE("a driver that stopped to read its arm loses the servo's force", "[servo]") {
+TEST_CASE("a servo's force fades while a held arm's position is frozen, and then returns",
+          "[servo]") {
   for (const bool hand_on_it : {true, false}) {
     DeviceInfo info = arm();
     info.hand = hand_on_it;
@@ -130,7 +131,7 @@ TEST_CASE("a driver that stopped to read its arm loses the servo's force", "[ser
   }
 }
 
-TEST_CASE("an arm that says that it stands still loses the servo's force", "[servo]") {
+TEST_CASE("a servo's force fades if the arm reports that it stands still", "[servo]") {
   for (const double still : {1.0, std::numeric_limits<double>::quiet_NaN()}) {
     Servo servo(arm(), 1.0 / kDt);
     servo.publish(ball());
@@ -147,7 +148,7 @@ TEST_CASE("an arm that says that it stands still loses the servo's force", "[ser
   }
 }
 
-TEST_CASE("a servo whose time stands is late", "[servo]") {
+TEST_CASE("a servo with a stopped clock has a late fault", "[servo]") {
   for (const double dt : {0.0, -1e-3, 1e-6, 1e-320, std::numeric_limits<double>::quiet_NaN()}) {
     Servo servo(arm(), 1.0 / kDt);
     servo.publish(ball());
@@ -165,7 +166,7 @@ TEST_CASE("a servo whose time stands is late", "[servo]") {
   }
 }
 
-TEST_CASE("a servo's time that is none lets no force grow", "[servo]") {
+TEST_CASE("an invalid time step does not increase a servo's force", "[servo]") {
   for (const double dt : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN(),
                           std::numeric_limits<double>::infinity()}) {
     Servo servo(arm(), 1.0 / kDt);
@@ -182,7 +183,7 @@ TEST_CASE("a servo's time that is none lets no force grow", "[servo]") {
   }
 }
 
-TEST_CASE("a servo's tick takes no memory, and numbers that are none are refused", "[servo]") {
+TEST_CASE("a servo's tick does not allocate, and invalid rates or limits are refused", "[servo]") {
   Servo servo(arm(), 1.0 / kDt);
   servo.publish(ball());
   {

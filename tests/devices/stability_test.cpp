@@ -1,4 +1,4 @@
-/// The boundaries of stability and passivity, against simulations that are independent of them.
+/// Tests the boundaries of stability and passivity against independent simulations.
 #include "palpate/devices/simulated/stability.h"
 
 #include <algorithm>
@@ -68,8 +68,8 @@ class Oscillator {
   double xx_, xv_, vx_, vv_, xf_, vf_;
 };
 
-/// Returns the slope of the logarithm of the envelope, by least squares: below 0 the loop comes to
-/// rest. Simulates by events in time, without a matrix.
+/// Returns the slope of the logarithm of the envelope, by least squares. If it is below 0,
+/// the loop settles. Simulates by events in time, without a matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -157,7 +157,7 @@ TEST_CASE("the boundary by eigenvalues is where an event simulation begins to sw
   }
 }
 
-TEST_CASE("without hand and delay the boundary is the closed form's", "[stability]") {
+TEST_CASE("without hand and delay the boundary equals the closed form", "[stability]") {
   Random random(8);
   for (int i = 0; i < 100; ++i) {
     const double m = random.logUniform(0.05, 0.5);
@@ -178,7 +178,7 @@ TEST_CASE("without hand and delay the boundary is the closed form's", "[stabilit
   }
 }
 
-TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[passivity]") {
+TEST_CASE("the passive stiffness is where the worst motion begins to gain energy", "[passivity]") {
   // A motion z^k: the port's energy per |x_{k+1} - x_k|^2, with the best motion of the arm between
   // samples (docs/passivity.md, section 1).
   const auto gains = [](double k, double b, double period, int whole, double part,
@@ -226,7 +226,8 @@ TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[pa
   CHECK(std::isinf(quietStiffness(arm, 1000.0)));
 }
 
-TEST_CASE("an axis with a lagging amplifier moves as its equation says", "[stability]") {
+TEST_CASE("an axis with a lagging amplifier moves as its differential equation says",
+          "[stability]") {
   // Against ten thousand small steps of Runge and Kutta's method.
   Random random(10);
   for (int i = 0; i < 20; ++i) {
@@ -268,7 +269,7 @@ TEST_CASE("an axis with a lagging amplifier moves as its equation says", "[stabi
   CHECK((swing(1e-3) - swing(0.0)).norm() > 1e-7);
 }
 
-TEST_CASE("beyond the boundary Coulomb's friction holds small swings and not large ones",
+TEST_CASE("beyond the boundary Coulomb friction stops small swings but not large ones",
           "[stability]") {
   ArmParams arm = bare(0.1, 0.5);
   arm.coulomb = 0.1;
@@ -294,7 +295,8 @@ TEST_CASE("beyond the boundary Coulomb's friction holds small swings and not lar
   CHECK(std::isinf(holdingAmplitude(arm, 1000.0, 0.5 * passiveStiffness(arm, 1000.0))));
 }
 
-TEST_CASE("a coupling's room says which rate or friction would make it passive", "[stability]") {
+TEST_CASE("the stability margin gives the rate or friction that makes a coupling passive",
+          "[stability]") {
   ArmParams arm = bare(0.1, 0.5, 1e-3);
   arm.coulomb = 0.02;
   const CouplingRoom room = roomFor(arm, {300.0, 5.0}, 1000.0, 400.0, 0.0);
@@ -389,7 +391,7 @@ TEST_CASE("the whole loop on a wall is stable up to its boundary, and not beyond
   }
 }
 
-TEST_CASE("the tank takes next to nothing from a wall that is passive", "[passivity]") {
+TEST_CASE("the tank takes at most one percent of a passive wall's force", "[passivity]") {
   const GripParams grip{200.0, 1.0};
   test::Thinned rates(3);
   for (const double rate : {1000.0, 4000.0, 10000.0}) {
@@ -411,7 +413,7 @@ TEST_CASE("the tank takes next to nothing from a wall that is passive", "[passiv
   }
 }
 
-TEST_CASE("what is passive with any hand is stable with one, whatever arm and rate",
+TEST_CASE("the stable stiffness is at least the passive one for any arm, hand and rate",
           "[stability]") {
   test::Random random(31);
   for (int i = 0; i < 60; ++i) {
@@ -431,8 +433,7 @@ TEST_CASE("what is passive with any hand is stable with one, whatever arm and ra
   }
 }
 
-TEST_CASE("the friction that would make a coupling passive is found, however much it is",
-          "[stability]") {
+TEST_CASE("the friction that makes a coupling passive is found at any stiffness", "[stability]") {
   ArmParams arm;
   arm.delay = 0.02;
   for (const double stiffness : {500.0, 1e5}) {

@@ -1,4 +1,4 @@
-/// Tests the tree of boxes near a hand: it finds the same boxes as a search through all of them.
+/// Tests the tree of boxes near a hand: it finds the same boxes as a search through all boxes.
 #include "palpate/engine/scene/broad_phase.h"
 
 #include <algorithm>
@@ -62,7 +62,7 @@ void compare(const BroadPhase& tree, const std::vector<Box>& boxes, const Box& q
 
 }  // namespace
 
-TEST_CASE("a tree finds the boxes that looking at all of them finds", "[broad]") {
+TEST_CASE("the box tree finds the same boxes as a search through all boxes", "[broad]") {
   Random random(1);
   for (const std::size_t count : {0U, 1U, 2U, 3U, 7U, 64U, 1000U}) {
     std::vector<Box> boxes = someBoxes(count, random);
@@ -85,7 +85,8 @@ TEST_CASE("a tree finds the boxes that looking at all of them finds", "[broad]")
   }
 }
 
-TEST_CASE("a point on a face meets, and what is empty or not finite meets nothing", "[broad]") {
+TEST_CASE("a point on a face meets its box, and an empty or non-finite box meets no box",
+          "[broad]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes{boxAt({0.1, 0.2, 0.3}, {0.1, 0.1, 0.1}),
@@ -110,7 +111,7 @@ TEST_CASE("a point on a face meets, and what is empty or not finite meets nothin
   CHECK(BroadPhase().meeting(boxAt({0, 0, 0}, {1, 1, 1}), {}) == 0);
 }
 
-TEST_CASE("a hand that stays near asks the tree rarely, and never misses a box", "[broad]") {
+TEST_CASE("a hand that moves little searches the tree rarely and misses no box", "[broad]") {
   Random random(2);
   const std::vector<Box> boxes = someBoxes(3000, random);
   const BroadPhase tree(boxes);
@@ -136,7 +137,7 @@ TEST_CASE("a hand that stays near asks the tree rarely, and never misses a box",
   CHECK(asked > 0);
 }
 
-TEST_CASE("more boxes in one place than are asked for: it says so", "[broad]") {
+TEST_CASE("more boxes near the hand than the limit are reported as incomplete", "[broad]") {
   std::vector<Box> boxes(NearBoxes::kMost + 1, boxAt(Vec3::Zero(), Vec3::Ones()));
   NearBoxes near;
   BroadPhase heap(boxes);

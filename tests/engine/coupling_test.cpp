@@ -20,7 +20,7 @@ TEST_CASE("the coupling is a spring and a damper from probe to proxy", "[couplin
   CHECK(couplingForce({500.0, 2.0}, Vec3::Zero(), 0.0) == Vec3::Zero());
 }
 
-TEST_CASE("the rate of a length is that over two milliseconds, however long ticks are",
+TEST_CASE("the rate of a length is measured over two milliseconds for any tick length",
           "[coupling][eq3]") {
   Random random(3);
   for (const double rate : {500.0, 1000.0, 4000.0, 10000.0, 60000.0}) {

@@ -28,7 +28,7 @@ constexpr bool kYes = true;
 TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a release", "[step]") {
   // All sixteen states.
   constexpr std::array<TrialRow, 16> kRows{{
-      // Nothing has been read: read, whatever else is true.
+      // Before the first reading the engine reads in every other state.
       {{kNo, kNo, kNo, kNo}, Next::kRead},
       {{kNo, kNo, kNo, kYes}, Next::kRead},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
@@ -45,7 +45,7 @@ TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a releas
       // Readings are left.
       {{kYes, kNo, kNo, kNo}, Next::kRead},
       {{kYes, kNo, kNo, kYes}, Next::kRead},
-      // None is left.
+      // No reading is left.
       {{kYes, kNo, kYes, kYes}, Next::kWait},
       {{kYes, kNo, kYes, kNo}, Next::kRelease},
   }};
@@ -55,7 +55,8 @@ TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a releas
   }
 }
 
-TEST_CASE("a free proxy reads where its sweep meets a surface or new parts, once", "[step]") {
+TEST_CASE("a free proxy reads at the first surface and at the new parts that its sweep meets",
+          "[step]") {
   constexpr std::array<SweepRow, 8> kRows{{
       {{kNo, kNo, kNo, kNo}, Next::kRead},      // the first surface
       {{kNo, kNo, kNo, kYes}, Next::kRelease},  // a second one: the path is not searched further

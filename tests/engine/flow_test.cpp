@@ -97,7 +97,8 @@ TEST_CASE("Q and lambda2 do not depend on the axes", "[flow]") {
   }
 }
 
-TEST_CASE("what has no direction or is no number is said so", "[flow]") {
+TEST_CASE("a bad Jacobian gives a NaN lambda2, and a zero or bad vector a zero unit vector",
+          "[flow]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinite = std::numeric_limits<double>::infinity();
   CHECK(qCriterion(Mat3::Zero()) == 0.0);

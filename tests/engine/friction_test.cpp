@@ -88,7 +88,7 @@ TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction
   }
 }
 
-TEST_CASE("a plane, its friction and drags where it grips are balanced in closed form",
+TEST_CASE("a plane with friction and drags at its grip balances without the general solver",
           "[modes][friction]") {
   Random random(64);
   const long cases = test::cases(20000);
@@ -215,7 +215,7 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
   }
 }
 
-TEST_CASE("behind a surface that gives way a drag holds where the proxy is", "[modes][friction]") {
+TEST_CASE("behind a yielding surface a drag holds the proxy in place", "[modes][friction]") {
   // A skin that yields at 0.8 N has a drag under it. The hand moves in to 3.2 mm, then repeatedly
   // part of the way out and in again.
   ModeSpec skin;
@@ -265,7 +265,7 @@ TEST_CASE("behind a surface that gives way a drag holds where the proxy is", "[m
   }
 }
 
-TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[modes][friction]") {
+TEST_CASE("Coulomb's law holds among other primitives in the same balance", "[modes][friction]") {
   Random random(62);
   const long cases = test::cases(20000);
   long iterations = 0;
@@ -307,7 +307,8 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
   CHECK(worst <= 2 * SolverParams{}.max_iterations);
 }
 
-TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
+TEST_CASE("several rough planes each obey Coulomb's law, or the error bound covers the excess",
+          "[modes][friction]") {
   Random random(63);
   const long cases = test::cases(5000);
   int limited = 0;
@@ -338,14 +339,14 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
   CHECK(limited <= 1e-3 * static_cast<double>(cases));
 }
 
-TEST_CASE("rough walls about a point have a balance, and where none is found each holds on",
+TEST_CASE("rough walls about a point balance, and a failed search weakens no held friction",
           "[modes][friction]") {
   // The hand moves from place to place within two to four walls.
   Random random(64);
   const long cases = test::cases(3000);
   long limited = 0;
   long stopped = 0;
-  long weaker = 0;  // frictions whose best trial was weaker than the strength they held
+  long weaker = 0;  // frictions with a best trial below the strength they held
   Balance b;
   for (long i = 0; i < cases; ++i) {
     b.restart();
@@ -385,7 +386,7 @@ TEST_CASE("rough walls about a point have a balance, and where none is found eac
   CHECK(weaker > cases / 10);
 }
 
-TEST_CASE("where a balance ends the next one is found", "[modes][friction]") {
+TEST_CASE("the solver finds the next balance where one ends at a fold", "[modes][friction]") {
   // A rough wall, a cloud's plane and a drag, from two ticks in which no balance was found:
   // Newton's method led back from beyond a fold.
   struct Tick {
@@ -449,7 +450,8 @@ TEST_CASE("where a balance ends the next one is found", "[modes][friction]") {
   }
 }
 
-TEST_CASE("what a balance kept is no balance where it does not last", "[modes][friction]") {
+TEST_CASE("a converged tick at a yielding skin over bone has an error bound of at most 3 um",
+          "[modes][friction]") {
   // A skin that yields, a drag under the skin, and bone behind. With the state kept from the last
   // tick, a place was once reported as balanced. Without that state, the place missed the balance
   // by up to 2.5 N (33 of 1,000,000 ticks).
@@ -493,7 +495,8 @@ TEST_CASE("what a balance kept is no balance where it does not last", "[modes][f
   }
 }
 
-TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][friction]") {
+TEST_CASE("in a groove a failed friction search does not make the proxy slip",
+          "[modes][friction]") {
   // Two walls with friction share a load that passes from one to the other during a slow push along
   // the groove. If Coulomb's law is not met, the walls must continue to hold. k times the hand's
   // step is 4 mN a tick.
@@ -536,7 +539,8 @@ TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][
   }
 }
 
-TEST_CASE("a proxy that was dragged to its threshold rests with the hand", "[modes][friction]") {
+TEST_CASE("a proxy dragged to its friction threshold rests while the hand rests",
+          "[modes][friction]") {
   Random random(67);
   for (int walls = 1; walls <= 3; ++walls) {
     for (int i = 0; i < 40; ++i) {
@@ -611,7 +615,8 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   CHECK(last.wanted.y() == Approx(-kStiffness * (0.0009 - met)).epsilon(1e-3));
 }
 
-TEST_CASE("without links friction is the plain balance, to the bit", "[modes][friction]") {
+TEST_CASE("without friction links the solver gives the plain balance bit for bit",
+          "[modes][friction]") {
   Random random(64);
   Balance b;
   for (int i = 0; i < 200; ++i) {
@@ -625,7 +630,7 @@ TEST_CASE("without links friction is the plain balance, to the bit", "[modes][fr
   }
 }
 
-TEST_CASE("kinks that meet share a load, and what nothing presses on carries nothing",
+TEST_CASE("primitives that meet share a load, and an unloaded plane carries no force",
           "[modes][friction]") {
   Random random(66);
   Balance b;
@@ -661,7 +666,7 @@ TEST_CASE("kinks that meet share a load, and what nothing presses on carries not
   }
 }
 
-TEST_CASE("bad input stays bad input, and friction allocates nothing",
+TEST_CASE("bad input is reported, and a balance with friction allocates no memory",
           "[modes][friction][realtime]") {
   Balance b;
   REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 2.0}));
@@ -679,7 +684,7 @@ TEST_CASE("bad input stays bad input, and friction allocates nothing",
   CHECK((after.proxy - good.proxy).norm() <= good.error_bound + after.error_bound);
 }
 
-TEST_CASE("the forces of a balance add up to the spring's, each within its set",
+TEST_CASE("the primitives' forces balance the spring, each within its strength and direction",
           "[solver][forces]") {
   Random random(65);
   const long cases = test::cases(20000);

@@ -122,7 +122,7 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   CHECK(refused({{2.0, ""}, {3.0, ""}}, "") == "accepted");
 }
 
-TEST_CASE("where a factor has no data a product is zero", "[graph]") {
+TEST_CASE("a product of transfer functions is zero where one factor has no data", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kViscosity, "flow")};
   spec.modes[0].strength =
@@ -183,7 +183,7 @@ TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[grap
   CHECK_FALSE(vector(std::get<FollowMode>(graph.modes[0]).vector).inside);
 }
 
-TEST_CASE("what is wrong in a graph is named by its JSON path, with a remedy", "[graph]") {
+TEST_CASE("an error in a graph is reported with its JSON path and a remedy", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "heda")};
   const auto error = [&] {
@@ -222,7 +222,7 @@ TEST_CASE("what is wrong in a graph is named by its JSON path, with a remedy", "
   CHECK_THAT(error(), Contains("same name"));
 }
 
-TEST_CASE("coupling and steps are checked before anything runs", "[graph]") {
+TEST_CASE("a bad coupling or sub-step limit is refused when the scene is made", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kSurface, "head")};
   CHECK_THROWS_WITH(makeScene(spec, fields(), {0.0, 0.0}), Contains("/coupling/stiffness"));

@@ -1,4 +1,4 @@
-/// Tests the published methods in devices/methods: they are right where their sources claim it, and
+/// Tests the published methods in bench/methods: they are right where their sources claim it, and
 /// wrong by the expected numbers where they must be.
 #include <algorithm>
 #include <cmath>
@@ -7,14 +7,14 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/methods/constraint_approach.h"
-#include "palpate/devices/methods/euler_adaptive.h"
-#include "palpate/devices/methods/euler_fixed.h"
-#include "palpate/devices/methods/force_function.h"
-#include "palpate/devices/methods/nelder_mead.h"
-#include "palpate/devices/methods/residual.h"
-#include "palpate/devices/methods/simplex.h"
-#include "palpate/devices/methods/smallest_residual.h"
+#include "palpate/bench/methods/constraint_approach.h"
+#include "palpate/bench/methods/euler_adaptive.h"
+#include "palpate/bench/methods/euler_fixed.h"
+#include "palpate/bench/methods/force_function.h"
+#include "palpate/bench/methods/nelder_mead.h"
+#include "palpate/bench/methods/residual.h"
+#include "palpate/bench/methods/simplex.h"
+#include "palpate/bench/methods/smallest_residual.h"
 #include "tests/support/counters.h"
 #include "tests/support/problems.h"
 #include "tests/support/random.h"
@@ -140,7 +140,7 @@ TEST_CASE("a force function pushes with all its strength where a plane would onl
   CHECK(force(1e-9, 1.0) == Approx(1.0));
 }
 
-TEST_CASE("eq. 2 is the balance for orthogonal primitives, wherever they stand", "[methods][eq2]") {
+TEST_CASE("eq. 2 gives the balance of orthogonal primitives at any positions", "[methods][eq2]") {
   Random random(2);
   for (int i = 0; i < 300; ++i) {
     BalanceProblem p = makeProblem(Family::kOrthogonal, 1 + i % 3, random);
@@ -187,7 +187,7 @@ TEST_CASE("Euler: a residual force within the tolerance bounds the error", "[met
   CHECK(settled > 5);
 }
 
-TEST_CASE("Euler with a fixed step chatters about a plane that holds, by its step",
+TEST_CASE("Euler with a fixed step chatters about a holding plane by at most its step",
           "[methods][eq14]") {
   const double s = 2.0;
   const Vec3 probe(0, 0, -1e-3);  // s/k is 4 mm: the answer is on the plane.
@@ -229,7 +229,7 @@ TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| 
   }
 }
 
-TEST_CASE("Euler with an adaptive step never settles where a plane holds all but s/k",
+TEST_CASE("Euler with an adaptive step never settles at a plane loaded to 0.999 of its strength",
           "[methods][fig6]") {
   const double s = 2.0;
   const Vec3 probe(0, 0, -0.999 * s / kStiffness);
@@ -241,7 +241,7 @@ TEST_CASE("Euler with an adaptive step never settles where a plane holds all but
       eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero(), {1.0, 0.75, 3e-5, 2000}).settled);
 }
 
-TEST_CASE("section 4.3: Euler with an adaptive step takes tens of iterations, and misses some",
+TEST_CASE("section 4.3: Euler with an adaptive step takes tens of iterations and may miss",
           "[methods][paper]") {
   const auto method = [](auto&&... problem) { return eulerAdaptive(problem...); };
   const Score two = scoreOf(method, knownProblems(2, 20));
@@ -292,9 +292,8 @@ TEST_CASE("the smallest |f_res| is the balance of one plane, figs 5 and 6",
   }
 }
 
-TEST_CASE(
-    "section 4.2: the smallest |f_res| can lie elsewhere, and the start decides what is found",
-    "[methods][eq15]") {
+TEST_CASE("section 4.2: |f_res| can be smallest off the balance, and the start decides the result",
+          "[methods][eq15]") {
   const BalanceProblem pair = palpate::bench::makeMisledPair();
   const std::vector<Primitive>& planes = pair.primitives;
   const Vec3& probe = pair.probe;
@@ -332,7 +331,7 @@ TEST_CASE("the smallest |f_res| is the balance of most pairs and of fewer sets o
   CHECK(eight.reached < 0.95);
 }
 
-TEST_CASE("every method follows the probe when nothing pulls, and allocates nothing",
+TEST_CASE("every method leaves the proxy at the probe without a force, and allocates no memory",
           "[methods][realtime]") {
   const Vec3 probe(1e-3, 2e-3, -3e-3);
   const std::vector<Primitive> none;

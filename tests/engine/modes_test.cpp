@@ -327,7 +327,7 @@ TEST_CASE("each mode places the primitives of its row", "[modes]") {
   CHECK(placed(near, p - Vec3(0.0, 2e-3, 0.0)).empty());
 }
 
-TEST_CASE("a guide lets go by where the proxy is, not by where the hand is", "[modes]") {
+TEST_CASE("a guide releases by the distance of the proxy, not by that of the hand", "[modes]") {
   ModeSpec guide;
   guide.kind = ModeKind::kGuide;
   guide.guide = {PrimitiveKind::kPoint, Vec3(0.1, 0, 0), Vec3::UnitX(), 4e-3};
@@ -345,7 +345,7 @@ TEST_CASE("a guide lets go by where the proxy is, not by where the hand is", "[m
   CHECK(held == Approx(8e-3).margin(2e-4));
 }
 
-TEST_CASE("on a vortex' core a line holds, and off it the tube", "[modes]") {
+TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the core", "[modes]") {
   const Vec3 axis = Vec3(1, 2, 2) / 3.0;
   const std::map<std::string, FieldPtr> at{
       {"flow", makeVortex(Vec3::Zero(), 3.0 * axis, 0.2, 0.1)}};
@@ -390,7 +390,8 @@ TEST_CASE("on a vortex' core a line holds, and off it the tube", "[modes]") {
   CHECK(state.primitives().items()[1].strength == Approx(0.75));
 }
 
-TEST_CASE("between core and tube the force does not jump, and rounding is no vortex", "[modes]") {
+TEST_CASE("the force does not jump between core and tube, and rounding makes no vortex force",
+          "[modes]") {
   const std::map<std::string, FieldPtr> at{{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.1)}};
   ModeSpec tube;
   tube.kind = ModeKind::kVortexTube;
@@ -428,7 +429,7 @@ TEST_CASE("between core and tube the force does not jump, and rounding is no vor
   }
 }
 
-TEST_CASE("snap-drag makes fronts at even distances either way, without it they come along",
+TEST_CASE("snap-drag puts fronts at even distances both ways, and without it the front follows",
           "[modes]") {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
   const std::map<std::string, FieldPtr> at{
@@ -467,7 +468,7 @@ TEST_CASE("snap-drag makes fronts at even distances either way, without it they 
   }
 }
 
-TEST_CASE("an isosurface without strength drags in all of its solid", "[modes]") {
+TEST_CASE("an isosurface with viscosity but no strength drags throughout its solid", "[modes]") {
   // The plate is 2 mm thick, so its surface is within range everywhere.
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 1.0};
   const std::map<std::string, FieldPtr> at{
@@ -492,7 +493,8 @@ TEST_CASE("an isosurface without strength drags in all of its solid", "[modes]")
   CHECK(dragged < 250);
 }
 
-TEST_CASE("a mode of the user's own reads, places and remembers", "[modes]") {
+TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps its state",
+          "[modes]") {
   auto count = std::make_shared<int>(0);
   ModeSpec own;
   own.kind = ModeKind::kUser;
@@ -519,7 +521,7 @@ TEST_CASE("a mode of the user's own reads, places and remembers", "[modes]") {
                                         Catch::Contains("did you mean \"ball\""));
 }
 
-TEST_CASE("pairs and triples of modes balance as the reference does", "[modes][eq14][eq15]") {
+TEST_CASE("pairs and triples of modes balance like the reference solver", "[modes][eq14][eq15]") {
   const std::vector<Named> modes = allModes();
   Random random(71);
   long compared = 0;
@@ -576,7 +578,7 @@ TEST_CASE("pairs and triples of modes balance as the reference does", "[modes][e
   CHECK(limited <= 20);  // measured: 4 of 182,455
 }
 
-TEST_CASE("a mode of strength zero changes nothing, to the bit", "[modes]") {
+TEST_CASE("a mode of zero strength leaves the result the same bit for bit", "[modes]") {
   const std::vector<Named> modes = allModes();
   Random random(72);
   const ModeSpec base = modes[9].mode;  // isosurface with friction
@@ -608,7 +610,7 @@ TEST_CASE("a mode of strength zero changes nothing, to the bit", "[modes]") {
   }
 }
 
-TEST_CASE("scene and hand turned and moved together: so is the force", "[modes]") {
+TEST_CASE("turning and moving scene and hand together turns the force with them", "[modes]") {
   Random random(73);
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
@@ -641,14 +643,14 @@ TEST_CASE("scene and hand turned and moved together: so is the force", "[modes]"
   }
 }
 
-TEST_CASE("scene and hand that move together feel as at rest", "[modes][moving]") {
+TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[modes][moving]") {
   Random random(78);
   const MotionPtr motion = tumbling();
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     const std::vector<Named> still = allModes();
     CAPTURE(still[i].name);
     // The path of a moving volume is cut at other places. If two surfaces coincide, micrometres
-    // decide which of them bears a load and its friction. So a rough surface has a front beside it.
+    // decide which surface bears a load and its friction. So a rough surface has a front beside it.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     const ModeSpec& beside = still[rough ? 5 : 1].mode;
     Scene scene = *sceneOf({still[i].mode, beside});
@@ -676,7 +678,7 @@ TEST_CASE("scene and hand that move together feel as at rest", "[modes][moving]"
   }
 }
 
-TEST_CASE("a motion that stands still changes nothing, to the bit", "[modes][moving]") {
+TEST_CASE("a motion that stands still leaves the result the same bit for bit", "[modes][moving]") {
   const MotionPtr rest = std::make_shared<const Motion>(std::vector<Keyframe>(1));
   for (const Named& mode : allModes()) {
     CAPTURE(mode.name);
@@ -694,7 +696,7 @@ TEST_CASE("a motion that stands still changes nothing, to the bit", "[modes][mov
   }
 }
 
-TEST_CASE("among moving volumes no more work than is injected and held, and nothing allocated",
+TEST_CASE("work from moving volumes is at most the injected and held energy, without allocations",
           "[modes][moving][passivity][realtime]") {
   std::vector<std::vector<ModeSpec>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode.mode});
@@ -744,7 +746,7 @@ TEST_CASE("among moving volumes no more work than is injected and held, and noth
   CHECK(injected_sum > 0.0);
 }
 
-TEST_CASE("no more work than the counted injection on any closed path", "[modes][passivity]") {
+TEST_CASE("the work on a closed path is at most the counted injection", "[modes][passivity]") {
   std::vector<std::vector<Named>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode});
   constexpr double kVoxel = 1e-3;  // voxel size of the fields
@@ -825,7 +827,8 @@ TEST_CASE("a released hand ends at zero force", "[modes][passivity]") {
   }
 }
 
-TEST_CASE("what is not needed is not read, and orthogonal sets are closed form", "[modes][graph]") {
+TEST_CASE("unneeded volumes are not read, and orthogonal sets are solved in closed form",
+          "[modes][graph]") {
   const auto box = [](const Vec3& centre, double half) {
     return FieldFrame{1e-3, 1.0, {centre - Vec3::Constant(half), centre + Vec3::Constant(half)}, 1};
   };
@@ -903,7 +906,7 @@ TEST_CASE("what is not needed is not read, and orthogonal sets are closed form",
         SolverKind::kPair);
 }
 
-TEST_CASE("a tick of all modes allocates nothing", "[modes][realtime]") {
+TEST_CASE("a tick with all modes allocates no memory", "[modes][realtime]") {
   std::vector<ModeSpec> specs;
   for (const Named& mode : allModes()) specs.push_back(mode.mode);
   ModeSpec own;

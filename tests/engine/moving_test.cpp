@@ -138,8 +138,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
   CHECK(quarter.topSpeed(box) == Approx(1.0 + kPi * std::hypot(far, 0.01)));
 }
 
-TEST_CASE("a motion turns the short way, whatever sign its rotations are written with",
-          "[modes][moving]") {
+TEST_CASE("a motion turns the short way for either sign of its quaternions", "[modes][moving]") {
   for (const double angle : {0.3, 1.2, 2.4, 3.1}) {
     const Eigen::Quaterniond to(Eigen::AngleAxisd(angle, Vec3(1, 2, 2) / 3.0));
     for (const double sign : {1.0, -1.0}) {
@@ -153,7 +152,7 @@ TEST_CASE("a motion turns the short way, whatever sign its rotations are written
   }
 }
 
-TEST_CASE("keyframes that make no motion are refused with their path", "[modes][moving]") {
+TEST_CASE("invalid keyframes are refused with their JSON path", "[modes][moving]") {
   using Catch::Contains;
   const auto error = [](const std::vector<Keyframe>& keys, bool repeat = false) {
     try {
@@ -188,7 +187,7 @@ TEST_CASE("keyframes that make no motion are refused with their path", "[modes][
   CHECK_THROWS_WITH(sceneOf({skin}, fields, {{"ball", nullptr}}), Contains("/volumes/ball"));
 }
 
-TEST_CASE("a held hand feels a moving ball on its surface", "[modes][moving]") {
+TEST_CASE("a ball that moves past a still hand keeps the proxy on its surface", "[modes][moving]") {
   // MOTION.md, section 5: the ball orbits at 0.2 m/s, and a hand held still is 2.56 voxels deep.
   constexpr double kRadius = 40.0 * kVoxel;
   constexpr double kDeep = 2.56 * kVoxel;
@@ -252,7 +251,8 @@ TEST_CASE("a held hand feels a moving ball on its surface", "[modes][moving]") {
   }
 }
 
-TEST_CASE("friction carries a stuck hand with a spinning ball until it slips", "[modes][moving]") {
+TEST_CASE("friction carries the proxy along with a spinning ball until it slips",
+          "[modes][moving]") {
   constexpr double kRadius = 0.03;
   constexpr double kRate = 0.5 * kPi;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
@@ -301,7 +301,7 @@ TEST_CASE("friction carries a stuck hand with a spinning ball until it slips", "
   }
 }
 
-TEST_CASE("two bodies that move differently are felt together", "[modes][moving]") {
+TEST_CASE("two bodies with different motions are felt together and in turn", "[modes][moving]") {
   // A ball comes from the left, a spinning one from the front, and a floor stands still.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{
@@ -370,7 +370,7 @@ TEST_CASE("a volume that passes a hand in free space is not felt", "[modes][movi
   }
 }
 
-TEST_CASE("a fast body does not run through a hand", "[modes][moving]") {
+TEST_CASE("a fast body does not pass through the proxy", "[modes][moving]") {
   // At 3 m/s a tick is 3.84 voxels: eight sub-steps of half a voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
@@ -390,11 +390,11 @@ TEST_CASE("a fast body does not run through a hand", "[modes][moving]") {
   }
 }
 
-TEST_CASE("what moves drags along a hand that is in it", "[modes][moving]") {
+TEST_CASE("a moving medium drags along a hand inside it", "[modes][moving]") {
   const Vec3 way = Vec3(1, -2, 2) / 3.0;
   const std::map<std::string, FieldPtr> fields{{"air", wind(Vec3::UnitZ())}};
   const std::map<std::string, MotionPtr> moving{{"air", straight(Vec3::Zero(), 2.0 * way, 0.1)}};
-  SECTION("held, by all of the drag's strength, whichever way") {
+  SECTION("a held hand feels the full strength of the drag") {
     const auto scene = sceneOf({mode(ModeKind::kViscosity, "air", 0.4)}, fields, moving);
     Hand hand(*scene);
     StepReport r;
@@ -404,9 +404,9 @@ TEST_CASE("what moves drags along a hand that is in it", "[modes][moving]") {
       const double expected = std::min(0.4, kStiffness * 1e-4 * i);
       REQUIRE((r.wanted - expected * way).norm() < 1e-9);
     }
-    CHECK(r.injected < 1e-12);  // steady: the drag releases what it takes along
+    CHECK(r.injected < 1e-12);  // in a steady motion the drag adds no energy
   }
-  SECTION("held, across a stream only") {
+  SECTION("a held hand in a stream is dragged only across it") {
     const auto scene = sceneOf({mode(ModeKind::kFollow, "air", 0.4)}, fields, moving);
     Hand hand(*scene);
     StepReport r;
@@ -414,7 +414,7 @@ TEST_CASE("what moves drags along a hand that is in it", "[modes][moving]") {
     const Vec3 across = Vec3(way.x(), way.y(), 0.0).normalized();
     CHECK((r.wanted - 0.4 * across).norm() < 1e-9);
   }
-  SECTION("released, with the medium or as fast as its drag can pull the arm") {
+  SECTION("a released hand moves with the medium, or as fast as the drag can pull the arm") {
     for (const double speed : {0.05, 0.1}) {
       const std::map<std::string, MotionPtr> at{{"air", straight(Vec3::Zero(), 2.0 * way, speed)}};
       const auto scene = sceneOf({mode(ModeKind::kViscosity, "air", 0.3)}, fields, at);
@@ -433,7 +433,7 @@ TEST_CASE("what moves drags along a hand that is in it", "[modes][moving]") {
   }
 }
 
-TEST_CASE("a scene's time begins when a proxy meets it and goes on through faults",
+TEST_CASE("a scene's time starts at the proxy's first tick in it and continues through faults",
           "[modes][moving]") {
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), 0.03, kVoxel)}};
   const auto make = [&] {

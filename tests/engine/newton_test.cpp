@@ -100,7 +100,7 @@ Course converge(Vec3 x, const Vec3& probe, const std::vector<Surface>& surfaces,
 
 }  // namespace
 
-TEST_CASE("Newton's step falls quadratically where Picard's does not fall at all", "[newton]") {
+TEST_CASE("Newton's residual falls quadratically where Picard's grows", "[newton]") {
   // The fillet has a radius of 0.3 mm, and the hand is 2 mm deep. Picard's factor is -6.7.
   const double radius = 3e-4;
   Surface fillet;
@@ -118,7 +118,7 @@ TEST_CASE("Newton's step falls quadratically where Picard's does not fall at all
   CHECK(newton.residuals[4] < 1e-12);
 }
 
-TEST_CASE("the step is exact to second order for one, two and three surfaces that hold",
+TEST_CASE("Newton's step converges quadratically on one, two and three surfaces that hold",
           "[newton]") {
   test::Random random(3);
   const long count = test::cases(2000);
@@ -158,7 +158,7 @@ TEST_CASE("the step is exact to second order for one, two and three surfaces tha
   CHECK(held > 8 * count / 10);
 }
 
-TEST_CASE("a surface that gives way turns the balance as well", "[newton]") {
+TEST_CASE("Newton's step converges where a yielding surface turns the balance", "[newton]") {
   // The surface gives its whole strength along n: x = h + s/k n(x).
   test::Random random(4);
   const long count = test::cases(2000);
@@ -178,7 +178,8 @@ TEST_CASE("a surface that gives way turns the balance as well", "[newton]") {
   CHECK(converged >= gave - gave / 50);  // the others turn over
 }
 
-TEST_CASE("from a ridge the step goes down, and what does not turn is left alone", "[newton]") {
+TEST_CASE("on a ridge the step leads downhill, and fixed primitives leave it unchanged",
+          "[newton]") {
   // A cylinder of 1 mm, with the hand 3 mm deep and slightly aside. The nearest point is on that
   // side.
   Surface edge;
@@ -187,8 +188,8 @@ TEST_CASE("from a ridge the step goes down, and what does not turn is left alone
   edge.normal = edge.value;
   const Vec3 probe(1e-5, 0, -3e-3);
   const Reading top = readAt(Vec3(2e-6, 0, 0), probe, {edge});
-  // Beyond the centre of curvature, the balance is on the opposite side of the ridge from the
-  // probe.
+  // The hand is beyond the centre of curvature. So the balance and the probe are on opposite sides
+  // of the ridge.
   CHECK(top.step.x() * top.residual.x() > 0.0);
   CHECK(std::abs(top.step.x()) < 30.0 * std::abs(top.residual.x()));
   const std::vector<Primitive> drag{{PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.2}};

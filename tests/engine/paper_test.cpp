@@ -8,10 +8,10 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "palpate/devices/methods/constraint_approach.h"
-#include "palpate/devices/methods/euler_adaptive.h"
-#include "palpate/devices/methods/force_function.h"
-#include "palpate/devices/methods/residual.h"
+#include "palpate/bench/methods/constraint_approach.h"
+#include "palpate/bench/methods/euler_adaptive.h"
+#include "palpate/bench/methods/force_function.h"
+#include "palpate/bench/methods/residual.h"
 #include "palpate/engine/balance/solver.h"
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
@@ -74,7 +74,7 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 }  // namespace
 
-TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then the spring pulls",
+TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy, then pulls",
           "[paper][fig1][eq3]") {
   // The ground is felt as a surface with a drag. The field records where it is read.
   std::vector<Vec3> read;
@@ -128,7 +128,7 @@ TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then t
   CHECK(farthest > 1e-3);  // Otherwise the place of a reading would not matter.
 }
 
-TEST_CASE("eqs 1 and 2: along its direction a constraint is a plane, across it nothing moves",
+TEST_CASE("eqs 1 and 2: a constraint is a plane along its direction, with no motion across it",
           "[paper][eq1][eq2]") {
   Random random(31);
   int yielded = 0;
@@ -176,7 +176,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     CAPTURE(i, cosine);
     CHECK(worst >= cosine * (1 - 1e-9) - 1e-12);
     if (orthogonal) CHECK(worst < 1e-12);
-    // Without strength there is no force, for any directions.
+    // Planes without strength give no force, for any directions.
     std::vector<Primitive> planes;
     for (int j = 0; j < 3; ++j) {
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), Q.col(j), 0.0});
@@ -186,7 +186,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
   }
 }
 
-TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force, primitives none",
+TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force, primitives do not",
           "[paper][fig2][eq7]") {
   Random random(2);
   std::cout
@@ -232,7 +232,7 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
   }
 }
 
-TEST_CASE("weak primitives of any kind and direction: at most their sum, equal to the reference",
+TEST_CASE("weak primitives of any kind give at most their summed strength, like the reference",
           "[paper]") {
   Random random(4);
   for (double strength = 1e-9; strength < 2e-2; strength *= 10.0) {
@@ -289,7 +289,7 @@ TEST_CASE("section 3.1: n parallel constraints multiply the error by 1 - n each 
         n * 1e-9 * (1 + 1e-6));
 }
 
-TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each tick a balance",
+TEST_CASE("section 3.2: two objects, a stream and its curl balance together in each tick",
           "[paper]") {
   // A ball is half in the ground, in a stream that winds about its own axis.
   GraphSpec spec;
@@ -330,7 +330,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each t
   CHECK(old_error > 0.5);  // [N]: the error if the constraints are applied one after the other
 }
 
-TEST_CASE("fig. 3: where a primitive's printed force balances the spring, there the proxy is",
+TEST_CASE("fig. 3: the proxy is where a primitive's printed force balances the spring",
           "[paper][fig3][eq8][eq9][eq10][eq11][eq12][eq13]") {
   Random random(34);
   for (int i = 0; i < 1000; ++i) {
@@ -358,7 +358,7 @@ TEST_CASE("fig. 3: where a primitive's printed force balances the spring, there 
   }
 }
 
-TEST_CASE("eqs 14 and 15: where the printed forces add up to nothing, there the proxy is",
+TEST_CASE("eqs 14 and 15: the proxy is where the printed forces and the spring add up to zero",
           "[paper][eq14][eq15]") {
   Random random(35);
   for (int i = 0; i < 500; ++i) {
@@ -379,7 +379,7 @@ TEST_CASE("eqs 14 and 15: where the printed forces add up to nothing, there the 
   }
 }
 
-TEST_CASE("eq. 8: a directed force is felt as the force function that it is, in any company",
+TEST_CASE("eq. 8: a directed force is felt in full, alone and among other primitives",
           "[paper][eq8]") {
   Random random(36);
   for (int i = 0; i < 200; ++i) {
@@ -420,7 +420,7 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
             solved.error_bound + reference.error_bound);
     if ((solved.proxy - point.position).norm() < 1e-5) continue;  // the point holds the proxy too
     // The plane supplies the difference of the point's force and the spring's. It acts along the
-    // plane's normal: with full strength behind the plane, with none before it, in between on it.
+    // plane's normal: with full strength behind the plane, zero before it, in between on it.
     const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
     const double along = left.dot(q);
     const double height = solved.proxy.dot(q);
@@ -451,7 +451,7 @@ TEST_CASE("section 4.2: on and about a plane that holds, eq. 14 does not vanish"
   }
 }
 
-TEST_CASE("section 4.2: D = 0 in the balance: damping is felt, and moves no proxy",
+TEST_CASE("section 4.2: damping changes the force but not the balance (D = 0 in the balance)",
           "[paper][eq3]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0), mode(ModeKind::kViscosity, "ball", 0.3)};

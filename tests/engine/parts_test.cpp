@@ -1,4 +1,4 @@
-/// Tests scenes of many parts: distant parts cost nothing, and near parts feel as if they stood
+/// Tests scenes of many parts: distant parts are not read, and near parts feel as if they stood
 /// alone.
 #include <algorithm>
 #include <cmath>
@@ -39,7 +39,7 @@ FieldPtr fieldOf(const Ball& ball) {
   return makeSphere(ball.centre, ball.radius);
 }
 
-/// A ball whose data end 3 mm beyond its surface.
+/// Returns the field of a ball with data that end 3 mm beyond its surface.
 FieldPtr tightFieldOf(const Ball& ball) {
   FieldFrame frame;
   const Vec3 size = Vec3::Constant(ball.radius + 3e-3);
@@ -125,7 +125,7 @@ std::vector<Ball> someBalls(std::size_t count, double room, Random& random) {
 
 }  // namespace
 
-TEST_CASE("parts feel as volumes that are always asked", "[scale]") {
+TEST_CASE("parts give the same forces as volumes that are always read", "[scale]") {
   Random random(11);
   long felt = 0;
   for (int room = 0; room < 8; ++room) {
@@ -149,7 +149,7 @@ TEST_CASE("parts feel as volumes that are always asked", "[scale]") {
   CHECK(felt > 2000);
 }
 
-TEST_CASE("a part's stream is followed by a fast hand as a volume's is", "[scale]") {
+TEST_CASE("a fast hand follows a part's stream like a volume's", "[scale]") {
   // At 2 m/s a tick takes several moves.
   GraphSpec spec;
   spec.modes.resize(1);
@@ -178,7 +178,7 @@ TEST_CASE("a part's stream is followed by a fast hand as a volume's is", "[scale
   }
 }
 
-TEST_CASE("of ten thousand parts only those near are read", "[scale]") {
+TEST_CASE("of ten thousand parts only the near ones are read", "[scale]") {
   Random random(3);
   std::vector<Ball> balls = someBalls(test::cases(10000), 1.0, random);
   // Two balls overlap, far from all other balls.
@@ -221,7 +221,7 @@ TEST_CASE("of ten thousand parts only those near are read", "[scale]") {
   CHECK(away.parts == 0);
 }
 
-TEST_CASE("no fast hand passes a part unfelt", "[scale]") {
+TEST_CASE("a fast hand feels every part that it passes", "[scale]") {
   Random random(9);
   const std::vector<Ball> balls = someBalls(30, 0.3, random);
   long allocations = 0;
@@ -253,7 +253,7 @@ TEST_CASE("no fast hand passes a part unfelt", "[scale]") {
   CHECK(most < 30);
 }
 
-TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", "[scale]") {
+TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]") {
   // A wind of 3 N or 12 N takes the proxy 6 or 24 mm beyond the hand. A wall is in the proxy's way.
   for (const double wind : {3.0, 12.0}) {
     for (const double gap : {1e-3, 4e-3, 5.5e-3, 0.011, 0.02}) {
@@ -284,7 +284,7 @@ TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", 
   }
 }
 
-TEST_CASE("what moves pushes a hand into parts, not through them", "[scale]") {
+TEST_CASE("a moving body pushes the proxy against a part, not through it", "[scale]") {
   // A plane that moves at 1 m/s takes the proxy along, against a ball that stands still.
   const Ball wall{Vec3(0.1, 0, 0), 0.04, 30.0, 0.0};
   const auto scene_of = [&](bool parts) {
@@ -315,7 +315,7 @@ TEST_CASE("what moves pushes a hand into parts, not through them", "[scale]") {
   CHECK(off < 1e-6);
 }
 
-TEST_CASE("where there is no room for all parts the strongest are felt", "[scale]") {
+TEST_CASE("if there are more parts than the limit, the strongest are felt", "[scale]") {
   // Seventy balls are about one place. A graph of thirty balls with forty parts holds them all.
   Random random(5);
   std::vector<Ball> balls(70);
@@ -371,7 +371,7 @@ TEST_CASE("where there is no room for all parts the strongest are felt", "[scale
   CHECK(off <= most);
 }
 
-TEST_CASE("what a part may not have is said", "[scale]") {
+TEST_CASE("a part with an unsupported property is refused with a reason", "[scale]") {
   const auto says = [](const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields,
                        const char* words) {
     CHECK_THROWS_WITH(makePart(spec, fields), Catch::Contains(words));

@@ -53,7 +53,7 @@ constexpr auto kAsDrawn = [](PassivityRun&) {};
 
 }  // namespace
 
-TEST_CASE("no scene gives a hand energy through the tank, and through others it does",
+TEST_CASE("no scene gives a hand energy through the tank, but some do through an observer",
           "[passivity]") {
   const long count = test::cases(400);
   const Many tank = playMany(count, Keeper::kTank, kAsDrawn);
@@ -70,7 +70,7 @@ TEST_CASE("no scene gives a hand energy through the tank, and through others it 
   CHECK(observer.worst < -1e-3);
 }
 
-TEST_CASE("no hand takes energy out of the tank, whatever it knows", "[passivity]") {
+TEST_CASE("no adversarial hand takes energy out of the tank", "[passivity]") {
   const auto wicked = [](PassivityRun& run) {
     run.adversary = true;
     run.seconds = 1.0;
@@ -85,7 +85,7 @@ TEST_CASE("no hand takes energy out of the tank, whatever it knows", "[passivity
   CHECK(activeShare(nobody) > 0.25);
 }
 
-TEST_CASE("an amplifier that lags changes nothing of it", "[passivity]") {
+TEST_CASE("a lagging amplifier lets no hand take energy out of the tank", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto lagging = [&](PassivityRun& run) {
       run.adversary = adversary;
@@ -127,14 +127,14 @@ void onlyWhereTold(long count, Doubt doubt) {
 
 }  // namespace
 
-TEST_CASE("a delay in doubt gives nothing where the tank is told how much", "[passivity]") {
+TEST_CASE("an uncertain delay gives no energy if the tank knows the uncertainty", "[passivity]") {
   onlyWhereTold(240, [](PassivityRun& run) {
     bench::doubtDelay(run);
     run.every = run.seed % 16 == 1 ? 3 : 1;
   });
 }
 
-TEST_CASE("positions may be made at any time within their jitter", "[passivity]") {
+TEST_CASE("jittered reading times give no energy if the tank knows the jitter", "[passivity]") {
   onlyWhereTold(160, [](PassivityRun& run) {
     bench::shakeReadings(run);
     run.doubt = run.seed % 3 == 0 ? 0.0 : std::min(run.delay, 0.4 * run.period);
@@ -216,24 +216,24 @@ class Doubted {
 
 }  // namespace
 
-TEST_CASE("doubt of a delay costs what it may, term by term", "[passivity]") {
-  // If one term is left out, each of these hands takes millijoules more than the tank has counted.
+TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]") {
+  // Each hand here takes millijoules more than the tank has counted if one term is left out.
   constexpr double kT = Doubted::kPeriod;
   constexpr double kRounding = 1e-12;  // [J]
-  SECTION("a way that is gone within the doubt") {
+  SECTION("a path covered within the uncertainty") {
     Doubted hand(0.5 * kT, 0.5 * kT);
     hand.tick(0.0, 0.0, 0.0, 0.0);
     hand.tick(1.0, -0.5 * kT, 10.0, 0.0);
     CHECK(hand.spare(1.0) >= -kRounding);
   }
-  SECTION("what varies about the mean") {
+  SECTION("a force that varies about its mean") {
     Doubted hand(kT, 0.5 * kT);
     hand.tick(0.0, 0.0, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, -5.0, 1.0);
     CHECK(hand.spare(10.0) >= -kRounding);
   }
-  SECTION("forces that stay longer than they are reckoned with") {
+  SECTION("forces that act longer than the mean delay") {
     Doubted hand(2.0 * kT, 0.5 * kT);
     hand.settle();
     hand.tick(0.0, 0.5 * kT, 0.0, 0.0);
@@ -241,14 +241,14 @@ TEST_CASE("doubt of a delay costs what it may, term by term", "[passivity]") {
     hand.tick(0.0, 0.5 * kT, 0.0, 1.0);
     CHECK(hand.spare(0.0) >= -kRounding);
   }
-  SECTION("doubt that lasts into the next period") {
+  SECTION("uncertainty that lasts into the next period") {
     Doubted hand(0.8 * kT, 0.5 * kT);
     hand.tick(0.0, 0.0, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0);
     hand.tick(10.0, 0.5 * kT, -30.0, 0.0);
     CHECK(hand.spare(10.0) >= -kRounding);
   }
-  SECTION("motors that give nothing, late") {
+  SECTION("motors that give zero force, late") {
     Doubted hand(0.8 * kT, 0.5 * kT);
     hand.settle();
     const double before = hand.tank.energy();
@@ -259,7 +259,7 @@ TEST_CASE("doubt of a delay costs what it may, term by term", "[passivity]") {
     hand.tick(0.0, 0.5 * kT, 100.0, 0.0);
     CHECK(hand.spare(0.0) >= -kRounding);
   }
-  SECTION("motors that give nothing, and a force that stays for that") {
+  SECTION("motors that give zero force, so that an old force stays") {
     Doubted hand(2.0 * kT, 0.5 * kT);
     hand.settle();
     hand.tick(10.0, 0.5 * kT, 0.0, 0.0, 0.0);
@@ -269,7 +269,7 @@ TEST_CASE("doubt of a delay costs what it may, term by term", "[passivity]") {
   }
 }
 
-TEST_CASE("what a reading's jitter can hide is not counted", "[passivity]") {
+TEST_CASE("the tank credits no energy that a reading's jitter can hide", "[passivity]") {
   const double period = 1e-3;
   TankParams params = acting(0.5);
   params.arm.delay = 1.25e-3;
@@ -294,7 +294,7 @@ TEST_CASE("what a reading's jitter can hide is not counted", "[passivity]") {
   CHECK(other.energy() > 9.9);
 }
 
-TEST_CASE("a force is reserved for as long as doubt may stretch it", "[passivity]") {
+TEST_CASE("the reserve for a force covers the delay's uncertainty", "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 1e-3;
   for (const double doubt : {0.0, 2e-4}) {
@@ -307,7 +307,7 @@ TEST_CASE("a force is reserved for as long as doubt may stretch it", "[passivity
   }
 }
 
-TEST_CASE("motors that give less than they are told are reckoned with", "[passivity]") {
+TEST_CASE("weak motors give no energy if the tank knows the weakness", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto weak = [&](PassivityRun& run) {
       run.weak = 0.3;
@@ -331,7 +331,7 @@ TEST_CASE("motors that give less than they are told are reckoned with", "[passiv
   CHECK(untold.broken > 0);
 }
 
-TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passivity]") {
+TEST_CASE("early ticks give no energy, and late ticks become a debt", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto early = [&](PassivityRun& run) {
       run.adversary = adversary;
@@ -367,7 +367,7 @@ TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passi
   }
 }
 
-TEST_CASE("a passive wall is felt as it is, and one that is not is held back", "[passivity]") {
+TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down", "[passivity]") {
   struct Felt {
     double scaled = 0.0;
     double lost = 0.0;
@@ -406,7 +406,8 @@ TEST_CASE("a passive wall is felt as it is, and one that is not is held back", "
   CHECK(active.lost > 0.01);
 }
 
-TEST_CASE("without encoder and delay the largest force is the closed form's", "[passivity]") {
+TEST_CASE("without encoder step and delay the largest force equals the closed form",
+          "[passivity]") {
   // A path of 1 mm in a tick against b has put in b dx^2 / T. A force R held for T can take out
   // R^2 T / (4 b).
   const double b = 0.5;
@@ -427,7 +428,7 @@ TEST_CASE("without encoder and delay the largest force is the closed form's", "[
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("an encoder's step costs what the derivation says", "[passivity]") {
+TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
   // A path is known to one step less. A force costs half a step times the force when it begins to
   // act, and as much again while it acts.
   const double b = 0.5;
@@ -445,7 +446,7 @@ TEST_CASE("an encoder's step costs what the derivation says", "[passivity]") {
   // The hand stands still. The energy is the old energy less that cost.
   (void)tank.pass(Vec3::Zero(), {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() == Approx(std::max(0.0, paid - step * r)).epsilon(1e-6));
-  // Of a path against Coulomb's friction, the cosine of 30 degrees counts.
+  // A path against Coulomb friction counts by the cosine of 30 degrees.
   Tank rubbed;
   const TankParams rubs = acting(b, 0.2, step);
   (void)rubbed.pass(Vec3::Zero(), Vec3::Zero(), true, period, rubs, kCap);
@@ -453,7 +454,7 @@ TEST_CASE("an encoder's step costs what the derivation says", "[passivity]") {
   CHECK(rubbed.energy() == Approx(paid + 0.5 * std::sqrt(3.0) * 0.2 * surely));
 }
 
-TEST_CASE("a force that varies between two positions costs what a hand can take by that",
+TEST_CASE("a force that varies between two positions costs the energy a hand can take by it",
           "[passivity]") {
   const double b = 0.5;
   const double period = 1e-3;
@@ -472,7 +473,7 @@ TEST_CASE("a force that varies between two positions costs what a hand can take 
   CHECK(tank.energy() == Approx(paid - varies / (4.0 * b)));
 }
 
-TEST_CASE("the tank gives no more than its cap, however much went in", "[passivity]") {
+TEST_CASE("the tank stores a hand's work up to its cap and gives it back", "[passivity]") {
   const double b = 0.5;
   const double period = 1e-3;
   const double cap = 0.01;
@@ -488,7 +489,7 @@ TEST_CASE("the tank gives no more than its cap, however much went in", "[passivi
   CHECK(tank.energy() == Approx(cap - 10 * 0.5e-3));
 }
 
-TEST_CASE("of a way known to D/2 no more of Coulomb's work counts than was done", "[passivity]") {
+TEST_CASE("encoder steps never overstate the work against Coulomb friction", "[passivity]") {
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   const double c = 0.3;
@@ -512,7 +513,7 @@ TEST_CASE("of a way known to D/2 no more of Coulomb's work counts than was done"
   }
 }
 
-TEST_CASE("an arm of no known friction is given no force", "[passivity]") {
+TEST_CASE("an arm of unknown friction is given no force", "[passivity]") {
   Tank tank;
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, acting(0.0), kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, acting(-1.0), kCap) == 0.0);
@@ -521,7 +522,7 @@ TEST_CASE("an arm of no known friction is given no force", "[passivity]") {
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, off, kCap) == 1.0);
 }
 
-TEST_CASE("a hand that is nowhere empties the tank", "[passivity]") {
+TEST_CASE("an invalid hand position empties the tank", "[passivity]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Tank tank;
   const TankParams params = acting(0.5);
@@ -544,7 +545,7 @@ TEST_CASE("a hand that is nowhere empties the tank", "[passivity]") {
   }
 }
 
-TEST_CASE("the tank holds no more than its cap, and what is added is counted", "[passivity]") {
+TEST_CASE("a hand fills the tank to its cap, and refills beyond it are counted", "[passivity]") {
   Tank tank;
   const TankParams params = acting(0.5);
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, 1e-3, params, 0.01);
@@ -555,8 +556,7 @@ TEST_CASE("the tank holds no more than its cap, and what is added is counted", "
   CHECK(tank.refilled() == 0.02);
 }
 
-TEST_CASE("where more forces are on their way than it remembers the tank begins anew",
-          "[passivity]") {
+TEST_CASE("the tank restarts when more forces are in flight than it can store", "[passivity]") {
   Tank tank;
   TankParams params = acting(5.0);
   params.arm.delay = 0.2;
@@ -571,14 +571,14 @@ TEST_CASE("where more forces are on their way than it remembers the tank begins 
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("a tank that begins anew in a late tick waits for what acts then", "[passivity]") {
+TEST_CASE("a tank restarted in a late tick waits for the forces that still act", "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 3e-3;
   Tank tank;
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, 1e-3, params, kCap);
   tank.refill(0.06);
   for (int i = 0; i < 5; ++i) (void)tank.pass({4, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap);
-  // The 4 N already sent act for 3 ms more, whatever the tank does.
+  // The 4 N that were sent before the restart act for 3 ms more.
   tank.forget();
   CHECK(tank.pass({4, 0, 0}, Vec3::Zero(), true, 5e-3, params, kCap) == 0.0);
   Vec3 hand = Vec3::Zero();
@@ -589,7 +589,7 @@ TEST_CASE("a tank that begins anew in a late tick waits for what acts then", "[p
   }
 }
 
-TEST_CASE("what is let in beyond the cap is no debt later", "[passivity]") {
+TEST_CASE("a refill beyond the cap causes no debt later", "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 2e-3;
   Tank tank;
@@ -603,7 +603,7 @@ TEST_CASE("what is let in beyond the cap is no debt later", "[passivity]") {
   CHECK(tank.debt() == 0.0);
 }
 
-TEST_CASE("a position that is read again says nothing of the time between", "[passivity]") {
+TEST_CASE("positions that repeat for several ticks give no hand energy", "[passivity]") {
   // The arm gives its position every n-th tick, so the path of n ticks was not covered in the last
   // tick.
   for (const bool adversary : {false, true}) {
@@ -627,7 +627,7 @@ TEST_CASE("a position that is read again says nothing of the time between", "[pa
   CHECK(told.broken > 0);
 }
 
-TEST_CASE("a tank that begins anew begins with a position that is new", "[passivity]") {
+TEST_CASE("a restarted tank waits for a new position", "[passivity]") {
   // The path since the last position was not covered in the time since the restart.
   const TankParams params = acting(0.5);
   Tank tank;
@@ -646,8 +646,7 @@ TEST_CASE("a tank that begins anew begins with a position that is new", "[passiv
   CHECK(other.energy() == 0.0);
 }
 
-TEST_CASE("whenever a tank begins anew, positions come when they may, nobody takes energy",
-          "[passivity]") {
+TEST_CASE("no hand takes energy from a tank that restarts often", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto forgetful = [&](PassivityRun& run) {
       run.adversary = adversary;
@@ -675,7 +674,7 @@ TEST_CASE("whenever a tank begins anew, positions come when they may, nobody tak
   }
 }
 
-TEST_CASE("numbers that are none, or of no hand, pay for nothing", "[passivity]") {
+TEST_CASE("invalid numbers and impossible positions add no energy", "[passivity]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const TankParams params = acting(0.5, 0.02, 1e-5);
   Tank tank;
@@ -702,7 +701,7 @@ TEST_CASE("numbers that are none, or of no hand, pay for nothing", "[passivity]"
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap) == 0.0);
 }
 
-TEST_CASE("what was begun anew waits until no force is on its way", "[passivity]") {
+TEST_CASE("a restarted tank gives no force while an old force is in flight", "[passivity]") {
   TankParams params = acting(0.5);
   params.arm.delay = 3e-3;
   Tank tank;

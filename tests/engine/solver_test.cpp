@@ -36,7 +36,7 @@ Primitive plane(const Vec3& position, const Vec3& normal, double strength) {
 
 }  // namespace
 
-TEST_CASE("with nothing to balance the proxy is at the probe", "[solver]") {
+TEST_CASE("without primitives the proxy is at the probe", "[solver]") {
   const Vec3 probe(0.1, -0.2, 0.3);
   const SolveResult r = solveProxy(probe, kStiffness, {}, Vec3::Zero());
   CHECK(r.status == SolveStatus::kConverged);
@@ -135,7 +135,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
          << ", above 25: " << over_goal);
 }
 
-TEST_CASE("balances that were made to be hard converge as well", "[solver]") {
+TEST_CASE("the stored hard balances converge within their error bounds", "[solver]") {
   std::ifstream file(test::sourceDir() + "/tests/engine/hard_balances.txt");
   REQUIRE(file.is_open());
   int problems = 0;
@@ -166,7 +166,7 @@ TEST_CASE("balances that were made to be hard converge as well", "[solver]") {
   WARN(problems << " hard balances, at most " << most << " solves");
 }
 
-TEST_CASE("what rounding hides is in the bound of a plane and a plane that is all but it",
+TEST_CASE("the error bound covers rounding for a plane and a nearly parallel plane or line",
           "[solver]") {
   Random random(16);
   for (int i = 0; i < 2000; ++i) {
@@ -191,7 +191,7 @@ TEST_CASE("what rounding hides is in the bound of a plane and a plane that is al
   }
 }
 
-TEST_CASE("stopped early, a balance is no farther off than its bound", "[solver]") {
+TEST_CASE("a balance that is stopped early is within its error bound", "[solver]") {
   Random random(29);
   for (long i = 0; i < test::cases(1000); ++i) {
     const Family family = bench::kFamilies[static_cast<std::size_t>(i) % bench::kFamilies.size()];
@@ -209,7 +209,7 @@ TEST_CASE("stopped early, a balance is no farther off than its bound", "[solver]
   }
 }
 
-TEST_CASE("directions a little off unit length are taken as unit, to rounding", "[solver]") {
+TEST_CASE("directions of nearly unit length count as unit vectors", "[solver]") {
   Random random(17);
   for (int i = 0; i < 500; ++i) {
     std::vector<Primitive> set;
@@ -232,7 +232,7 @@ TEST_CASE("directions a little off unit length are taken as unit, to rounding", 
   }
 }
 
-TEST_CASE("a thousand primitives of any family are balanced too", "[solver][balance]") {
+TEST_CASE("a full set of primitives of any family converges", "[solver][balance]") {
   Random random(12);
   for (const Family family : bench::kFamilies) {
     const BalanceProblem p = bench::makeProblem(family, static_cast<int>(kMaxPrimitives), random);
@@ -243,7 +243,7 @@ TEST_CASE("a thousand primitives of any family are balanced too", "[solver][bala
   }
 }
 
-TEST_CASE("orthogonal sets are answered in closed form, to rounding", "[solver]") {
+TEST_CASE("orthogonal sets are solved in closed form, to rounding", "[solver]") {
   Random random(13);
   for (int i = 0; i < 600; ++i) {
     const BalanceProblem p = bench::makeProblem(Family::kOrthogonal, 1 + i % 3, random);
@@ -256,7 +256,7 @@ TEST_CASE("orthogonal sets are answered in closed form, to rounding", "[solver]"
   }
 }
 
-TEST_CASE("sets that are all but orthogonal are not taken for it", "[solver]") {
+TEST_CASE("nearly orthogonal sets are solved within their error bounds", "[solver]") {
   Random random(14);
   for (int i = 0; i < 600; ++i) {
     BalanceProblem p = bench::makeProblem(Family::kOrthogonal, 2 + i % 2, random);
@@ -334,7 +334,7 @@ TEST_CASE("a warm start is right, and needs few solves along a hand's motion",
   }
 }
 
-TEST_CASE("a warm start from nonsense costs solves, not truth", "[solver]") {
+TEST_CASE("a warm start from random values converges to the right answer", "[solver]") {
   Random random(15);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (int i = 0; i < 3000; ++i) {
@@ -380,7 +380,7 @@ TEST_CASE("the answer turns and moves with the problem", "[solver]") {
   }
 }
 
-TEST_CASE("zero-strength primitives change nothing", "[solver]") {
+TEST_CASE("zero-strength primitives do not change the balance", "[solver]") {
   Random random(6);
   for (int i = 0; i < 300; ++i) {
     std::vector<Primitive> set{random.primitive(), random.primitive()};
@@ -394,7 +394,7 @@ TEST_CASE("zero-strength primitives change nothing", "[solver]") {
   }
 }
 
-TEST_CASE("forces that cancel leave their rounding in the bound", "[solver]") {
+TEST_CASE("the error bound covers the rounding of forces that cancel", "[solver]") {
   Random random(23);
   for (int i = 0; i < 300; ++i) {
     std::vector<Primitive> set;
@@ -590,7 +590,7 @@ TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
   }
 }
 
-TEST_CASE("solving allocates, locks and throws nothing", "[solver][realtime]") {
+TEST_CASE("solving does not allocate, lock or throw", "[solver][realtime]") {
   Random random(10);
   std::vector<Primitive> set;
   for (int j = 0; j < 40; ++j) set.push_back(random.primitive());

@@ -102,7 +102,7 @@ TEST_CASE("pushed harder than its strength, the surface lets go at s/k", "[step]
   }
 }
 
-TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to nothing",
+TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to zero",
           "[step][fig6]") {
   Bench bench = sphere(1.0);
   const Vec3 d = Vec3::UnitZ();
@@ -134,7 +134,7 @@ TEST_CASE("a hand that starts inside is not pushed out", "[step][safety]") {
   CHECK(r.force.norm() == 0.0);
 }
 
-TEST_CASE("a released hand comes to zero force", "[step][passivity]") {
+TEST_CASE("the force on a released hand goes to zero", "[step][passivity]") {
   const ModeKind kind = GENERATE(ModeKind::kViscosity, ModeKind::kSurface, ModeKind::kIsosurface);
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(kind, "it", 1.0)}, {500.0, 0.0}};
   StepReport r = bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1.5e-3});
@@ -174,7 +174,7 @@ TEST_CASE("anchored modes make no energy: the proxy never moves away from the pr
   CHECK(most < 1e-12);
 }
 
-TEST_CASE("free space gives exactly zero, whatever the damping", "[step]") {
+TEST_CASE("free space gives exactly zero force despite damping", "[step]") {
   Bench bench{
       makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}, {500.0, 5.0}};
   Random random(5);
@@ -233,7 +233,8 @@ TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[st
   }
 }
 
-TEST_CASE("beyond the sub-step cap the rest of the way waits, and the status says so", "[step]") {
+TEST_CASE("beyond the sub-step cap the rest of the path waits, and the status reports it",
+          "[step]") {
   Bench bench{makeHalfSpace({0, 0, -1}, {0, 0, 1}), {mode(ModeKind::kViscosity, "it", 0.1)}};
   bench.step(Vec3::Zero());
   const StepReport r = bench.step({0.04, 0, 0});
@@ -247,7 +248,7 @@ TEST_CASE("beyond the sub-step cap the rest of the way waits, and the status say
   CHECK(bench.step({0.04, 0, 0}).force.norm() <= 0.1);
 }
 
-TEST_CASE("where nothing holds the proxy it keeps up with a fast hand", "[step]") {
+TEST_CASE("a free proxy keeps up with a fast hand", "[step]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}};
   // The hand passes the ball at 30 m/s in voxels of 1 mm, just outside it.
   for (int i = -10; i <= 10; ++i) {
@@ -270,7 +271,7 @@ TEST_CASE("a NaN hand is a fault: zero force until it is cleared", "[step][safet
   CHECK(bench.step({0, 0, 0.08}).status == StepStatus::kConverged);
 }
 
-TEST_CASE("a field that returns rubbish costs the force, not the hand", "[step][safety]") {
+TEST_CASE("a field of invalid values gives a finite, limited force", "[step][safety]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Random random(7);
   const auto rubbish = makeScalarField(
@@ -366,7 +367,7 @@ TEST_CASE("after a fault a hand inside the surface is not pulled out", "[step][s
   CHECK(bench.step(pressed).force == Vec3::Zero());
 }
 
-TEST_CASE("damping neither sucks nor kicks: leaving a surface it lets go", "[step][eq3]") {
+TEST_CASE("damping does not pull inwards as the hand enters or leaves a surface", "[step][eq3]") {
   Bench bench{
       makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 2.0)}, {500.0, 5.0}};
   double inward = 0.0;
@@ -379,7 +380,7 @@ TEST_CASE("damping neither sucks nor kicks: leaving a surface it lets go", "[ste
   CHECK(inward == 0.0);
 }
 
-TEST_CASE("what brakes a hand that is too fast drives it nowhere, whatever its motors can push",
+TEST_CASE("the force on a hand that is too fast only brakes, along the driven directions",
           "[step][safety]") {
   Random random(23);
   for (int i = 0; i < 500; ++i) {
@@ -400,7 +401,7 @@ TEST_CASE("what brakes a hand that is too fast drives it nowhere, whatever its m
   }
 }
 
-TEST_CASE("the tick allocates, locks and throws nothing", "[step][realtime]") {
+TEST_CASE("the tick does not allocate, lock or throw", "[step][realtime]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0), mode(ModeKind::kSurface, "ball", 1.0),
                 mode(ModeKind::kViscosity, "ball", TransferFunction::window(0, 1, 1)),
@@ -422,7 +423,7 @@ TEST_CASE("the tick allocates, locks and throws nothing", "[step][realtime]") {
   CHECK(counts.exceptions == 0);
 }
 
-TEST_CASE("the counters count", "[realtime]") {
+TEST_CASE("the test counters count allocations, exceptions and locks", "[realtime]") {
   const test::CountScope scope;
   auto* volatile made = new int(1);
   delete made;

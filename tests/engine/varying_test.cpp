@@ -76,7 +76,8 @@ FieldPtr height(double metres_per_unit = 1.0) {
 
 }  // namespace
 
-TEST_CASE("a curve's slope is that beyond a knot, and none beyond the ends", "[transfer]") {
+TEST_CASE("a curve's slope at a knot is that of the next piece, and zero beyond the ends",
+          "[transfer]") {
   const auto curve = TransferFunction::piecewise({{0, 1}, {1, 3}, {1, 5}, {3, 4}});
   CHECK(curve.slope(-0.1) == 0.0);
   CHECK(curve.slope(0.0) == 2.0);
@@ -87,7 +88,7 @@ TEST_CASE("a curve's slope is that beyond a knot, and none beyond the ends", "[t
   CHECK(TransferFunction(2.0).slope(1.0) == 0.0);
 }
 
-TEST_CASE("a directed force that rises steeply is felt smoothly, by about one reading a tick",
+TEST_CASE("a steeply rising directed force is felt smoothly, with about one reading a tick",
           "[modes][eq8]") {
   // The force rises by 2 N over the width: two to eight times as steep as the spring.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
@@ -107,7 +108,7 @@ TEST_CASE("a directed force that rises steeply is felt smoothly, by about one re
   CHECK(felt.readings < 1.1);
 }
 
-TEST_CASE("a force towards an axis within its reach comes to rest on it", "[modes][eq8]") {
+TEST_CASE("a force towards an axis changes smoothly as the hand passes the axis", "[modes][eq8]") {
   const double strength = GENERATE(0.1, 0.5, 2.0);
   const auto radial = makeVectorField(frame(), [](const Vec3& p) {
     Mat3 J = Mat3::Zero();
@@ -130,7 +131,8 @@ TEST_CASE("a force towards an axis within its reach comes to rest on it", "[mode
   CHECK(felt.readings < 10.0);
 }
 
-TEST_CASE("round a vortex and on a front the proxy keeps its radius, however fast", "[modes]") {
+TEST_CASE("the proxy keeps its radius round a vortex and on a front up to a voxel a tick",
+          "[modes]") {
   const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: up to a voxel a tick
   const bool tube = GENERATE(false, true);
   const double strength = GENERATE(0.3, 1.5);
@@ -162,7 +164,7 @@ TEST_CASE("round a vortex and on a front the proxy keeps its radius, however fas
   CHECK(felt.unfinished == 0);
 }
 
-TEST_CASE("what says converged is at the balance, whatever the curve of a strength", "[modes]") {
+TEST_CASE("a converged tick is near the balance for any strength curve", "[modes]") {
   // The force grows with depth, so there is one balance. Bisection finds it here.
   Random random(63);
   const long cases = test::cases(400);
@@ -208,7 +210,7 @@ TEST_CASE("what says converged is at the balance, whatever the curve of a streng
   CHECK(off <= 5 + told / 500);
 }
 
-TEST_CASE("a strength that was read beside the proxy is foreseen where that stands", "[newton]") {
+TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy", "[newton]") {
   // The strength is s = a x + s0, read at r. The step leads from x exactly to the balance at the
   // strength there.
   const double slope = GENERATE(-300.0, 800.0);
@@ -226,7 +228,7 @@ TEST_CASE("a strength that was read beside the proxy is foreseen where that stan
   CHECK((x - (probe - (0.5 + slope * x.x()) / kStiffness * Vec3::UnitX())).norm() < 1e-15);
 }
 
-TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and moved",
+TEST_CASE("slopes and Jacobians match differences of the readings, also in moved volumes",
           "[modes][graph]") {
   // Values are in units of 3 mm: a vector's magnitude, its direction, and a product of curves.
   const double unit_size = 3e-3;
@@ -324,7 +326,7 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
   }
 }
 
-TEST_CASE("from strengths and directions that vary Newton's step is of second order", "[newton]") {
+TEST_CASE("Newton's step is of second order for varying strengths and directions", "[newton]") {
   // A smooth force s(x) d(x), and a yielding point with a strength slope of its own.
   const auto force = [](const Vec3& x, Vec3& d, Varying& varies) {
     const Vec3 u = x / 1e-3;

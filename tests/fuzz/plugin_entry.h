@@ -24,7 +24,7 @@ inline std::int64_t fuzzNow() noexcept {
   return fuzzTime();
 }
 
-/// An arm whose plug-in reports the data of the test.
+/// An arm with a plug-in that reports the data of the test.
 class PluginFuzz {
  public:
   explicit PluginFuzz(const palpate_plugin_facts& facts) {

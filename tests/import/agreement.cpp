@@ -249,7 +249,7 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
       grid.template getMetadata<openvdb::DoubleMetadata>("resampling_edge_rms");
 
   const double allowed = stated == nullptr ? 1e-6 : 1.1 * stated->value() + 1e-6;
-  // Few places are in that voxel, and a few of them make most of the error: to a factor of 2.
+  // Few places are in that voxel, and a few places make most of the error. So the factor is 2.
   const bool edge_ok = edge.points == 0 ||
                        (stated_edge != nullptr && edge.rms <= 2.0 * stated_edge->value() + 1e-6 &&
                         edge.rms >= 0.5 * stated_edge->value() - 1e-6);

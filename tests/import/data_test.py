@@ -16,7 +16,7 @@ WIND = {"size": [8, 14, 25], "type": "float32", "endian": "big", "components": 3
         "axes": [[0, 2214.286, 0], [0, 0, 4153.846], [4166.667, 0, 0]]}
 MRI = {"size": [128, 128, 84], "type": "uint8", "skip": 62}
 
-# Name, its name in the agreement program, the original, the imported file (None: the original), options.
+# Name, name in the agreement program, original, imported file (if it is not the original), options.
 FILES = [
     ("headsq", "headsq", "ct_headsq", "ct_headsq/quarter.nhdr", []),
     ("brainsmall", "brainsmall", "mri_brainsmall/brainsmall.den", None, ["--raw", json.dumps(MRI)]),

@@ -69,7 +69,7 @@ Slice& at(std::vector<File>& files, int k) {
 
 }  // namespace
 
-TEST_CASE("images are stacked along their normal, whatever their order", "[dicom]") {
+TEST_CASE("images in any order are stacked along their normal", "[dicom]") {
   const Stack stack = stacked(axial());
   REQUIRE(stack.steps.size() == 1);
   CHECK(stack.times.empty());
@@ -84,7 +84,7 @@ TEST_CASE("images are stacked along their normal, whatever their order", "[dicom
   CHECK(stack.map.linear.col(2) == Vec3(0.0, 0.0, 2.0));
 }
 
-TEST_CASE("a tilted gantry shears the volume, and is told", "[dicom]") {
+TEST_CASE("a tilted gantry shears the volume, and is reported", "[dicom]") {
   std::vector<File> files = axial();
   const double shift = 2.0 * std::tan(15.0 * M_PI / 180.0);
   for (int k = 0; k < kImages; ++k) at(files, k).position.y() += shift * k;
@@ -99,7 +99,7 @@ TEST_CASE("a tilted gantry shears the volume, and is told", "[dicom]") {
              Contains("shifted by 81 degrees"));
 }
 
-TEST_CASE("what does not fit a volume is refused by where it is", "[dicom]") {
+TEST_CASE("images that do not form a volume are refused with the reason", "[dicom]") {
   using Files = std::vector<File>;
   CHECK_THAT(trouble([](Files& f) {
                at(f, 3).position.z() = 20.0;
@@ -122,7 +122,7 @@ TEST_CASE("what does not fit a volume is refused by where it is", "[dicom]") {
              Contains("2 images are at the same place, z = 6 mm"));
 }
 
-TEST_CASE("images of one place are steps where something tells their times", "[dicom]") {
+TEST_CASE("images at one position are time steps if they carry times", "[dicom]") {
   const auto twice = [](std::size_t tag, double later) {
     std::vector<File> files = axial();
     const std::vector<File> again = files;

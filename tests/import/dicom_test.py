@@ -90,7 +90,7 @@ def encapsulated(item):
 
 
 def dicom(elements, pixels=b"", kind=CT, syntax=PLAIN):
-    """Returns a whole file. `elements` by tag: (VR, value), or None to leave an element out."""
+    """Returns a whole file. `elements` maps a tag to (VR, value), or to None for a missing element."""
     meta = element(0x00020002, "UI", kind) + element(0x00020003, "UI", "1.2.3.4")
     meta += element(0x00020010, "UI", syntax)
     body = b"".join(element(tag, *elements[tag]) for tag in sorted(elements) if elements[tag])
@@ -404,7 +404,7 @@ class Choice(Case):
         self.refused(folder, "--series", "head", says="Lung 1.0")
         self.refused(folder / "report", says="no image")
 
-    def test_same_descriptions_are_told_apart(self):
+    def test_refuses_a_description_that_two_series_share(self):
         folder = Volume(uid="1.1").write(self.dir / "both")
         Volume(uid="1.2").write(folder, "B")
         self.refused(folder, "--series", "Thorax", says="more than one")
@@ -479,7 +479,7 @@ class Trouble(Case):
         Volume(row=(0, 1, 0), column=(0, 0, -1), size=(5, 4, 2)).write(folder, "turned")
         self.refused(folder, says="2 of 8 images differ")
 
-    def test_pictures_without_a_place(self):
+    def test_refuses_images_without_a_position(self):
         screen = Volume(t00200032=None, t00200037=None, modality="OT")
         self.refused(screen.write(self.dir / "screen"), says="do not say where they are")
         part = Volume().write(self.dir / "part", shuffle=False)
@@ -524,7 +524,7 @@ class Trouble(Case):
             self.out.unlink(missing_ok=True)
 
     @suite.smoke
-    def test_a_size_that_its_pixels_do_not_have(self):
+    def test_refuses_a_size_with_too_few_pixels(self):
         volume = Volume(t00280010=("US", 60000), t00280011=("US", 60000))
         self.refused(volume.write(self.dir / "ct"), says="fewer pixels")
 
@@ -551,7 +551,7 @@ class Time(Case):
             self.imported(folder)
             self.same(volume)
 
-    def test_kinds_are_no_times(self):
+    def test_other_kinds_of_image_are_not_time_steps(self):
         folder, _ = self.series(t00181060=("DS", ["20", "520"]), t00180081=("DS", ["10", "90"]))
         self.refused(folder, says="differ in echo time")
         folder, _ = self.series(t00080032=("TM", ["100000", "100100"]),

@@ -13,7 +13,7 @@ namespace palpate::header_checks_test {
 using Catch::Contains;
 namespace fs = std::filesystem;
 
-TEST_CASE("a header leads to data in its own folder alone, unless links are followed", "[header]") {
+TEST_CASE("a header may name data only within its folder, unless links are followed", "[header]") {
   std::string name = (fs::temp_directory_path() / "palpate_header_XXXXXX").string();
   REQUIRE(mkdtemp(name.data()) != nullptr);
   const fs::path folder = name;

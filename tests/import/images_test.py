@@ -220,7 +220,7 @@ class Nrrd(Case):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                        lambda i, j, k: scalar(i, j, k) % 100)
 
-    def test_min_and_max_are_of_the_voxels_faces_unless_nodes(self):
+    def test_axis_bounds_are_voxel_faces_unless_nodes(self):
         mins = ("axis mins: 10 20 30", "axis maxs: 18 25 42")
         path = self.write("a.nrrd", nrrd(*mins), "\n", SHORTS)
         self.holds(self.convert(path), "density", ((2, 0, 0), (0, 1, 0), (0, 0, 2)), (11, 20.5, 31),
@@ -257,7 +257,7 @@ class Nrrd(Case):
         path = self.write("a.nhdr", nrrd("data file: part%03d.raw 1 6 1").replace("\n", "\r\n"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_a_header_leads_to_no_other_folder(self):
+    def test_refuses_data_files_in_other_folders(self):
         (self.dir / "within").mkdir()
         (self.dir / "headers" / "x").mkdir(parents=True)
         (self.dir / "headers" / "link.raw").symlink_to("../a.raw")
@@ -307,12 +307,12 @@ class Nrrd(Case):
         self.holds(self.convert(path), "vector", *turned(RAS_FROM_LAS, IDENTITY, (0, 0, 0)),
                    lambda i, j, k: times(RAS_FROM_LAS, (-20.0 - j, 1.0 + i, 300.0 + k)))
 
-    def test_old_vectors_have_no_kinds(self):
+    def test_reads_vectors_without_kinds(self):
         path = self.write("a.nrrd", nrrd(kind="float", sizes="3 4 5 6"), "\n", VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
 
     @suite.smoke
-    def test_tensors_are_felt_by_direction_anisotropy_and_diffusivity(self):
+    def test_tensors_become_direction_anisotropy_and_diffusivity(self):
         # D = n n^T 3 + 1 with n = (0.6, 0.8, 0): eigenvalues 4, 1, 1.
         n = (0.6, 0.8, 0.0)
         full = [3 * n[a] * n[b] + (a == b) for a in range(3) for b in range(3)]
@@ -379,13 +379,13 @@ class Nrrd(Case):
             "kinds: space space space time", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_spacings_beside_directions_are_left_out(self):
+    def test_ignores_spacings_beside_directions(self):
         path = self.write("a.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, "spacings: 7 7 7",
                                          'units: "mm" "mm" "mm"'), "\n", SHORTS)
         self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
 
     @suite.smoke
-    def test_what_cannot_be_felt_is_refused(self):
+    def test_refuses_unsupported_kinds(self):
         for word, size in (("complex", 2), ("RGB-color", 3), ("3-color", 3), ("4-vector", 4),
                            ("quaternion", 4), ("2D-symmetric-matrix", 3)):
             path = self.write("a.nrrd", nrrd(f"kinds: {word} space space space", kind="uchar",
@@ -440,7 +440,7 @@ class Nrrd(Case):
         self.refused(self.write("a.nrrd", nrrd(sizes="40000 40000 40000", encoding="bzip2"), "\n",
                                 bz2.compress(SHORTS)), "a.nrrd")
 
-    def test_no_bit_of_packed_values_changes_unseen(self):
+    def test_detects_any_changed_bit_of_compressed_values(self):
         self.bits_are_guarded("a.nrrd", nrrd(encoding="gzip") + "\n", gzip.compress(SHORTS), 60)
 
     @suite.smoke
@@ -566,14 +566,14 @@ class MetaImage(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                    lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
 
-    def test_what_a_float_cannot_hold_of_turned_vectors_is_told(self):
+    def test_reports_rounding_of_turned_vectors(self):
         data = struct.pack("<360i", *(2 ** 24 + 2 * int(c) + 1 for p in INDICES
                                       for c in vector(*p)))
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
                                         "AnatomicalOrientation = RAI", kind="MET_INT"), data)
         self.assertIn("rounded", self.notes(path))
 
-    def test_as_is_never_passed_over(self):
+    def test_as_must_match_the_components(self):
         one = self.write("one.mha", meta(), SHORTS)
         three = self.write("three.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"),
                            VECTORS)
@@ -584,7 +584,7 @@ class MetaImage(Case):
         nii = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007), PLANES)
         self.refused(nii, "not the 6 of a tensor", "--as", "tensor")
 
-    def test_numbers_beyond_any_are_not_taken_for_none(self):
+    def test_refuses_numbers_out_of_range(self):
         for field in ("ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset",
                       "ElementNumberOfChannels", "HeaderSize"):
             for value in ("1e999", "nan", "1x"):
@@ -594,7 +594,7 @@ class MetaImage(Case):
                      "ElementSpacing is not 3")
         self.convert(self.write("a.mha", meta("ElementSpacing = +1 1. 1e0"), SHORTS))
 
-    def test_a_file_that_may_not_grow_is_no_fault_of_the_input(self):
+    def test_reports_an_output_that_cannot_grow(self):
         noise = os.urandom(2 * 50 ** 3)
         path = self.write("a.mha", meta(DimSize="50 50 50"), noise)
         words = [str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb")]
@@ -604,7 +604,7 @@ class MetaImage(Case):
         self.assertIn("cannot be written (File too large)", done.stderr)
         self.assertEqual(os.listdir(self.dir), ["a.mha"])
 
-    def test_what_is_no_file_is_not_replaced(self):
+    def test_does_not_replace_pipes(self):
         path = self.write("a.mha", meta(), SHORTS)
         pipe = self.dir / "pipe.vdb"
         os.mkfifo(pipe)
@@ -651,7 +651,7 @@ class MetaImage(Case):
                      "4 dimensions")
         self.refused(self.write("a.mha", meta(NDims=None), SHORTS), "no dimensions")
 
-    def test_no_bit_of_packed_values_changes_unseen(self):
+    def test_detects_any_changed_bit_of_compressed_values(self):
         for pack in (zlib.compress, gzip.compress):
             self.bits_are_guarded("a.mha", meta(CompressedData="True"), pack(SHORTS))
 
@@ -736,7 +736,7 @@ class Nifti(Case):
         self.says_patient(out, says=False)
 
     @suite.smoke
-    def test_turns_are_quaternions(self):
+    def test_reads_rotations_from_quaternions(self):
         half = 0.5 ** 0.5
         # A quarter turn about z; half a turn about x, with a first number of 0; and a quaternion that rounding has made
         # slightly longer than 1.
@@ -829,7 +829,7 @@ class Nifti(Case):
         self.refused(path, "6 volumes", "--as", "vector")
 
     @suite.smoke
-    def test_what_cannot_be_felt_is_refused(self):
+    def test_refuses_unsupported_kinds(self):
         self.refused(self.write("a.nii", nifti(SIZE, 128, 24), bytes(360)), "colours")
         self.refused(self.write("a.nii", nifti(SIZE, 2304, 32), bytes(480)), "colours")
         self.refused(self.write("a.nii", nifti(SIZE, 32, 64), bytes(960)), "complex")
@@ -862,10 +862,10 @@ class Nifti(Case):
         flat = ((1, 0, 0, 0), (1, 0, 0, 0), (0, 0, 1, 0))
         self.refused(self.write("a.nii", nifti(SIZE, *SHORT, sform=flat), SHORTS), "no volume")
 
-    def test_no_bit_of_packed_values_changes_unseen(self):
+    def test_detects_any_changed_bit_of_compressed_values(self):
         self.bits_are_guarded("a.nii.gz", "", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
 
-    def test_gzip_is_known_by_its_bytes(self):
+    def test_recognises_gzip_by_its_bytes(self):
         whole = nifti((4, 5, 6, 400), *SHORT) + SHORTS * 400
         path = self.write("a.nii", gzip.compress(whole))
         self.assertLess(path.stat().st_size, len(whole) / 100)
@@ -881,7 +881,7 @@ class Nifti(Case):
         for name, data in (("a.mha", meta()), ("a.vti", "<VTKFile>")):
             self.refused(self.write(name, gzip.compress(data.encode() + SHORTS)), "gunzip")
 
-    def test_what_a_float_cannot_hold_is_told_of_scaled_values_too(self):
+    def test_reports_rounding_of_scaled_values(self):
         large = struct.pack("<120i", *(2 ** 24 + 2 * v + 1 for v in SCALARS))
         long = struct.pack("<120q", *(2 ** 53 + 2 * v + 1 for v in SCALARS))
         wide = struct.pack("<120q", *(2 ** 53 + 2 ** 40 * v + 1 for v in SCALARS))

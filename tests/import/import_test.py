@@ -170,7 +170,7 @@ def box_of_tetrahedra(n, skip=lambda i, j, k: False):
 
 
 class Images(Case):
-    def test_voxels_are_exact_at_their_places_whatever_the_origin_and_direction(self):
+    def test_voxels_are_exact_for_any_origin_and_direction(self):
         n = (5, 4, 3)
         rng = random.Random(1)
         values = [rng.uniform(-5, 5) for _ in range(n[0] * n[1] * n[2])]
@@ -208,7 +208,7 @@ class Images(Case):
         self.assertAlmostEqual(rows[3]["value"], (1 + 2 + 11 + 12 + 101 + 102 + 111 + 112) / 8)
 
     @suite.smoke
-    def test_what_surrounds_the_object_is_left_out_and_nothing_else_changes(self):
+    def test_background_voxels_are_left_out(self):
         def ball(i, j, k):
             return 900.0 if (i - 16) ** 2 + (j - 16) ** 2 + (k - 16) ** 2 < 64 else 7.0
         values = image_values(32, 32, 32, ball)
@@ -219,7 +219,7 @@ class Images(Case):
         rows = self.sample("s", [(0, 0, 0), (16, 16, 16), (-5, 40, 3)])
         self.assertEqual([r["value"] for r in rows], [7, 900, 7])
 
-    def test_noise_about_the_object_can_be_left_out_by_a_tolerance_that_is_suggested(self):
+    def test_a_suggested_tolerance_removes_background_noise(self):
         rng = random.Random(2)
         values = image_values(24, 24, 24, lambda i, j, k: rng.uniform(0, 10)
                               + (1000 if 8 <= min(i, j, k) and max(i, j, k) < 16 else 0))
@@ -230,7 +230,7 @@ class Images(Case):
         self.assertEqual(s["active_voxels"], 8 ** 3)
         self.assertLess(quieter["share"] * 24 ** 3, 1.5 * 8 ** 3)
 
-    def test_voxels_that_are_no_numbers_are_holes(self):
+    def test_nan_voxels_are_holes(self):
         values = image_values(6, 6, 6, lambda i, j, k: float("nan") if i == 2 else i + j)
         report = self.imported(self.write("a.vti", vti(6, 6, 6, [("s", 1, values)])))
         self.assertEqual(grid_report(report, "s")["holes"], 36)
@@ -251,7 +251,7 @@ class Images(Case):
         self.assertAlmostEqual(row["value"], linear((2.5, 1, 2.2)), places=5)
 
     @suite.smoke
-    def test_other_voxels_on_demand_and_how_far_off_they_are(self):
+    def test_resampling_reports_its_rms_error(self):
         values = image_values(20, 20, 20, lambda i, j, k: math.sin(0.3 * i) * j + k)
         source = self.write("a.vti", vti(20, 20, 20, [("s", 1, values)], spacing=(1, 2, 1)))
         report = self.imported(source, "--voxel", 0.5)
@@ -262,14 +262,14 @@ class Images(Case):
         self.assertGreater(coarse["rms"], 1e-3)
 
     @suite.smoke
-    def test_smoothing_says_what_it_took_away(self):
+    def test_smoothing_reports_its_rms_change(self):
         rng = random.Random(3)
         values = image_values(16, 16, 16, lambda i, j, k: rng.uniform(0, 1))
         source = self.write("a.vti", vti(16, 16, 16, [("s", 1, values)]))
         self.assertGreater(grid_report(self.imported(source, "--smooth", 1), "s")["smoothing_rms"],
                            0.1)
 
-    def test_where_it_comes_from_is_written_down(self):
+    def test_the_file_records_its_source(self):
         source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1, 2], [0, 1, 3]))
         self.imported(source, "--voxel", 0.25)
         data = (self.dir / "out.vdb").read_bytes()
@@ -278,7 +278,7 @@ class Images(Case):
             self.assertIn(words, data)
 
 
-    def test_places_beside_holes_are_holes_on_other_voxels_too(self):
+    def test_resampling_keeps_places_beside_holes_as_holes(self):
         values = image_values(12, 12, 12, lambda i, j, k: float("nan") if i in (5, 6)
                               else 1000.0 + i + 10 * j * (k % 3))
         source = self.write("a.vti", vti(12, 12, 12, [("s", 1, values)]))
@@ -299,13 +299,13 @@ class Images(Case):
         report = self.imported(self.write("a.vti", text.replace("<CellData></CellData>", ghosts)))
         self.assertEqual(grid_report(report, "s")["holes"], 1)
 
-    def test_whole_numbers_that_floats_cannot_hold_are_told_of(self):
+    def test_reports_rounding_of_integers(self):
         data = struct.pack("<8i", *(2 ** 24 + 2 * i + 1 for i in range(8)))
         report = self.imported(self.write("a.raw", data), "--raw",
                                json.dumps({"size": [2, 2, 2], "type": "int32"}))
         self.assertTrue(any("rounded" in note for note in report["notes"]))
 
-    def test_what_it_was_measured_in_is_kept(self):
+    def test_keeps_the_length_unit(self):
         source = self.write("a.raw", struct.pack("<8h", *range(8)))
         self.imported(source, "--raw", json.dumps({"size": [2, 2, 2], "type": "int16",
                                                    "unit": "mm"}), "--voxel", 0.3)
@@ -359,7 +359,7 @@ class Meshes(Case):
             self.assertAlmostEqual(row["value"], truth, places=5)
         self.assertGreater(report["grids"][0]["resampling"]["rms"], 0.001)
 
-    def test_cells_are_no_wider_than_they_are(self):
+    def test_each_kind_of_cell_fills_only_its_own_volume(self):
         tetrahedron = ([(0, 0, 0), (4, 0, 0), (0, 4, 0), (0, 0, 4)], [[0, 1, 2, 3]], [10],
                        lambda x, y, z: x + y + z <= 4)
         wedge = ([(0, 0, 0), (0, 4, 0), (4, 0, 0), (0, 0, 4), (0, 4, 4), (4, 0, 4)],
@@ -430,7 +430,7 @@ class Meshes(Case):
         for row in self.sample("s", [(0.5, 0.5, 0.5), (1.0, 0.3, 0.4), (1.7, 0.5, 0.2)]):
             self.assertAlmostEqual(row["value"], linear((row["x"], row["y"], row["z"])), delta=1e-5)
 
-    def test_the_voxel_is_chosen_if_none_is_given(self):
+    def test_chooses_a_voxel_size_by_default(self):
         report = self.imported(self.write("a.vtk", rectilinear(
             [0, 1, 2, 4, 8, 9, 10], [0, 1, 2, 3, 4, 5.5], [0, 1, 2, 3, 4.1])))
         self.assertGreater(report["grids"][0]["active_voxels"], 1000)
@@ -509,7 +509,7 @@ class Meshes(Case):
             report = self.imported(source, "--field", vector)
             self.assertEqual([grid["name"] for grid in report["grids"]], [vector])
 
-    def test_a_bare_vdb_is_felt_as_its_import_says(self):
+    def test_a_vdb_without_a_scene_gets_the_modes_of_its_import(self):
         n = 12
         at = [(i - 5.5, j - 5.5, k - 5.5) for k in range(n) for j in range(n) for i in range(n)]
         arrays = [("velocity", 3, [c for p in at for c in (-p[1], p[0], 1.0)]),
@@ -568,7 +568,7 @@ class Series(Case):
         self.refused(source, self.dir / "out.vdb", "--time", "all", "--scene", self.dir / "s.json",
                      says="out_0003.vdb")
 
-    def test_three_volumes_of_a_vector_are_no_series(self):
+    def test_three_volumes_of_a_vector_are_not_a_series(self):
         """4-D NIfTI of three volumes: unit vectors, by the intent, or steps of time."""
         def nifti(volumes, intent=0):
             header = bytearray(352)
@@ -657,7 +657,7 @@ class Raw(Case):
             self.refused(source, self.dir / "o.vdb", "--raw", raw, says=says)
 
     @suite.smoke
-    def test_what_is_wrong_with_a_layout_is_named(self):
+    def test_names_the_error_in_a_layout(self):
         source = self.write("a.raw", struct.pack("<24h", *range(24)))
         out = self.dir / "o.vdb"
         for changes, says in (({"size": [4, 3]}, "/size"), ({"size": [4, 3, 0]}, "/size"),
@@ -706,13 +706,13 @@ class LevelSets(Case):
         self.assertLess(self.sample("s", [(6, 6, 6)])[0]["value"], 0)
 
     @suite.smoke
-    def test_what_is_thinner_than_its_voxels_is_refused_and_what_is_lost_is_told(self):
+    def test_refuses_voxels_that_are_too_large_or_too_small(self):
         values = image_values(40, 40, 40, lambda i, j, k: 100.0 * (k == 20))
         source = self.write("a.vti", vti(40, 40, 40, [("s", 1, values)]))
         self.refused(source, self.dir / "o.vdb", "--iso", 50, "--voxel", 17, says="thinner")
         self.refused(source, self.dir / "o.vdb", "--iso", 50, "--voxel", 1e-3, says="too many")
 
-    def test_vectors_are_left_out_of_it_with_a_word(self):
+    def test_vectors_are_left_out_with_a_note(self):
         source = self.write("a.vti", vti(9, 9, 9, [("s", 1, range(729)), ("v", 3, range(3 * 729))]))
         report = self.imported(source, "--iso", 300)
         self.assertTrue(any("v: left out" in note for note in report["notes"]))
@@ -724,7 +724,7 @@ class LevelSets(Case):
         self.assertLess(values[1], 0)
         self.assertGreater(values[2], 0)
 
-    def test_what_is_dark_in_a_bright_room_is_solid(self):
+    def test_a_dark_object_in_bright_surroundings_is_solid(self):
         report = self.imported(self.ball((1, 1, 1), inside=0, outside=1000), "--iso", 500)
         self.assertEqual(grid_report(report, "s")["level_set"]["solid"], "below")
         self.assertLess(self.sample("s", [(15, 15, 23)])[0]["value"], 0)
@@ -734,7 +734,7 @@ class LevelSets(Case):
         summary = json.loads(run("feel", self.dir / "out.vdb", "--seconds", 3, "--json").stdout)
         self.assertGreater(summary["force_max"], 0.05)
 
-    def test_a_value_that_nothing_has_is_refused(self):
+    def test_refuses_an_iso_value_that_no_voxel_has(self):
         self.refused(self.ball((1, 1, 1)), self.dir / "o.vdb", "--iso", 5000, says="has the value")
         two = self.write("b.vti", vti(3, 3, 3, [("a", 1, range(27)), ("b", 1, range(27))]))
         self.refused(two, self.dir / "o.vdb", "--iso", 5, says="--field")
@@ -757,7 +757,7 @@ class Scenes(Case):
         summary = json.loads(run("feel", scene, "--seconds", 3, "--json").stdout)
         self.assertGreater(summary["force_max"], 0.05)
 
-    def test_it_says_what_was_made_and_what_to_type_next(self):
+    def test_prints_the_result_and_the_next_command(self):
         values = image_values(33, 33, 33, lambda i, j, k: 900.0 / (
             1 + math.exp(2 * (math.dist((i, j, k), (16, 16, 16)) - 9))))
         source = self.write("a.vti", vti(33, 33, 33, [("s", 1, values)]))
@@ -781,7 +781,7 @@ class Scenes(Case):
         *_, last = run("import", flat, out, "--scene", self.dir / "none.json").stdout.splitlines()
         self.assertEqual(last, f"next: palpate info {out}")
 
-    def test_it_finds_its_volume_from_wherever_it_is(self):
+    def test_the_scene_finds_its_volume_from_any_folder(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
         (self.dir / "a").mkdir()
         (self.dir / "b").mkdir()
@@ -813,7 +813,7 @@ class Scenes(Case):
 
 class Refusals(Case):
     @suite.smoke
-    def test_files_that_are_something_else_are_named(self):
+    def test_names_the_kind_of_an_unsupported_file(self):
         out = self.dir / "o.vdb"
         for data, says in ((b"\x89PNG\r\n\x1a\n" + bytes(50), "PNG"), (b"PK\3\4" + bytes(50), "zip"),
                            (b"%PDF-1.4" + bytes(50), "PDF"), (b"solid x\nfacet", "surface"),
@@ -825,13 +825,13 @@ class Refusals(Case):
         self.refused(self.dir / "none.nii", out, says="no such file")
         self.refused(self.dir, out, says="folder")
 
-    def test_arrays_that_are_not_there_are_answered_with_those_that_are(self):
+    def test_an_unknown_array_is_refused_with_the_available_ones(self):
         source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1], [0, 1]))
         self.refused(source, self.dir / "o.vdb", "--field", "w", says="it has s, v")
         report = self.imported(source, "--field", "v")
         self.assertEqual([g["name"] for g in report["grids"]], ["v"])
 
-    def test_what_has_no_volume(self):
+    def test_refuses_files_without_a_volume(self):
         out = self.dir / "o.vdb"
         self.refused(self.write("flat.vtk", rectilinear([0, 1, 2], [0, 1], [5])), out,
                      says="no volume")
@@ -845,7 +845,7 @@ class Refusals(Case):
         self.refused(self.write("constant.vti", vti(3, 3, 3, [("s", 1, [4] * 27)])), out,
                      says="one value")
 
-    def test_options_that_make_no_sense(self):
+    def test_refuses_invalid_options(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
         mesh = self.write("b.vtk", rectilinear([0, 1, 3], [0, 1, 2], [0, 1, 2]))
         out = self.dir / "o.vdb"
@@ -872,7 +872,7 @@ class Refusals(Case):
         self.refused(source, says="usage")
 
     @suite.smoke
-    def test_files_that_are_cut_or_do_not_add_up(self):
+    def test_refuses_truncated_or_inconsistent_files(self):
         out = self.dir / "o.vdb"
         text = rectilinear([0, 1, 2.5], [0, 1, 2], [0, 1, 3])
         for part in (0.4, 0.6, 0.8, 0.95):
@@ -906,7 +906,7 @@ class Refusals(Case):
         os.mkfifo(self.dir / "pipe")
         self.refused(self.dir / "pipe", out, says="no file")
 
-    def test_what_was_there_stays_when_an_import_fails(self):
+    def test_a_failed_import_keeps_the_old_file(self):
         old = self.write("o.vdb", "old")
         self.refused(self.write("a.dat", "text"), old, says="text")
         self.assertEqual(old.read_bytes(), b"old")
@@ -1055,7 +1055,7 @@ class Running(Case):
         return self.write("big.raw", rng.randbytes(n ** 3)), json.dumps(
             {"size": [n, n, n], "type": "uint8"})
 
-    def test_an_interrupted_import_leaves_nothing(self):
+    def test_an_interrupted_import_leaves_no_files(self):
         # So many voxels that the import takes minutes.
         source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         before = sorted(os.listdir(self.dir))
@@ -1083,13 +1083,13 @@ class Running(Case):
         self.assertTrue(terminal.drawn.endswith("\r\x1b[K"), terminal.drawn)
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 
-    def test_at_a_terminal_it_says_where_it_is_until_ctrl_c(self):
+    def test_prints_progress_at_a_terminal_until_ctrl_c(self):
         source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         self.at_a_terminal("resampling: ", source, "o.vdb", "--voxel", "0.0025", "--scene", "s.json")
         source, layout = self.big(224)
         self.at_a_terminal("smoothing density: ", source, "o.vdb", "--raw", layout, "--smooth", "80")
 
-    def test_an_interrupted_import_leaves_none_of_what_it_wrote(self):
+    def test_an_import_interrupted_while_writing_leaves_no_files(self):
         """The import writes the scene first, and then for a while the volume."""
         source, layout = self.big(224)
         before = sorted(os.listdir(self.dir))

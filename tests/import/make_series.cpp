@@ -5,7 +5,7 @@
 
 int main(int argc, char** argv) {
   if (argc != 2) return 2;
-  vtkNew<vtkTimeSourceExample> source;  // hexahedra whose values change from step to step
+  vtkNew<vtkTimeSourceExample> source;  // hexahedra with values that change from step to step
   source->SetXAmplitude(0.0);
   source->SetYAmplitude(0.0);
   vtkNew<vtkExodusIIWriter> writer;

@@ -17,7 +17,6 @@ import process  # noqa: E402
 import suite  # noqa: E402
 import cgns  # noqa: E402
 import foam  # noqa: E402
-import grib  # noqa: E402
 import netcdf  # noqa: E402
 from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
@@ -351,7 +350,7 @@ class Netcdf(Case):
                    lambda *_: (lambda i, j, k: 100 * k + 10 * j + i + 1.0)(*next(found)), 1e-4)
 
     @suite.smoke
-    def test_what_is_no_volume_is_named(self):
+    def test_refuses_data_without_a_volume(self):
         place_of = {"units": "degrees_north"}
         source = netcdf.write(self.dir / "c.nc", {"z": 3, "y": 4, "x": 5}, {
             "lat2": (netcdf.FLOAT, ("y", "x"), place_of, [1.0] * 20),
@@ -390,12 +389,12 @@ class Netcdf(Case):
         return netcdf.write(self.dir / "g.nc", axes, variables)
 
     @suite.smoke
-    def test_coordinates_that_are_none(self):
+    def test_refuses_invalid_coordinates(self):
         for lon in ((0, math.inf, 4), (0, 2, 1e300), (0, 1e17, 2e17), (0, math.nan, 4)):
             self.refused(self.grid(lon=lon), "longitude of")
         self.refused(self.grid(lat=(80, 100, 120)), "latitude of 100 degrees")
 
-    def test_levels_by_what_they_are(self):
+    def test_places_levels_by_their_unit(self):
         cases_of = [
             # z, its attributes, the message, the places of its ends
             ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
@@ -415,7 +414,7 @@ class Netcdf(Case):
             self.assertEqual(found[0] < -1e-9, low < 0, (what, found))
             self.assertEqual(found[1] > 1e-9, high > 0, (what, found))
 
-    def test_an_ensemble_is_no_height(self):
+    def test_an_ensemble_axis_is_not_a_height(self):
         self.refused(self.grid(first="number", z_is={"standard_name": "realization"}),
                      "it has no three dimensions of space")
 
@@ -429,7 +428,7 @@ class Netcdf(Case):
         self.assertEqual(found["active_voxels"], 35)  # including the background
         self.assertEqual(found["value_range"], [0, 0.5 * max(raw)])
 
-    def test_only_what_has_one_unit_is_a_vector(self):
+    def test_joins_only_components_of_one_unit(self):
         def flow(*units):
             return {name: (netcdf.FLOAT, {"units": unit}, None)
                     for name, unit in zip("uvw", units)}
@@ -445,119 +444,6 @@ class Netcdf(Case):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             source = self.weather(form=form)
             self.survives(source, source.read_bytes(), 24, "netCDF")
-
-
-@unittest.skipUnless(grib.library(), "ecCodes is not installed")
-class Grib(Case):
-    def message(self, name, level, values, **keys):
-        keys = {"Ni": len(LONGITUDES), "Nj": len(LATITUDES),
-                "longitudeOfFirstGridPointInDegrees": float(LONGITUDES[0]),
-                "longitudeOfLastGridPointInDegrees": float(LONGITUDES[-1]),
-                "latitudeOfFirstGridPointInDegrees": float(LATITUDES[0]),
-                "latitudeOfLastGridPointInDegrees": float(LATITUDES[-1]),
-                "iDirectionIncrementInDegrees": 0.5, "jDirectionIncrementInDegrees": 0.5,
-                "level": level, "shortName": name, "bitsPerValue": 24, **keys}
-        return keys, values
-
-    def weather(self, sample="regular_ll_pl_grib2", levels=LEVELS, **keys):
-        messages = []
-        for name, function in (("u", lambda *p: wind(*p)[0]), ("v", lambda *p: wind(*p)[1]),
-                               ("t", heat)):
-            for level in levels:
-                messages.append((sample, *self.message(name, level, over([level], function),
-                                                       **keys)))
-        return grib.write(self.dir / "a.grib", messages)
-
-    @suite.smoke
-    def test_weather_on_pressure_levels(self):
-        for sample in ("regular_ll_pl_grib1", "regular_ll_pl_grib2"):
-            report = self.imported(self.weather(sample))
-            self.assertEqual(set(report["grid"]), {"wind", "t"})
-            self.assertEqual(report["grid"]["wind"]["unit"], "m s^-1")
-            places = [(x, y, p) for x in LONGITUDES[2:9:3] for y in LATITUDES[2:7:2]
-                      for p in (850, 700, 500)]
-            at = [place(x, y, 20 * height(p)) for x, y, p in places]
-            found = iter(places)
-            self.holds("wind", at, lambda *_: (*wind(*next(found)), 0.0), 0.05)
-            found = iter(places)
-            self.holds("t", at, lambda *_: heat(*next(found)), 0.3)
-            self.felt_as("wind", "t")
-
-    @suite.smoke
-    def test_rows_from_south_and_columns_first(self):
-        values = [heat(x, y, 0) for x in LONGITUDES for y in LATITUDES[::-1]]
-        ends = {"latitudeOfFirstGridPointInDegrees": 46.0, "latitudeOfLastGridPointInDegrees": 50.0,
-                "jScansPositively": 1, "jPointsAreConsecutive": 1}
-        source = grib.write(self.dir / "s.grib", [
-            ("regular_ll_pl_grib2", *self.message("t", level, [v + level for v in values], **ends,
-                                                  typeOfLevel="hybrid"))
-            for level in (1, 2, 3)])
-        report = self.imported(source)
-        t = report["grid"]["t"]
-        self.assertNotIn("resampling", t)
-        self.assertIn("levels have no height", report["note"])
-        points = [(x, y, k) for x in LONGITUDES[1:5] for y in LATITUDES[1:5] for k in (0, 1)]
-        found = iter(points)
-        self.holds("t", [place(x, y, k * t["voxel"][2]) for x, y, k in points],
-                   lambda *_: (lambda x, y, k: heat(x, y, 0) + k + 1)(*next(found)), 1e-2)
-
-    @suite.smoke
-    def test_times_missing_values_and_single_levels(self):
-        values = over([500], heat)
-        values[0] = 9999.0
-        messages = [("regular_ll_pl_grib2", *self.message(
-            "t", level, [v if v == 9999.0 else v + step for v in values], bitmapPresent=1,
-            missingValue=9999, dataDate=20201231, dataTime=1800, step=step,
-            typeOfLevel="hybrid"))
-            for step in (0, 12) for level in (1, 2)]
-        messages.append(("regular_ll_pl_grib2", *self.message(
-            "u", 500, over([500], heat), dataDate=20201231, dataTime=1800)))
-        source = grib.write(self.dir / "t.grib", messages)
-        report = self.imported(source, "--time", "1", "--field", "t")
-        self.assertEqual((report["time"], report["grid"]["t"]["holes"]), (12, 2))
-        self.holds("t", [place(LONGITUDES[5], LATITUDES[5], 0)],
-                   lambda *_: heat(LONGITUDES[5], LATITUDES[5], 500) + 12, 0.01)
-
-    @suite.smoke
-    def test_grids_without_rows(self):
-        for sample, kind in (("reduced_gg_pl_32_grib2", "reduced_gg"), ("sh_pl_grib2", "sh")):
-            source = grib.write(self.dir / "r.grib", [(sample, {}, None)])
-            self.refused(source, f"its grid is of type {kind}")
-        source = grib.write(self.dir / "one.grib", [
-            ("regular_ll_pl_grib2", *self.message("t", 500, over([500], heat)))])
-        self.refused(source, "one level (isobaricInhPa)")
-
-    @suite.smoke
-    def test_a_gaussian_grid(self):
-        source = grib.write(self.dir / "g.grib", [
-            ("regular_gg_pl_grib2", {"level": level, "shortName": "t"},
-             [float(n % 128) for n in range(8192)]) for level in (1000, 500, 200)])
-        report = self.imported(source)
-        self.assertIn("as at latitude 0", report["note"])
-        # Columns are 360 / 128 degrees apart, latitudes at the roots of Legendre's polynomial.
-        step = 360 / 128 * DEGREE
-        self.holds("t", [(step * i, y, 5000) for i in (3.5, 20.25, 80) for y in (-8000, 0, 8000)],
-                   lambda x, y, z: x / step, 1e-2)
-        self.assertEqual([row["inside"] for row in self.sample("t", [(1000, 9000, 5000)])], ["1"])
-
-    @suite.smoke
-    def test_a_map(self):
-        """Stereographic: 16 columns and 31 rows, 2 km apart, beginning in the north."""
-        source = grib.write(self.dir / "m.grib", [
-            ("polar_stereographic_pl_grib2", {"level": level, "shortName": "t"},
-             [float(n % 16 + 100 * (n // 16)) for n in range(16 * 31)])
-            for level in (1000, 500, 200)])
-        self.imported(source)
-        self.holds("t", [(4, -20, 10), (11, -7, 12)],
-                   lambda x, y, z: x / 2 - 100 * y / 2, 0.05)
-
-    @suite.smoke
-    def test_damage(self):
-        source = self.weather()
-        whole = source.read_bytes()
-        source.write_bytes(whole[:-40])
-        self.refused(source, "ecCodes cannot read")
-        self.survives(source, whole, 30, "GRIB")
 
 
 class Foam(Case):
@@ -591,7 +477,7 @@ class Foam(Case):
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
 
     @suite.smoke
-    def test_what_is_missing_is_named(self):
+    def test_names_missing_files(self):
         (self.dir / "a.foam").touch()
         self.refused(self.dir / "a.foam", "there is no system/controlDict")
         case = self.case()
@@ -660,16 +546,15 @@ class Others(Case):
         source.write_bytes(b"11111\n10 10 10 8\n" + bytes(100))
         self.refused(source, "SLC")
 
-    def test_grib_without_eccodes(self):
-        source = self.dir / "a.grib"
-        source.write_bytes(b"GRIB" + bytes(100))
-        light = str(Path(PALPATE).with_name("palpate-import-light"))
-        done, line = refusal(self, self.dir, lambda: process.run(
-            [light, str(source), str(self.out)], capture_output=True, text=True, timeout=120))
-        self.assertEqual(done.returncode, 2)
-        self.assertIn("without ecCodes, which reads it: install the package palpate-import", line)
+    @suite.smoke
+    def test_grib_is_to_be_converted(self):
+        for name, begin in (("a.bin", b"GRIB"), ("a.grib", b"\1"), ("a.grib2", b"\1"),
+                            ("a.grb", b"\1")):
+            source = self.dir / name
+            source.write_bytes(begin + bytes(100))
+            self.refused(source, "convert it to netCDF, as with ecCodes' grib_to_netcdf or cdo -f nc copy")
 
-    def test_a_volume_where_a_vdb_is_asked_for(self):
+    def test_a_volume_in_place_of_a_vdb_names_the_import_command(self):
         source = self.dir / "head.nii.gz"
         source.write_bytes(b"\x1f\x8b\x08" + bytes(100))
         for verb in (("feel",), ("info",), ("scene",), ("check",)):

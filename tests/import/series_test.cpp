@@ -90,7 +90,7 @@ std::string nifti(const std::vector<std::int16_t>& dims, float step) {
 
 }  // namespace
 
-TEST_CASE("an NRRD's steps are read one by one, its axis last, first or between", "[series]") {
+TEST_CASE("an NRRD's time steps are read with the time axis last, first or between", "[series]") {
   const Folder folder;
   std::vector<std::int16_t> last;
   std::vector<std::int16_t> first;
@@ -111,7 +111,7 @@ TEST_CASE("an NRRD's steps are read one by one, its axis last, first or between"
     checkSteps(*reader);
     CHECK(reader->times() == std::vector<double>{0.0, 0.25, 0.5});
   }
-  SECTION("last, in a file a step") {
+  SECTION("last, with one file per step") {
     for (int s = 0; s < kSteps; ++s) {
       const auto begin = last.begin() + static_cast<std::ptrdiff_t>(s) * kPoints;
       static_cast<void>(folder.write(fmt::format("{}.raw", s), "", {begin, begin + kPoints}));
@@ -132,7 +132,7 @@ TEST_CASE("an NRRD's steps are read one by one, its axis last, first or between"
   }
 }
 
-TEST_CASE("a NIfTI file's steps are read one by one, of vectors as well", "[series]") {
+TEST_CASE("a NIfTI file's time steps are read, of scalars and of vectors", "[series]") {
   const Folder folder;
   std::vector<std::int16_t> scalars;
   std::vector<std::int16_t> vectors;
@@ -150,7 +150,7 @@ TEST_CASE("a NIfTI file's steps are read one by one, of vectors as well", "[seri
   checkSteps(*openNifti(folder.write("b.nii", nifti({2, 3, 4, kSteps, 3}, 1.0F), vectors)), 3);
 }
 
-TEST_CASE("one volume is no series", "[series]") {
+TEST_CASE("a single volume has no times", "[series]") {
   const Folder folder;
   const std::vector<std::int16_t> values(kPoints);
   CHECK(openNrrd(folder.write("a.nrrd", nrrd("2 3 4", "\n"), values))->times().empty());

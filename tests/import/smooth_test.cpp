@@ -53,7 +53,8 @@ vtkSmartPointer<vtkDataArray> byVtk(const Piece& image, double width) {
 
 }  // namespace
 
-TEST_CASE("the importer's Gaussian is VTK's, also at edges and along short axes", "[smooth]") {
+TEST_CASE("the importer's Gaussian agrees with VTK's, also at edges and on short axes",
+          "[smooth]") {
   const Vec3 spacing(1.0, 0.7, 2.5);
   for (const int components : {1, 3}) {
     for (const double width : {0.1, 0.4, 1.0, 3.0, 9.0}) {
@@ -75,7 +76,7 @@ TEST_CASE("the importer's Gaussian is VTK's, also at edges and along short axes"
   }
 }
 
-TEST_CASE("what is constant stays so, and the rms change is that of the values", "[smooth]") {
+TEST_CASE("a constant image stays constant, and the rms change is that of the values", "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   Piece flat = noise(1, Vec3::Ones());
   for (std::size_t i = 0; i < 4301; ++i) flat.arrays[0].values.as<float>()[i] = 3.0F;
@@ -90,7 +91,8 @@ TEST_CASE("what is constant stays so, and the rms change is that of the values",
         Approx(std::sqrt(squares / static_cast<double>(before.tuples()))).epsilon(1e-9));
 }
 
-TEST_CASE("an image with holes is not smoothed, and a width beyond any image is", "[smooth]") {
+TEST_CASE("an image with holes is refused, and a very wide Gaussian flattens an image",
+          "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   CHECK(smoothImage(image, image.arrays[0], 1e6, "x").range < 1e-2);
   image.arrays[0].values.as<float>()[5] = std::nanf("");

@@ -1,4 +1,4 @@
-// Tests what is felt of diffusion tensors, against tensors made of known eigenvalues.
+// Tests direction, anisotropy and diffusivity against tensors with known eigenvalues.
 #include "palpate/scenes/apps/import/tensors.h"
 
 #include <array>
@@ -49,7 +49,7 @@ double anisotropy(const Vec3& l) {
 
 }  // namespace
 
-TEST_CASE("the direction is that of the greatest eigenvalue, whatever the frame", "[tensor]") {
+TEST_CASE("the direction is the eigenvector of the greatest eigenvalue in any frame", "[tensor]") {
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
   for (int n = 0; n < 2000; ++n) {
     const Mat3 axes = randomRotation();
@@ -75,7 +75,7 @@ TEST_CASE("the first component of a direction that is not zero is positive", "[t
   CHECK(diffusionOf(n * n.transpose()).direction.isApprox(-n));
 }
 
-TEST_CASE("anisotropy is 0 for a ball, 1 for a line and known between", "[tensor]") {
+TEST_CASE("anisotropy is 0 for a sphere, 1 for a line, and correct in between", "[tensor]") {
   const Mat3 axes = randomRotation();
   CHECK(diffusionOf(tensor(axes, {1, 1, 1})).anisotropy == Approx(0.0).margin(1e-12));
   CHECK(diffusionOf(tensor(axes, {1, 0, 0})).anisotropy == Approx(1.0));
@@ -83,20 +83,20 @@ TEST_CASE("anisotropy is 0 for a ball, 1 for a line and known between", "[tensor
   CHECK(diffusionOf(tensor(axes, {1.7, 0.3, 0.3})).anisotropy == Approx(0.7990).epsilon(1e-3));
 }
 
-TEST_CASE("a ball and nothing have no direction", "[tensor]") {
+TEST_CASE("an isotropic or zero tensor has no direction", "[tensor]") {
   CHECK(diffusionOf(tensor(randomRotation(), {2, 2, 2})).direction.isZero());
   CHECK(diffusionOf(Mat3::Zero()).direction.isZero());
   CHECK(diffusionOf(-Mat3::Identity()).direction.isZero());
 }
 
-TEST_CASE("negative eigenvalues count as 0 in anisotropy, and in the mean as they are",
+TEST_CASE("negative eigenvalues count as 0 in the anisotropy and unchanged in the mean",
           "[tensor]") {
   const Diffusion felt = diffusionOf(tensor(randomRotation(), {2, 1, -0.5}));
   CHECK(felt.anisotropy == Approx(anisotropy({2, 1, 0})));
   CHECK(felt.diffusivity == Approx(2.5 / 3.0));
 }
 
-TEST_CASE("tensors that are not finite are felt as nothing", "[tensor]") {
+TEST_CASE("a non-finite tensor gives zero direction, anisotropy and diffusivity", "[tensor]") {
   for (const double bad :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
     Mat3 D = Mat3::Identity();
@@ -128,7 +128,7 @@ TEST_CASE("arrays of six and of nine components, of floats and of integers, agre
   }
 }
 
-TEST_CASE("a tensor turned is the tensor of turned axes", "[tensor]") {
+TEST_CASE("a rotated tensor is the tensor of the rotated axes", "[tensor]") {
   for (int n = 0; n < 100; ++n) {
     const Mat3 axes = randomRotation();
     const Mat3 R = randomRotation();
@@ -144,7 +144,7 @@ TEST_CASE("a tensor turned is the tensor of turned axes", "[tensor]") {
   }
 }
 
-TEST_CASE("values are scaled only where the header says so", "[values]") {
+TEST_CASE("values are rescaled only if slope and offset are valid and change them", "[values]") {
   const Values values = repeated<std::int16_t>(Type::kInt16, std::array{7.0}, 1);
   CHECK(rescaled(values, 0.0, 5.0).data() == values.data());
   CHECK(rescaled(values, 1.0, 0.0).data() == values.data());

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The kill table: kill_test.py VICTIM. Whatever ends, stops or hangs a program, its device has zero force within 25 ms,
+"""The kill table: kill_test.py VICTIM. If a program ends, is stopped or hangs, its device has zero force within 25 ms,
 and keeps it. Prints the table.
 
 If permitted, this program and its victim have a priority above all programs without real-time priority, as on an
@@ -242,7 +242,7 @@ class KillTable(unittest.TestCase):
         finally:
             victim.close()
 
-    def test_what_was_on_its_way_when_it_stopped_is_taken_off_again(self):
+    def test_a_slow_write_is_followed_by_zero(self):
         # One write takes 40 ms, and the next one does not return.
         victim = Victim("slow")
         try:
@@ -253,7 +253,7 @@ class KillTable(unittest.TestCase):
         finally:
             victim.close()
 
-    def test_a_program_that_goes_on_has_no_force(self):
+    def test_a_resumed_program_has_no_force(self):
         victim = Victim("nothing")
         try:
             victim.press()
@@ -265,7 +265,7 @@ class KillTable(unittest.TestCase):
         finally:
             victim.close()
 
-    def test_a_device_that_does_not_answer_holds_up_no_other(self):
+    def test_a_blocked_device_does_not_delay_another(self):
         for kill in (True, False):
             victim = Victim("blocked")
             try:
@@ -275,7 +275,7 @@ class KillTable(unittest.TestCase):
             finally:
                 victim.close()
 
-    def test_a_zero_that_finds_no_room_is_tried_again(self):
+    def test_a_zero_is_retried_while_the_queue_is_full(self):
         # The test does not read for a while: the device's queue is full of forces when the program dies.
         victim = Victim("fast")
         try:

@@ -24,7 +24,7 @@ LimitedForce after(const Vec3& previous, const Vec3& wanted, double dt, const Fo
 
 }  // namespace
 
-TEST_CASE("a non-finite force becomes zero and says so", "[safety]") {
+TEST_CASE("a non-finite force becomes zero and is reported", "[safety]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   for (const double bad : {nan, inf, -inf, 1.7e308}) {
@@ -35,13 +35,13 @@ TEST_CASE("a non-finite force becomes zero and says so", "[safety]") {
   }
 }
 
-TEST_CASE("the peak keeps the direction", "[safety]") {
+TEST_CASE("the peak limit keeps the force's direction", "[safety]") {
   const LimitedForce out = after({0, 0, 0}, {30, 40, 0}, 1.0, {5.0, 1e6});
   CHECK(out.peaked);
   CHECK((out.force - Vec3(3, 4, 0)).norm() < 1e-11);
 }
 
-TEST_CASE("growth is limited, a release never delayed", "[safety]") {
+TEST_CASE("force growth is slew-limited, and a release is immediate", "[safety]") {
   const ForceLimits limits{10.0, 2000.0};
   const LimitedForce grown = after({1, 0, 0}, {5, 0, 0}, 1e-3, limits);
   CHECK(grown.slewed);
@@ -56,7 +56,7 @@ TEST_CASE("growth is limited, a release never delayed", "[safety]") {
   CHECK((turned.force - Vec3(-2, 0, 0)).norm() < 1e-14);
 }
 
-TEST_CASE("whatever bits come in, the force is finite and within peak, slew and wish", "[safety]") {
+TEST_CASE("any input gives a finite force within peak, slew and the wanted force", "[safety]") {
   Random random(7);
   const auto bits = [&] {
     std::uint64_t raw = 0;
@@ -97,8 +97,7 @@ TEST_CASE("whatever bits come in, the force is finite and within peak, slew and 
   CHECK(finite > 0);
 }
 
-TEST_CASE("an engagement waits for little force, or a second, then ramps over its time",
-          "[safety]") {
+TEST_CASE("an engagement waits for a small force or one second, then ramps up", "[safety]") {
   ForceLimits limits{10.0, 1e9};
   constexpr double kDt = 1e-3;
   for (const bool pressed : {false, true}) {
@@ -127,7 +126,7 @@ TEST_CASE("an engagement waits for little force, or a second, then ramps over it
   }
 }
 
-TEST_CASE("motors get no warmer than their continuous force makes them", "[safety]") {
+TEST_CASE("motors heat no more than their continuous force does", "[safety]") {
   ForceLimits limits{8.0, 2000.0};
   limits.continuous = 2.0;
   limits.heating = 4.0;
@@ -150,7 +149,7 @@ TEST_CASE("motors get no warmer than their continuous force makes them", "[safet
   CHECK(state.heat < 0.05);
 }
 
-TEST_CASE("the tank comes last, and what it leaves is what was sent", "[safety]") {
+TEST_CASE("the tank acts last, and its output is the sent force", "[safety]") {
   ForceLimits limits{10.0, 1e6};
   limits.tank.use = TankUse::kAct;
   limits.tank.arm.viscous = 0.5;

@@ -37,7 +37,7 @@ struct Network {
 /// Messages on their way to one end, by the time of arrival.
 using Way = std::multimap<double, LinkWord>;
 
-/// A hand that a person moves: a mass on a spring, whose other end moves as the person likes.
+/// A hand that a person moves: a mass on a spring. The person moves the spring's other end.
 struct Hand {
   Vec3 position = Vec3::Zero();
   Vec3 velocity = Vec3::Zero();
@@ -71,8 +71,8 @@ struct End {
   double lowest = 0.0;  ///< Lowest energy of the tank [J].
   std::uint64_t lives = 1;
   double next = 0.0;               ///< Time of the next message [s].
-  Vec3 read = Vec3::Zero();        ///< Position of the hand as it was read,
-  double read_at = 0.0;            ///< and the time of that reading [s].
+  Vec3 read = Vec3::Zero();        ///< Last position of the hand that was read.
+  double read_at = 0.0;            ///< Time of the last reading [s].
   Mat3 drives = Mat3::Identity();  ///< Directions in which the motors push.
 };
 
@@ -183,7 +183,7 @@ Hand anyHand(Random& random) {
 
 }  // namespace
 
-TEST_CASE("two hands never get more than their tanks began with, whatever the network does",
+TEST_CASE("two hands never gain more than their tanks' initial energy on any network",
           "[loop][link]") {
   const long count = test::cases(100000);
   double nearest = -std::numeric_limits<double>::infinity();
@@ -224,7 +224,7 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // The time between two readings is known only after a few of them. By then a fiftieth of the
+    // The time between two readings is known only after a few readings. By then a fiftieth of the
     // spring is present.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
@@ -235,7 +235,7 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
   CHECK(nearest > 0.5);
 }
 
-TEST_CASE("what readings do not show of a hand is paid for", "[loop][link]") {
+TEST_CASE("the tanks pay for motion below an encoder step", "[loop][link]") {
   // One hand swings, so that the force on the other hand turns. That hand creeps with the force
   // within a step of its encoders, where no reading shows it.
   constexpr double kDelay = 0.005;  // [s]
@@ -281,7 +281,8 @@ TEST_CASE("what readings do not show of a hand is paid for", "[loop][link]") {
   }
 }
 
-TEST_CASE("what a late tick overdraws is one tick's work, and is paid back", "[loop][link]") {
+TEST_CASE("late ticks overdraw a tank by at most twice the greatest work of a tick",
+          "[loop][link]") {
   const long count = test::cases(3000);
   double deepest = 0.0;
   for (long seed = 0; seed < count; ++seed) {
@@ -305,7 +306,7 @@ TEST_CASE("what a late tick overdraws is one tick's work, and is paid back", "[l
   CHECK(deepest < 0.0);
 }
 
-TEST_CASE("a late tick leaves the force as it is", "[loop][link]") {
+TEST_CASE("a late tick does not change the force", "[loop][link]") {
   Link link(1);
   link.hear({2, 1, 1, Vec3(0.01, 0, 0), 0.0});
   for (std::uint64_t n = 2; n < 1000; ++n) {
@@ -319,8 +320,8 @@ TEST_CASE("a late tick leaves the force as it is", "[loop][link]") {
   }
 }
 
-TEST_CASE("a spring without tanks gives energy over a network that delays", "[loop][link]") {
-  // Shows the need for the tanks, and that the networks of these tests would reveal a failure.
+TEST_CASE("without tanks a spring over a delayed network generates energy", "[loop][link]") {
+  // Shows that the tanks are needed, and that this network reveals a spring without them.
   Session session(1, {});
   session.network.delay = 0.05;
   session.tanks = false;
@@ -342,7 +343,7 @@ TEST_CASE("a spring without tanks gives energy over a network that delays", "[lo
   CHECK(held.most <= 2.0 * LinkParams().start + 1e-12);
 }
 
-TEST_CASE("a hand is led by another one", "[loop][link]") {
+TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
   // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. docs/cluster.md has the table.
   std::printf("delay ms, lost %%: rms apart mm\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
@@ -373,7 +374,8 @@ TEST_CASE("a hand is led by another one", "[loop][link]") {
   }
 }
 
-TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
+TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded effect",
+          "[loop][link]") {
   Link link(5);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const auto said = [&](LinkWord word) {
@@ -401,7 +403,7 @@ TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
   CHECK(link.energy() < 0.2);
 }
 
-TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
+TEST_CASE("a loop's energy accounts use the sent force, not the requested one", "[loop][link]") {
   test::TestDevice device;
   device.about.limits.peak = 0.5;
   HandLinks links(1);
@@ -455,7 +457,7 @@ TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
   CHECK(links.told().presence[2] < 0.01);
 }
 
-TEST_CASE("what the motors did not give was not put in", "[loop][link]") {
+TEST_CASE("a link counts only the share of the force that the motors gave", "[loop][link]") {
   const auto put_in = [](double share) {
     test::TestDevice device;
     device.share = share;
@@ -481,7 +483,7 @@ TEST_CASE("what the motors did not give was not put in", "[loop][link]") {
   CHECK(put_in(0.3) == Approx(0.006).epsilon(0.05));
 }
 
-TEST_CASE("several hands pull together as one does", "[loop][link]") {
+TEST_CASE("the pull of several hands is limited to the peak and does not jump", "[loop][link]") {
   HandLinks links(1);
   LinksHeard heard;
   double most = 0.0;
@@ -501,7 +503,7 @@ TEST_CASE("several hands pull together as one does", "[loop][link]") {
   CHECK(last == Approx(LinkParams().peak));
 }
 
-TEST_CASE("a tank in debt is let out ever less until it is paid", "[loop][link]") {
+TEST_CASE("a tank's debt does not grow over repeated overdrafts", "[loop][link]") {
   // The hand moves away fast, back within one late tick, then slowly away. Each turn overdraws.
   Link link(1);
   double debt = 0.0;

@@ -32,7 +32,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// A loop whose time the test sets.
+/// A loop in the test's own time.
 struct Rig {
   TestDevice device;
   HapticLoop loop;
@@ -98,7 +98,7 @@ class Fetched final : public ScalarField {
 
 }  // namespace
 
-TEST_CASE("there is no force before there is a scene, and then by an engagement", "[loop]") {
+TEST_CASE("without a scene the force is zero, and a hand inside a new scene is free", "[loop]") {
   Rig rig;
   rig.device.hand.position = kPressed;
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
@@ -112,7 +112,8 @@ TEST_CASE("there is no force before there is a scene, and then by an engagement"
   CHECK(rig.device.sent == rig.loop.latest().report.force);
 }
 
-TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loop][safety]") {
+TEST_CASE("a new scene engages slowly, and an edit acts soon without a force jump",
+          "[loop][safety]") {
   const FieldPtr ball = ballField();
   {
     Rig rig;
@@ -179,8 +180,7 @@ TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loo
   CHECK(most - least < 1e-3);
 }
 
-TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an engagement",
-          "[loop][safety][fault]") {
+TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop][safety][fault]") {
   const FieldPtr ball = ballField();
   const auto expect = [&](Fault cause, const auto& cause_it, const auto& mend,
                           double heartbeat = 0.0) {
@@ -283,7 +283,7 @@ TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an enga
       [](Rig& rig) { rig.device.hand.position = kPressed; });
 }
 
-TEST_CASE("a volume that is there no more cuts the force, until it is there and taken back",
+TEST_CASE("a lost volume cuts the force until it returns and the fault is cleared",
           "[loop][safety][fault]") {
   const auto ball = std::make_shared<Fetched>(std::get<0>(ballField()));
   Rig rig;
@@ -308,7 +308,7 @@ TEST_CASE("a volume that is there no more cuts the force, until it is there and 
   CHECK(rig.device.sent == Vec3::Zero());
 }
 
-TEST_CASE("a force that was cut for lateness alone returns by itself, three times a minute",
+TEST_CASE("a force cut for lateness returns by itself at most three times a minute",
           "[loop][safety][fault]") {
   const FieldPtr ball = ballField();
   constexpr double kAfter = 2.0;  // [s]
@@ -329,7 +329,7 @@ TEST_CASE("a force that was cut for lateness alone returns by itself, three time
     CHECK(rig.run(1.9).fault == Fault::kLate);
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.run(0.2).fault == Fault::kNone);
-    // As after clear(), the proxy begins at the hand, which feels the ball when it touches it
+    // The proxy begins at the hand, as after clear(). The hand feels the ball when it touches it
     // again.
     CHECK(rig.device.sent == Vec3::Zero());
     rig.go(kOut, 0.1);
@@ -410,7 +410,7 @@ TEST_CASE("a force that was cut for lateness alone returns by itself, three time
   }
 }
 
-TEST_CASE("orders are taken back as they were when somebody took them back", "[loop][safety]") {
+TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]") {
   TestDevice device;
   device.hand.position = kOut;
   std::atomic<std::uint64_t> heart{0};
@@ -424,7 +424,7 @@ TEST_CASE("orders are taken back as they were when somebody took them back", "[l
     return loop.latest().fault;
   };
   CHECK(tick() == Fault::kNone);
-  // A guardian took the force off: the loop was late, whatever its own clock shows.
+  // A guardian took the force off: the loop was late, even if its own clock does not show it.
   ++cuts;
   CHECK(tick() == Fault::kLate);
   loop.clear();
@@ -452,7 +452,7 @@ TEST_CASE("orders are taken back as they were when somebody took them back", "[l
   CHECK(heart == stood + 1);
 }
 
-TEST_CASE("clearing lets nothing out while nobody guards", "[loop][safety]") {
+TEST_CASE("without a guardian clear() lets no force out", "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -472,7 +472,7 @@ TEST_CASE("clearing lets nothing out while nobody guards", "[loop][safety]") {
   CHECK(rig.loop.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a device that takes fewer forces than there are ticks has them later", "[loop]") {
+TEST_CASE("a device with a lower output rate adds its waits to the tank's delay", "[loop]") {
   struct Sink final : public TickSink {
     void take(const Telemetry&, const ProxyState& state) noexcept override {
       arm = state.limits().tank.arm;
@@ -508,8 +508,7 @@ TEST_CASE("a device that takes fewer forces than there are ticks has them later"
   }
 }
 
-TEST_CASE("a device begins as hot as it may be: nobody knows what it did before",
-          "[loop][safety]") {
+TEST_CASE("motors count as fully heated when the loop starts", "[loop][safety]") {
   TestDevice device;
   device.about.limits.continuous = 1.0;
   device.about.limits.heating = 2.0;
@@ -534,7 +533,7 @@ TEST_CASE("a device begins as hot as it may be: nobody knows what it did before"
   CHECK(most > 3.0);
 }
 
-TEST_CASE("limits of a hand that are none are refused", "[loop][safety]") {
+TEST_CASE("invalid device limits are refused", "[loop][safety]") {
   for (const double bad : {0.0, -1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     for (double WatchLimits::*limit :
          {&WatchLimits::stale, &WatchLimits::max_speed, &WatchLimits::late}) {
@@ -559,7 +558,7 @@ TEST_CASE("limits of a hand that are none are refused", "[loop][safety]") {
   }
 }
 
-TEST_CASE("ticks that are a little late are counted and felt", "[loop][safety]") {
+TEST_CASE("slightly late ticks are counted and keep their force", "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -571,7 +570,7 @@ TEST_CASE("ticks that are a little late are counted and felt", "[loop][safety]")
   CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
 }
 
-TEST_CASE("without the dead man's switch there is no force, with it an engagement",
+TEST_CASE("an open dead man's switch cuts the force, a closed one engages slowly",
           "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
@@ -588,7 +587,8 @@ TEST_CASE("without the dead man's switch there is no force, with it an engagemen
   CHECK(rig.run(0.7).report.force.norm() == Approx(1.5).margin(0.01));
 }
 
-TEST_CASE("a write that is blocked is a fault, and left to the guardian", "[loop][safety]") {
+TEST_CASE("a blocked write is a fault, and stops the heartbeat for the guardian",
+          "[loop][safety]") {
   TestDevice device;
   device.hand.position = kOut;
   std::atomic<std::uint64_t> heart{0};
@@ -621,7 +621,7 @@ TEST_CASE("a write that is blocked is a fault, and left to the guardian", "[loop
   CHECK(loop.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a tick that hung is not answered with its old force", "[loop][safety]") {
+TEST_CASE("a tick that hung ends with zero force and a late fault", "[loop][safety]") {
   struct Hanging final : public ScalarField {
     std::shared_ptr<const ScalarField> ball = std::get<0>(ballField());
     std::atomic<bool>* hang;
@@ -651,7 +651,7 @@ TEST_CASE("a tick that hung is not answered with its old force", "[loop][safety]
   CHECK(rig.loop.latest().fault == Fault::kLate);
 }
 
-TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[loop][safety]") {
+TEST_CASE("a position jump or homing puts no energy into the tank", "[loop][safety]") {
   // The arm is homed, or jumps, or returns elsewhere.
   for (const int how : {0, 1, 2}) {
     CAPTURE(how);
@@ -690,7 +690,7 @@ TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[
   }
 }
 
-TEST_CASE("a switch that closes between two positions lets no energy out", "[loop][safety]") {
+TEST_CASE("a switch that closes between two positions releases no energy", "[loop][safety]") {
   // A 125 Hz arm sweeps at 2 m/s. The path since its last position was not covered in the time
   // since the switch closed.
   constexpr double kViscous = 0.5;
@@ -781,7 +781,7 @@ struct Windy {
 
 }  // namespace
 
-TEST_CASE("homing and a fault that is taken back put no energy into the tank", "[loop][safety]") {
+TEST_CASE("homing or a cleared fault puts no energy into the tank", "[loop][safety]") {
   // The last position before the arm is ready is wrong by 10 cm: the hand did not move.
   for (const bool homed : {true, false}) {
     for (const int not_ready : {1, 2, 15}) {
@@ -814,7 +814,7 @@ TEST_CASE("homing and a fault that is taken back put no energy into the tank", "
   }
 }
 
-TEST_CASE("while an arm is not ready its speed is watched, and jumps are not", "[loop][safety]") {
+TEST_CASE("while an arm is not ready, speed is watched but jumps are allowed", "[loop][safety]") {
   Windy arm;
   arm.device.hand.ready = false;
   // Homing resets the counters.
@@ -856,7 +856,7 @@ TEST_CASE("a repeated position that grows older does not count as fresh", "[loop
   CHECK(arm.least >= -1e-12);
 }
 
-TEST_CASE("ticks as late as a clock's are no debts of the tank, later ones are", "[loop][safety]") {
+TEST_CASE("ticks of 1.19 periods cause no tank debt, ticks of 1.5 periods do", "[loop][safety]") {
   // The force that drives the hand takes all that the tank can pay for, and the hand takes the
   // most.
   struct Debt final : TickSink {
@@ -897,7 +897,7 @@ TEST_CASE("ticks as late as a clock's are no debts of the tank, later ones are",
   CHECK(owed(1.5 * kDt) > 0.0);
 }
 
-TEST_CASE("what the motors cannot give is not counted as work against them", "[loop][safety]") {
+TEST_CASE("the tank counts only the share of the force that the motors gave", "[loop][safety]") {
   const auto pressed = [](double share) {
     TestDevice device;
     device.about.limits.tank.use = TankUse::kObserve;
@@ -929,7 +929,7 @@ TEST_CASE("what the motors cannot give is not counted as work against them", "[l
   CHECK(pressed(0.0) == Approx(0.0).margin(0.1 * all));
 }
 
-TEST_CASE("a scene that comes back finds the proxy at the hand", "[loop]") {
+TEST_CASE("a scene that is published again starts with the proxy at the hand", "[loop]") {
   Rig rig;
   const auto scene = ballScene(ballField());
   rig.device.hand.position = kOut;
@@ -944,7 +944,7 @@ TEST_CASE("a scene that comes back finds the proxy at the hand", "[loop]") {
   CHECK(rig.run(2.0).report.force == Vec3::Zero());
 }
 
-TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {
+TEST_CASE("a recorded path without a hand gets force without an engagement", "[loop]") {
   TestDevice device;
   device.about.hand = false;
   device.hand.position = kOut;
@@ -959,7 +959,7 @@ TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {
   CHECK(device.sent.norm() > 0.5);
 }
 
-TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, and costs no memory",
+TEST_CASE("under random events the force is finite, bounded, slew-limited, and no tick allocates",
           "[loop][safety][fault]") {
   // Scenes of every kind are swapped, withdrawn and edited. The hand moves, jumps and is lost.
   // Ticks are late, and faults are taken back. PALPATE_CASES: ticks.

@@ -32,7 +32,7 @@ struct Words {
 
 }  // namespace
 
-TEST_CASE("the newest value is read, others are gone, and nothing is read twice", "[mailbox]") {
+TEST_CASE("a refresh gives the newest value once, and skips older ones", "[mailbox]") {
   Mailbox<int> box;
   CHECK_FALSE(box.refresh());
   CHECK(box.current() == 0);
@@ -54,7 +54,7 @@ TEST_CASE("the newest value is read, others are gone, and nothing is read twice"
   CHECK(box.current() == 9);
 }
 
-TEST_CASE("a random course of both sides gives what a list would", "[mailbox]") {
+TEST_CASE("random writes and reads always give the last published value", "[mailbox]") {
   test::Random random(3);
   Mailbox<long> box;
   long published = 0;
@@ -71,7 +71,7 @@ TEST_CASE("a random course of both sides gives what a list would", "[mailbox]") 
   }
 }
 
-TEST_CASE("values are freed by the writer, three at most are alive", "[mailbox][host]") {
+TEST_CASE("values are freed by the writer, and at most three exist", "[mailbox][host]") {
   struct Owned {
     std::atomic<int>* alive;
     std::thread::id maker = std::this_thread::get_id();
@@ -104,7 +104,8 @@ TEST_CASE("values are freed by the writer, three at most are alive", "[mailbox][
   CHECK(alive == 0);
 }
 
-TEST_CASE("between two threads no value is torn, older than the last, or lost", "[mailbox][host]") {
+TEST_CASE("between two threads values are whole, in rising order, and the last one arrives",
+          "[mailbox][host]") {
   const long count = test::cases(2000000);
   Mailbox<Words> box;
   std::atomic<long> bad{0};
@@ -140,7 +141,7 @@ extern "C" void hold(int /*signal*/) {
 
 }  // namespace
 
-TEST_CASE("a thread that is held anywhere delays the other nowhere", "[mailbox][host]") {
+TEST_CASE("a thread that is stopped at any point does not block the other", "[mailbox][host]") {
   // A signal stops one side at any point, while the other side continues.
   struct sigaction action {};
   action.sa_handler = hold;
@@ -187,7 +188,7 @@ TEST_CASE("a thread that is held anywhere delays the other nowhere", "[mailbox][
   sigaction(SIGUSR1, &before, nullptr);
 }
 
-TEST_CASE("publish and refresh take no memory and no lock", "[mailbox]") {
+TEST_CASE("publish and refresh neither allocate nor lock", "[mailbox]") {
   Mailbox<Words> box;
   const test::CountScope scope;
   for (int i = 0; i < 1000; ++i) {

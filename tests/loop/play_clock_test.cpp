@@ -25,7 +25,7 @@ double after(const PlayClock& clock, PlayHead& head, int ticks) {
 
 }  // namespace
 
-TEST_CASE("play goes by the ticks, and as it is steered", "[sequence]") {
+TEST_CASE("play advances with ticks and follows pause, speed, seek and repeat", "[sequence]") {
   PlayClock clock({1.0, false, 2.0, 5.0, false});
   PlayHead head;
   CHECK(clock.next(head, kTick) == 2.0);  // the first tick starts play
@@ -53,7 +53,7 @@ TEST_CASE("play goes by the ticks, and as it is steered", "[sequence]") {
   CHECK(after(clock, head, 1000) == Approx(4.5));
 }
 
-TEST_CASE("play whose end is moved jumps, and is told so", "[sequence]") {
+TEST_CASE("a new end before the play head moves the head there with rate 0", "[sequence]") {
   PlayClock clock({1.0, false, 0.0, 3.0, false});
   PlayHead head;
   CHECK(after(clock, head, 2001) == Approx(2.0));
@@ -65,7 +65,7 @@ TEST_CASE("play whose end is moved jumps, and is told so", "[sequence]") {
   CHECK(head.rate == Approx(-1.0));
 }
 
-TEST_CASE("play stays finite, whatever it is told", "[sequence]") {
+TEST_CASE("play time stays finite for any input", "[sequence]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   PlayClock clock;
@@ -88,7 +88,7 @@ TEST_CASE("play stays finite, whatever it is told", "[sequence]") {
   CHECK(std::isfinite(after(clock, head, 10000)));
 }
 
-TEST_CASE("two loops of one clock are played alike", "[sequence]") {
+TEST_CASE("two loops with one play clock have equal play times", "[sequence]") {
   PlayClock clock({1.0, false, 0.0, 3.0, true});
   TestDevice first;
   TestDevice second;

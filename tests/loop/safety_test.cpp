@@ -36,7 +36,7 @@ TEST_CASE("every fault has words of its own, and a remedy", "[safety]") {
   CHECK(std::string(wordFor(Fault::kStopped)) == "stopped");
 }
 
-TEST_CASE("a position that is repeated is not stale, one that is old is", "[safety]") {
+TEST_CASE("a repeated position is not stale, an old position is", "[safety]") {
   // An arm of 1 kHz under a loop of 10 kHz gives every position ten times.
   HandWatch watch;
   Random random(2);
@@ -52,7 +52,7 @@ TEST_CASE("a position that is repeated is not stale, one that is old is", "[safe
   CHECK(watch.look(old, 2.06) == Fault::kStale);
 }
 
-TEST_CASE("a step that no hand makes is a lost encoder", "[safety]") {
+TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
       // Fast for a moment: perhaps too fast for the device, but not a jump.
@@ -78,7 +78,7 @@ TEST_CASE("a step that no hand makes is a lost encoder", "[safety]") {
   }
 }
 
-TEST_CASE("too fast is braked first, then cut", "[safety]") {
+TEST_CASE("a hand that is too fast is braked first, then cut", "[safety]") {
   HandWatch watch;
   double braked = -1.0;
   double cut = -1.0;
@@ -102,7 +102,7 @@ TEST_CASE("too fast is braked first, then cut", "[safety]") {
   }
 }
 
-TEST_CASE("brakes only take energy", "[safety]") {
+TEST_CASE("a brake only takes energy", "[safety]") {
   Random random(4);
   for (long i = 0; i < test::cases(100000); ++i) {
     const Vec3 force = random.inCube(10.0);
@@ -121,8 +121,7 @@ TEST_CASE("brakes only take energy", "[safety]") {
   }
 }
 
-TEST_CASE("whatever bits a device gives, the watch answers with a fault or a finite velocity",
-          "[safety]") {
+TEST_CASE("any device position gives a fault or a finite velocity", "[safety]") {
   Random random(6);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   HandWatch watch;
@@ -139,7 +138,7 @@ TEST_CASE("whatever bits a device gives, the watch answers with a fault or a fin
   }
 }
 
-TEST_CASE("what data do to a force at once is let out little by little", "[safety]") {
+TEST_CASE("a force that data remove at once fades gradually", "[safety]") {
   DataFade fade;
   const Vec3 pull(0.0, 3.0, 0.0);
   const Vec3 none = Vec3::Zero();

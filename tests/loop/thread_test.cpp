@@ -91,7 +91,8 @@ constexpr double kOut = 0.04;
 
 }  // namespace
 
-TEST_CASE("publish and latest are all that is needed", "[loop][host]") {
+TEST_CASE("a haptic thread gives force from publish() to cut(), and ends with zero force",
+          "[loop][host]") {
   SharedDevice device;
   {
     HapticThread hand(device, quiet());
@@ -107,7 +108,7 @@ TEST_CASE("publish and latest are all that is needed", "[loop][host]") {
     hand.cut();
     await([&] { return hand.latest().fault == Fault::kStopped; });
     CHECK(device.sent == 0.0);
-    // Inside the ball there is no force.
+    // A hand inside the ball gets zero force.
     hand.clear();
     await([&] { return hand.latest().fault == Fault::kNone; });
     move(device, kOut);
@@ -119,7 +120,7 @@ TEST_CASE("publish and latest are all that is needed", "[loop][host]") {
   CHECK(device.sent == 0.0);
 }
 
-TEST_CASE("it ends with its device", "[loop][host]") {
+TEST_CASE("a haptic thread ends with its device", "[loop][host]") {
   SharedDevice device;
   HapticThread hand(device, quiet());
   hand.publish(ballScene(ballField()));
@@ -151,7 +152,7 @@ TEST_CASE("two hands feel one scene, each with its own proxy", "[loop][host]") {
   CHECK(a.latest().report.force.norm() > 1.0);
 }
 
-TEST_CASE("scenes swapped as fast as they come die on the thread that made them", "[loop][host]") {
+TEST_CASE("rapidly swapped scenes are freed on the thread that made them", "[loop][host]") {
   // Under ThreadSanitizer: two threads never touch a scene, a tick or the device at once.
   struct Watched final : public ScalarField {
     std::atomic<int>* alive;
@@ -191,8 +192,7 @@ TEST_CASE("scenes swapped as fast as they come die on the thread that made them"
   CHECK(alive == 0);
 }
 
-TEST_CASE("an application that shows no life is a fault, where that was asked for",
-          "[loop][host]") {
+TEST_CASE("a missing heartbeat is a fault if a heartbeat is set", "[loop][host]") {
   SharedDevice device;
   LoopParams params = quiet();
   params.heartbeat = 0.3;
@@ -206,7 +206,7 @@ TEST_CASE("an application that shows no life is a fault, where that was asked fo
   CHECK(hand.latest().report.force == Vec3::Zero());
 }
 
-TEST_CASE("what no loop can keep is refused with a remedy", "[loop]") {
+TEST_CASE("invalid loop rates and early wake times are refused", "[loop]") {
   SharedDevice device;
   for (const double rate : {0.0, 499.0, 20001.0, -1.0, std::nan("")}) {
     LoopParams params = quiet();
@@ -220,7 +220,7 @@ TEST_CASE("what no loop can keep is refused with a remedy", "[loop]") {
   }
 }
 
-TEST_CASE("a thread that wakes early ticks no earlier", "[loop][host]") {
+TEST_CASE("an early wake-up does not make ticks early", "[loop][host]") {
   struct Waits final : TickSink {
     void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
       early += tick.wake_ns < 0 ? 1 : 0;
@@ -253,7 +253,7 @@ TEST_CASE("a thread that wakes early ticks no earlier", "[loop][host]") {
   }
 }
 
-TEST_CASE("what the system refuses is told, and the loop runs all the same", "[loop][host]") {
+TEST_CASE("refused real-time settings are reported, and the loop still runs", "[loop][host]") {
   SharedDevice device;
   LoopParams params;
   params.realtime = {99, 4000, false, false};
@@ -264,7 +264,7 @@ TEST_CASE("what the system refuses is told, and the loop runs all the same", "[l
   await([&] { return hand.latest().tick > 3; });
 }
 
-TEST_CASE("without its priority a loop goes to whatever core is free", "[loop][host]") {
+TEST_CASE("without real-time priority a loop is not pinned to a core", "[loop][host]") {
   std::thread unprivileged([] {
     // A thread's capabilities are its own. Its user's limits are not.
     __user_cap_header_struct head{_LINUX_CAPABILITY_VERSION_3, 0};

@@ -2,7 +2,7 @@
 ///
 /// Its device is a datagram socket that keeps the messages sent: three doubles, newtons. The real
 /// loop, in a real thread, presses a hand with about 1.5 N. A line on its input starts ACTION:
-/// exception, exit, return, hang (a user's mode that does not return), or nothing. kill_test.py
+/// exception, exit, return, hang (a user's mode that does not return), or "nothing". kill_test.py
 /// chooses the time and checks the messages.
 #include <algorithm>
 #include <array>

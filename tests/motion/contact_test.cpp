@@ -60,7 +60,7 @@ TEST_CASE("grooves of any opening hold, and few of their ticks are unfinished", 
   }
 }
 
-TEST_CASE("cubes and rough volumes hold, and next to no tick is unfinished", "[motion]") {
+TEST_CASE("cubes and rough volumes hold, and few of their ticks are unfinished", "[motion]") {
   const ContactResult hollow = feelCubes(true, runs(32));
   checkTheorem("hollow cube", hollow);
   CHECK(hollow.cappedShare() <= 5e-4);

@@ -4,14 +4,13 @@
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 ///
-/// With the compiler that wrote the file every bit must be equal: of the ticks' inputs (those of a
-/// recording: there is no device here), of their outputs, and of the work. With another compiler
-/// the inputs are equal, proxies may differ by both ticks' bounds, and forces by the effect of
-/// that.
+/// With the compiler that wrote the file every bit of the ticks' inputs, outputs and work must be
+/// equal. The inputs come from a recording, without a device. With another compiler the inputs are
+/// equal, proxies may differ by both ticks' bounds, and forces by the effect of this difference.
 ///
 /// A move of code changes no hash. A change of behaviour reports in its commit which hashes change,
-/// and why. This file avoids functions of the C library whose rounding depends on the processor
-/// (sine, exponential).
+/// and why. This file avoids C library functions with rounding that depends on the processor (sine,
+/// exponential).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -94,7 +93,7 @@ class Wander {
 struct Moment {
   int tick;
   TickInput& in;
-  std::size_t& scene;  ///< Index into Take::scenes; kNoScene if there is no scene.
+  std::size_t& scene;  ///< Index into Take::scenes, or kNoScene.
 };
 constexpr std::size_t kNoScene = 99;
 
@@ -220,8 +219,8 @@ FieldPtr torusGrid() {
   });
 }
 
-/// Returns a groove whose walls are off its middle by an angle. The argument is the tangent of half
-/// that angle.
+/// Returns a groove with walls that are off its middle by an angle. The argument is the tangent of
+/// half that angle.
 FieldPtr grooveGrid(double half_tangent) {
   const double sine = 2.0 * half_tangent / (1.0 + half_tangent * half_tangent);
   const double cosine = std::sqrt(1.0 - sine * sine);

@@ -14,7 +14,7 @@
 
 namespace palpate::bench::rubbing_test {
 
-TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
+TEST_CASE("sliding on a scan buzzes little more than with planes that cannot lift the proxy",
           "[.][data][motion]") {
   // tests/motion/data_test.sh imports the scan: 64 x 64 x 93 voxels of 3.2 x 3.2 x 1.5 mm.
   const char* folder = std::getenv("PALPATE_IMPORTED");
@@ -33,7 +33,7 @@ TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
   CHECK(r.injected >= r.engine.given);
 }
 
-TEST_CASE("on a scan the force leaps where an exact proxy's does, and nowhere else",
+TEST_CASE("on a scan the force leaps only where the force of an exact proxy leaps",
           "[.][data][motion]") {
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -45,12 +45,12 @@ TEST_CASE("on a scan the force leaps where an exact proxy's does, and nowhere el
               << r.alone << " | " << r.largest << '\n';
     CAPTURE(level, r.sites, r.ticks, r.leaps, r.largest);
     // This occurs in one of the bone's 60,000 ticks. At a fold two ticks use up their readings. The
-    // first of them ends 1 mm farther from the hand than both the tick before and the tick after.
+    // first tick ends 1 mm farther from the hand than both the tick before and the tick after.
     CHECK(r.alone <= (level > 1000.0 ? 1 : 0));
   }
 }
 
-TEST_CASE("damping makes no more of an encoder's steps in a fast loop than in a slow one",
+TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow loop",
           "[motion]") {
   // At 10 kHz, with the rate over one tick: 15 mN. Without damping: 3.2 mN.
   const double slow = buzzOf({1000.0});

@@ -163,7 +163,8 @@ TEST_CASE("a seam of two volumes that move together feels as at rest", "[motion]
   CHECK(moved.back <= 0.01);
 }
 
-TEST_CASE("no other solid within two voxels changes a bit", "[motion][seam]") {
+TEST_CASE("a solid 3.2 voxels from the proxy leaves its path the same bit for bit",
+          "[motion][seam]") {
   const Block ground{1.0, 100.0};
   // A wall stands 3.2 voxels above the proxy's path, and is never felt.
   const FieldPtr above =
@@ -177,9 +178,9 @@ TEST_CASE("no other solid within two voxels changes a bit", "[motion][seam]") {
   CHECK(same);
 }
 
-TEST_CASE("in a groove of one volume friction is that of its two walls", "[motion][seam]") {
-  // Two walls at half angle phi bear k d / sin phi. The friction of that load holds the hand along
-  // them.
+TEST_CASE("friction in a groove of one volume equals that of its two walls", "[motion][seam]") {
+  // Two walls at half angle phi bear k d / sin phi. Friction under this load holds the hand along
+  // the walls.
   const double friction = 0.4;
   const double depth = 2.0;
   for (const double degrees : {75.0, 60.0, 45.0, 30.0}) {
@@ -248,7 +249,7 @@ TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[moti
   }
 }
 
-TEST_CASE("a hand at rest on rough bone rests", "[motion][seam]") {
+TEST_CASE("the proxy rests while the hand rests on rough bone", "[motion][seam]") {
   // The noise is three voxels. A tick that answered with Picard's G moved on by 8e-3 voxel for
   // ever.
   Random random(9);

@@ -66,7 +66,7 @@ FieldPtr whirl() {
 
 }  // namespace
 
-TEST_CASE("a stream on a surface: the proxy stays on both, with friction and drag as well",
+TEST_CASE("the proxy stays on a stream and a surface at once, also with friction and drag",
           "[motion]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const std::map<std::string, FieldPtr> fields{{"ball", ball}, {"flow", whirl()}};
@@ -123,9 +123,9 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
       // ticks friction sticks by one reading and slips by the next.
       CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
-      // Those ticks report that they are not finished. Their error depends on the last digits:
-      // 0.0093 to 0.0121 in 64 runs whose strengths differ by 1e-9 N, with or without a wall's own
-      // friction.
+      // The late ticks report that they are not finished. Their error depends on the last digits:
+      // 0.0093 to 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without a wall's
+      // own friction.
       CHECK(off_late <= 0.015);
       // The circle is on the true sphere. The interpolated sphere is up to 6.3e-3 voxel off it. If
       // this pushes the proxy off its line, the line yields, and a sideways pull is not held in
@@ -373,7 +373,7 @@ TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion
   }
 }
 
-TEST_CASE("a slab that comes takes the hand along, out of a groove that holds it less",
+TEST_CASE("a moving slab pushes the proxy out of a weaker groove, not out of a stronger one",
           "[motion]") {
   const long runs = std::max(test::share(4), 2L);
   for (const double degrees : {40.0, 90.0, 180.0}) {
@@ -419,7 +419,7 @@ TEST_CASE("a slab that comes takes the hand along, out of a groove that holds it
   }
 }
 
-TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[motion]") {
+TEST_CASE("at the sub-step cap the rest of the path waits, without one long step", "[motion]") {
   StepParams step;
   step.max_substeps = 1;
   const SurfaceMotion motion = sphereMotion("level set", 40, 2.56);
@@ -450,7 +450,7 @@ TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[
   CHECK(std::abs(probed.off(r.proxy / kVoxel, 0.0)) < 1e-3);
 }
 
-TEST_CASE("a tick that has used up its iterations reads no more, and the rest waits",
+TEST_CASE("a tick that has used up its iterations stops reading, and the rest waits",
           "[motion][budget]") {
   const SurfaceMotion motion = sphereMotion("level set", 40, 2.56);
   ModeSpec ball = isosurface("ball", 8.0);

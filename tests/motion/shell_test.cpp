@@ -65,10 +65,10 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
   std::cout << "crossed: " << crossed << " of " << strokes << " strokes\n";
 }
 
-TEST_CASE("of one voxel nearly all is not crossed", "[motion]") {
+TEST_CASE("solids of one voxel are crossed no more often than their limits", "[motion]") {
   // The study left these cases open. At load 0.6, 43 to 60 of 1,000 strokes crossed. Of the fog,
   // 240 to 273 crossed. Of voxels that are full or empty, felt where they are a quarter full, 378
-  // to 523 crossed. The surface of these voxels is a relief of steps, and strokes along it press on
+  // to 523 crossed. The surface of full voxels is a relief of steps, and strokes along it press on
   // their sides: 320 of 1,000 at load 0.9 and 72 degrees. A slope over a voxel to each side smooths
   // the relief: 93.
   const long count = test::cases(1000);
@@ -92,8 +92,7 @@ TEST_CASE("of one voxel nearly all is not crossed", "[motion]") {
   }
 }
 
-TEST_CASE("no groove is so acute, and no hand so deep, that the proxy goes into its walls",
-          "[motion]") {
+TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand", "[motion]") {
   // The planes of two walls that meet lead behind each other. The openings are in degrees.
   for (const double opening : {30.0, 60.0, 88.0, 120.0}) {
     for (const double deep : {3.0, 16.0}) {
@@ -124,7 +123,7 @@ TEST_CASE("no groove is so acute, and no hand so deep, that the proxy goes into 
   }
 }
 
-TEST_CASE("a hand beyond the walls of a box does not come out of it", "[motion]") {
+TEST_CASE("a hand beyond the walls of a box does not take the proxy out", "[motion]") {
   for (const double beyond : {3.0, 20.0}) {
     for (const double speed : {1.0, 3.0}) {
       for (int turned = 0; turned < test::share(6); ++turned) {
@@ -152,8 +151,7 @@ TEST_CASE("a hand beyond the walls of a box does not come out of it", "[motion]"
   }
 }
 
-TEST_CASE("whoever presses hard enough comes through, however rough and thin the solid is",
-          "[motion]") {
+TEST_CASE("no rough, thin solid holds a pressing hand with more than its strength", "[motion]") {
   // The proxy must never stop for good, and the surface must never hold more than its strength.
   // Once 61 of 144 settings like these stuck, with up to 16 times the strength.
   constexpr double kStrength = 1.0;  // [N]

@@ -18,7 +18,7 @@ namespace palpate::stream_test {
 using namespace palpate::bench;
 using palpate::test::Random;
 
-TEST_CASE("over 1280 voxels a proxy departs from its stream by less than 0.02", "[motion]") {
+TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxel", "[motion]") {
   // The requirement: the sum of one-tick departures is at most 0.02 voxel (goal 0.01), with at most
   // 20 samples a tick. A Taylor-Green stream takes 25.9. It goes round in 12 ticks, and the place
   // nearest to the hand is found on each of its bends.
@@ -39,8 +39,7 @@ TEST_CASE("over 1280 voxels a proxy departs from its stream by less than 0.02", 
   }
 }
 
-TEST_CASE("a stream is followed at any speed, and the more exactly the less is allowed",
-          "[motion]") {
+TEST_CASE("a stream is followed within the tolerance at any speed", "[motion]") {
   const auto count = static_cast<std::size_t>(palpate::test::share(6));
   for (const double tolerance : {1e-2, 1e-3}) {
     for (const double speed : {0.05, 0.5, 1.0, 2.0}) {
@@ -65,7 +64,8 @@ TEST_CASE("a stream is followed at any speed, and the more exactly the less is a
   }
 }
 
-TEST_CASE("a stream beside other modes waits where readings are used up, and says so", "[motion]") {
+TEST_CASE("a stream beside another mode waits when readings are used up, and reports it",
+          "[motion]") {
   // A tick has one reading. Beside another mode a reading is valid for a voxel, and the hand moves
   // 1.28. A lone stream is read on the way.
   StepParams step;
@@ -103,7 +103,7 @@ TEST_CASE("a stream beside other modes waits where readings are used up, and say
   }
 }
 
-TEST_CASE("real flows are followed", "[.][data][motion]") {
+TEST_CASE("streams of real flows are followed", "[.][data][motion]") {
   // tests/motion/data_test.sh imports the flows. Paths end where the data end: 10 to 40 voxels.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -141,7 +141,7 @@ TEST_CASE("real flows are followed", "[.][data][motion]") {
   }
 }
 
-TEST_CASE("on a spline a stream has no kinks", "[motion]") {
+TEST_CASE("a stream on a spline is followed within its reading budget", "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
     // The course is that of the trilinear field, so the test checks only cost and force.
     for (const Stream& stream : streamsOfFlow(abcFlow(32), 32, 128.0, 2, 1.0, interpolation)) {
@@ -154,7 +154,7 @@ TEST_CASE("on a spline a stream has no kinks", "[motion]") {
   }
 }
 
-TEST_CASE("at a hairpin the status says so, and no force step is larger than the strength",
+TEST_CASE("the status reports a hairpin, and a force step is at most strength plus hand motion",
           "[motion]") {
   // If the hand is beyond the stream's centre of curvature, the stream has no place nearest to it.
   // With 1 N the stream sometimes releases a hand 2.2 voxels aside. With 3 N it never releases a
@@ -217,7 +217,7 @@ Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>
   return out;
 }
 
-/// Returns circles about an axis through `centre`, as a grid whose trilinear values are exact.
+/// Returns circles about an axis through `centre`, as a grid with exact trilinear values.
 FieldPtr circlesAbout(const Vec3& centre, const Vec3& axis) {
   return vectorGrid(Vec3::Constant(41.0),
                     [=](const Vec3& p) { return Vec3(axis.cross(p - centre)); });
@@ -225,7 +225,8 @@ FieldPtr circlesAbout(const Vec3& centre, const Vec3& axis) {
 
 }  // namespace
 
-TEST_CASE("beside a bent stream a hand feels no force along it, inside and outside", "[motion]") {
+TEST_CASE("a hand beside a bent stream feels no force along it, inside and outside the bend",
+          "[motion]") {
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   Stream stream;
@@ -305,9 +306,9 @@ TEST_CASE("a hand beyond a stream's centre of curvature takes the proxy downhill
   }
 }
 
-TEST_CASE("a hand at rest outside of a bend rests, however far it is from the centre", "[motion]") {
-  // The streams are circles. The length that a tangent gives overshoots the nearest place by kappa
-  // d of that length.
+TEST_CASE("the force rests while a hand rests outside of a bend, at any distance", "[motion]") {
+  // The streams are circles. The length from the tangent overshoots the nearest place by kappa d
+  // times that length.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   const FieldPtr field = circlesAbout(centre, axis);
@@ -338,7 +339,7 @@ TEST_CASE("a hand at rest outside of a bend rests, however far it is from the ce
   }
 }
 
-TEST_CASE("axes that point into one face from both sides end a stream and hold no hand",
+TEST_CASE("a stream through random axes holds a hand with at most 1.3 times its strength",
           "[motion]") {
   // Random directions without a sign, as in the background of a diffusion image.
   Random random(11);

@@ -65,7 +65,7 @@ TEST_CASE("after 100 laps a proxy is still on its surface", "[motion]") {
 }
 
 TEST_CASE("a surface mode stays on the value where it began to hold", "[motion]") {
-  // The reference is the value of the first tick that held, whatever the engine remembers later.
+  // The reference is the value of the first tick that held. It is kept outside the engine.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
         sphereMotion("level set", 40, 7.0), sphereMotion("fog 6", 40, 7.0),
@@ -80,7 +80,7 @@ TEST_CASE("a surface mode stays on the value where it began to hold", "[motion]"
   }
 }
 
-TEST_CASE("the tolerance that a scene asks for is kept, fast or slow", "[motion]") {
+TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed", "[motion]") {
   const std::vector<SurfaceMotion> motions{sphereMotion("level set", 40, 2.56),
                                            sphereMotion("fog 6", 40, 2.56),
                                            sphereMotion("fog 3", 40, 2.56),
@@ -113,7 +113,7 @@ TEST_CASE("the tolerance that a scene asks for is kept, fast or slow", "[motion]
   }
 }
 
-TEST_CASE("B-splines lower the floor that trilinear values leave", "[motion]") {
+TEST_CASE("B-splines have a smaller surface error than trilinear interpolation", "[motion]") {
   const auto error = [](const char* interpolation) {
     return feelSurface(sphereMotion("level set", 8, 2.56, interpolation), ModeKind::kIsosurface,
                        0.5, 20, within(1e-3), kStrong)
@@ -124,7 +124,7 @@ TEST_CASE("B-splines lower the floor that trilinear values leave", "[motion]") {
   CHECK(error("quadratic") < 2e-3);
 }
 
-TEST_CASE("over a cube's edges and into its corners", "[motion]") {
+TEST_CASE("the proxy stays on a cube over its edges and into its corners", "[motion]") {
   // The interpolant rounds an edge within its cell. Convex edges are left cleanly. In concave edges
   // several walls hold in turn, and some ticks end at the cap.
   for (const bool turned : {false, true}) {
@@ -146,7 +146,7 @@ TEST_CASE("over a cube's edges and into its corners", "[motion]") {
   }
 }
 
-TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
+TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
   // Normals blend over two voxels about an edge. Planes that were placed there must not stay.
   for (const double degrees : {60.0, 90.0, 120.0}) {
     test::Random random(5);
@@ -197,7 +197,7 @@ TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
   }
 }
 
-TEST_CASE("no corner lets a fast hand out", "[motion]") {
+TEST_CASE("no corner of a hollow cube lets a fast hand out", "[motion]") {
   // At the cap of readings a proxy can be behind a wall that was just placed. This is not a yield.
   for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
     for (const int cap : {2, 8, 16}) {
@@ -212,7 +212,7 @@ TEST_CASE("no corner lets a fast hand out", "[motion]") {
   }
 }
 
-TEST_CASE("at any speed the work on the hand is at most what was counted", "[motion]") {
+TEST_CASE("the work on the hand is at most the counted energy at any speed", "[motion]") {
   // Above 0.78 m/s a tick takes several moves. Laps end where the first began.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40.0, 2.56), torusMotion(30.0, 12.0, 2.6)}) {

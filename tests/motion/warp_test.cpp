@@ -125,7 +125,7 @@ MotionPtr deforming(const WarpPtr& warp) {
 /// The result of holding a hand still in a body.
 struct Carried {
   double off = 0.0;       ///< From the interpolated surface [voxels].
-  double off_true = 0.0;  ///< By the formula of u [voxels].
+  double off_true = 0.0;  ///< From the surface by the formula of u [voxels].
   double readings = 0.0;  ///< Readings a tick.
   double capped = 0.0;    ///< Share of ticks that did not converge.
   int held = 0;           ///< Ticks with a force.
@@ -219,7 +219,7 @@ TEST_CASE("a breathing and a growing body carry the proxy on their surface", "[m
   }
 }
 
-TEST_CASE("a warp that is rigid is felt as keyframes are", "[motion][warp]") {
+TEST_CASE("a rigid warp gives the same forces as keyframes", "[motion][warp]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const Vec3 speed(0.12, -0.1, 0.08);
   std::vector<Keyframe> keys(2);
@@ -237,7 +237,7 @@ TEST_CASE("a warp that is rigid is felt as keyframes are", "[motion][warp]") {
   drag.viscosity = 0.3;
   const auto one = sceneOf({drag}, ball, rigid);
   const auto other = sceneOf({drag}, ball, warped);
-  Reader readers[2];  // NOLINT(modernize-avoid-c-arrays): two of them
+  Reader readers[2];  // NOLINT(modernize-avoid-c-arrays): two readers
   ProxyState a({1e3, 1e12});
   ProxyState b({1e3, 1e12});
   double worst = 0.0;
@@ -257,7 +257,7 @@ TEST_CASE("a warp that is rigid is felt as keyframes are", "[motion][warp]") {
   CHECK(worst <= 1e-9 * largest);
 }
 
-TEST_CASE("what sticks stays on its matter while that bends, breathes and is dragged about",
+TEST_CASE("a sticking proxy stays on its material point while the body bends or breathes",
           "[motion][warp]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const auto breath = [](double t) { return 1.0 + 0.05 * std::sin(2.0 * kPi * 5.0 * t); };
@@ -373,7 +373,7 @@ class SweptBall final : public ScalarField {
 
 }  // namespace
 
-TEST_CASE("every path begins where the last one ended, at rest", "[motion][warp]") {
+TEST_CASE("every path in the rest frame begins where the last one ended", "[motion][warp]") {
   // So the proxy cannot pass a surface between two readings of the warp, or between two ticks.
   std::vector<SweptBall::Path> paths;
   const Box about{Vec3::Constant(-0.1), Vec3::Constant(0.1)};
@@ -418,7 +418,7 @@ TEST_CASE("every path begins where the last one ended, at rest", "[motion][warp]
   CHECK(gap <= 1e-12);  // [m]
 }
 
-TEST_CASE("a warp's lattice is the spline through its nodes, and its derivatives are its own",
+TEST_CASE("a warp lattice matches its displacements, and its derivatives match differences",
           "[motion][warp]") {
   const Displaces u = wave(60.0, 3.0, 4.0);
   const WarpPtr warp = warpOf(u, 8.0, 0.25, 17);
@@ -460,7 +460,7 @@ TEST_CASE("a warp's lattice is the spline through its nodes, and its derivatives
   CHECK(of_slope <= 1e-4);
   CHECK(of_rate <= 1e-4);
   CHECK(most_bend <= 1e-4);
-  // Beyond the lattice the warp equals its value on the face. An invalid place does no harm.
+  // The warp beyond the lattice equals its value on the face. An invalid place does no harm.
   const Vec3 far = kVoxel * (kCentre + Vec3(400.0, 3.0, -2.0));
   const Vec3 face(kVoxel * (kCentre.x() - 75.0 + 8.0 * 19), far.y(), far.z());
   CHECK((warp->at(far, 0.1).shift - warp->at(face, 0.1).shift).norm() < 1e-12);
@@ -470,7 +470,7 @@ TEST_CASE("a warp's lattice is the spline through its nodes, and its derivatives
   CHECK(warp->at(Vec3::Constant(1e300), 1e300).shift.allFinite());
 }
 
-TEST_CASE("displacements that are none are refused with their path", "[motion][warp]") {
+TEST_CASE("invalid displacements are refused with their JSON path", "[motion][warp]") {
   const Displaces u = wave(60.0, 3.0, 4.0);
   const auto message = [&](const std::function<void(DisplacementFrames&, WarpTimes&)>& spoil) {
     WarpTimes when{evenly(0.25, 3), true};
@@ -522,7 +522,8 @@ TEST_CASE("displacements that are none are refused with their path", "[motion][w
                     Contains("/warp: at (") && Contains("folds space"));
 }
 
-TEST_CASE("a warp that folds space or is no number spoils no force", "[motion][warp]") {
+TEST_CASE("a warp that folds space or is not finite leaves the force finite and limited",
+          "[motion][warp]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   Random random(5);
   for (const int kind : {0, 1, 2}) {
@@ -598,9 +599,9 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 
 }  // namespace
 
-TEST_CASE("a stream is followed where its volume has bent it", "[motion][warp]") {
-  // The lines are straight at rest. A bent line consists of the places whose rest position lies on
-  // one line.
+TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
+  // The lines are straight at rest. A bent line consists of the places with a rest position on one
+  // line.
   const FieldPtr flow =
       vectorGrid(Vec3::Constant(105.0), [](const Vec3&) { return Vec3(1.0, 0.0, 0.0); });
   const Displaces bends = wave(50.0, 4.0, 1.0);
@@ -633,7 +634,7 @@ TEST_CASE("a stream is followed where its volume has bent it", "[motion][warp]")
   }
 }
 
-TEST_CASE("curl and divergence of a bent flow are those of its vectors", "[motion][warp]") {
+TEST_CASE("the Jacobian of a bent flow matches differences of its vectors", "[motion][warp]") {
   const FieldPtr flow = vectorGrid(Vec3::Constant(105.0), [](const Vec3& p) {
     return Vec3(std::sin(0.1 * p.y()), std::cos(0.07 * p.z()), std::sin(0.09 * p.x()));
   });
@@ -668,7 +669,7 @@ TEST_CASE("curl and divergence of a bent flow are those of its vectors", "[motio
   CHECK(off <= 0.1 * largest);
 }
 
-TEST_CASE("a guide in what deforms is refused", "[motion][warp]") {
+TEST_CASE("a guide in a volume that deforms is refused", "[motion][warp]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   ModeSpec guide;
   guide.kind = ModeKind::kGuide;

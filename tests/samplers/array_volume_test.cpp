@@ -62,7 +62,7 @@ std::string refusal(const VoxelArray& array) {
 
 }  // namespace
 
-TEST_CASE("an array's values stand where its axes put them", "[volume]") {
+TEST_CASE("an array's values are at the places that its axes give", "[volume]") {
   const auto values = ramp<double>();
   VoxelArray array = viewOf(values);
   array.name = "ramp";
@@ -107,7 +107,7 @@ TEST_CASE("an array may run in any order in memory, backwards and with gaps", "[
   }
 }
 
-TEST_CASE("what equals the background is no data", "[volume]") {
+TEST_CASE("voxels that equal the background are inactive", "[volume]") {
   // A block of 5 in air of -1000: all six faces are air.
   constexpr std::int64_t kEdge = 20;
   std::vector<float> values(kEdge * kEdge * kEdge, -1000.0F);
@@ -149,7 +149,7 @@ TEST_CASE("an array of vectors is one vector grid", "[volume]") {
   CHECK(std::get<1>(field)->sample(Vec3(2, 1, 3), cache).value == Vec3(39, 78, -117));
 }
 
-TEST_CASE("an array that cannot be felt is refused by its name", "[volume]") {
+TEST_CASE("an unusable array is refused with its name", "[volume]") {
   auto values = ramp<float>();
   VoxelArray array = viewOf(values);
   array.name = "mri";

@@ -130,7 +130,7 @@ BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const V
   return input;
 }
 
-/// Returns a fog of some values whose bricks are all stored.
+/// Returns a fog of some values with all of its bricks stored.
 BrickInput fogOf(int bricks, const std::string& identity = "fog") {
   BrickInput input;
   input.name = identity;
@@ -251,7 +251,7 @@ Bytes forged(const Bytes& manifest, const std::function<void(Json&)>& change,
 
 }  // namespace
 
-TEST_CASE("numbers of 16 bits are read and rounded as OpenVDB does", "[bricks]") {
+TEST_CASE("16-bit numbers are read and rounded like OpenVDB's", "[bricks]") {
   for (std::uint32_t bits = 0; bits < 65536; ++bits) {
     openvdb::math::half theirs;
     theirs.setBits(static_cast<std::uint16_t>(bits));
@@ -476,7 +476,7 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
   CHECK(looked >= 6);
 }
 
-TEST_CASE("bricks of one value are named, not stored", "[bricks]") {
+TEST_CASE("bricks of one value have a manifest entry but no stored object", "[bricks]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0F);
@@ -528,7 +528,7 @@ TEST_CASE("bricks of one value are named, not stored", "[bricks]") {
   }
 }
 
-TEST_CASE("an apron holds what its neighbours hold", "[bricks]") {
+TEST_CASE("a brick's apron equals the voxels of its neighbours", "[bricks]") {
   const TemporaryFolder folder;
   BrickInput input = ballsBy({{{0, 5, 3}, 90.0}}, {-100, -100, -100}, {100, 100, 100});
   input.format.half = GENERATE(false, true);
@@ -651,7 +651,7 @@ TEST_CASE("the bytes do not depend on threads or on a run that ended early", "[b
   CHECK(allIn(folder / "again") == whole);
 }
 
-TEST_CASE("what a broken run has left is looked at before it is kept", "[bricks]") {
+TEST_CASE("bricks left by a broken run are checked before they are kept", "[bricks]") {
   const TemporaryFolder folder;
   const BrickInput input = fogOf(2);
   const BrickManifest manifest = writeBricks(folder / "whole", input).manifest;
@@ -677,7 +677,7 @@ TEST_CASE("what a broken run has left is looked at before it is kept", "[bricks]
   CHECK(allIn(folder / "b") == whole);
 }
 
-TEST_CASE("a folder that is another's is left alone", "[bricks]") {
+TEST_CASE("a folder with other contents is left unchanged", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "b", fogOf(1));
   const auto before = allIn(folder / "b");
@@ -760,7 +760,7 @@ TEST_CASE("an input that cannot be stored is refused with one line", "[bricks]")
   CHECK_THAT(trying(fogOf(1), 20), Contains("its compression is 20"));
 }
 
-TEST_CASE("beyond its extent a volume is background, whatever fills it", "[bricks]") {
+TEST_CASE("voxels beyond a volume's extent stay background", "[bricks]") {
   const TemporaryFolder folder;
   BrickInput input = fogOf(1);
   input.lower = {-3, 5, 60};
@@ -778,7 +778,7 @@ TEST_CASE("beyond its extent a volume is background, whatever fills it", "[brick
   CHECK(volume->info().lowest == 7.0);
 }
 
-TEST_CASE("a brick that is not as it was says so in one line", "[bricks]") {
+TEST_CASE("a missing, changed or damaged brick is reported in one line", "[bricks]") {
   const TemporaryFolder folder;
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(2)).manifest;
   (void)writeBricks(folder / "other", fogOf(2, "other"));
@@ -856,7 +856,7 @@ TEST_CASE("a brick that is not as it was says so in one line", "[bricks]") {
   read(BrickStatus::kGone, "the volume is not there any more");
 }
 
-TEST_CASE("values that are no numbers do not come out of a brick", "[bricks]") {
+TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
   const TemporaryFolder folder;
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(1)).manifest;
   const BrickId id{0, {0, 0, 0}};
@@ -919,7 +919,7 @@ TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
   CHECK(tries(std::chrono::milliseconds(40)) <= 2);
 }
 
-TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
+TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "b", fogOf(2));
   const fs::path file = folder / "b" / "palpate.bricks";
@@ -1044,7 +1044,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
              Contains("it has no level 1: give 0 to 0"));
 }
 
-TEST_CASE("the most urgent brick arrives first, and what is not wanted any more does not",
+TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted does not arrive",
           "[bricks]") {
   const TemporaryFolder folder;
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(3)).manifest;
@@ -1113,7 +1113,7 @@ TEST_CASE("the most urgent brick arrives first, and what is not wanted any more 
   CHECK(std::set<BrickId>(arrived.begin(), arrived.end()).size() == 27);
 }
 
-TEST_CASE("a disk that is full leaves no manifest, and the next run goes on", "[bricks]") {
+TEST_CASE("a full disk leaves no manifest, and the next run completes the bricks", "[bricks]") {
   const TemporaryFolder folder;
   const BrickInput input = ballsBy({{{0, 0, 0}, 50.0}}, {-60, -60, -60}, {60, 60, 60});
   (void)writeBricks(folder / "whole", input);
@@ -1133,7 +1133,7 @@ TEST_CASE("a disk that is full leaves no manifest, and the next run goes on", "[
   CHECK(allIn(folder / "b") == allIn(folder / "whole"));
 }
 
-TEST_CASE("a volume larger than what memory may be had is written", "[bricks]") {
+TEST_CASE("writing bricks takes at most a quarter of the volume's size in memory", "[bricks]") {
   const TemporaryFolder folder;
   const auto resident = [] {
     std::ifstream file("/proc/self/statm");

@@ -93,8 +93,7 @@ constexpr std::array kOfVectors{Derivation::kMagnitude, Derivation::kDivergence,
 
 }  // namespace
 
-TEST_CASE("a derived grid holds at its voxels what is read there on the fly",
-          "[samplers][derive]") {
+TEST_CASE("a derived grid's voxels equal the values derived on the fly", "[samplers][derive]") {
   const auto grid = rough<openvdb::Vec3SGrid>(Vec3f(1, -2, 0.5));
   const auto volume = load({grid}, "rough");
   Probe source(volume);
@@ -138,7 +137,7 @@ TEST_CASE("a derived grid holds at its voxels what is read there on the fly",
   }
 }
 
-TEST_CASE("the gradient of a scalar grid is the one read on the fly", "[samplers][derive]") {
+TEST_CASE("a derived gradient grid equals the gradient read on the fly", "[samplers][derive]") {
   const auto grid = rough<openvdb::DoubleGrid>(2.0);
   const auto volume = load({grid}, "rough");
   const auto made = deriveVolume(volume, Derivation::kGradient);
@@ -210,7 +209,7 @@ TEST_CASE("a vector of three grids is derived where all have data", "[samplers][
   CHECK((curls.vector(p).value - curl(source.vector(p).jacobian)).norm() < 1e-4);
 }
 
-TEST_CASE("what cannot be derived is refused in a line", "[samplers][derive]") {
+TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(1.0);
   const auto vectors =
       load({makeGrid<openvdb::Vec3SGrid>(
@@ -227,7 +226,7 @@ TEST_CASE("what cannot be derived is refused in a line", "[samplers][derive]") {
   CHECK(deriveVolume(scalars, Derivation::kGradient)->info().grid_class == GridClass::kLevelSet);
 }
 
-TEST_CASE("deriving while sampling allocates nothing", "[samplers][derive][realtime]") {
+TEST_CASE("derivations while sampling allocate no memory", "[samplers][derive][realtime]") {
   const auto volume = load({makeGrid<openvdb::Vec3SGrid>(
                                20, skewed(), [](const Vec3d& p) { return Vec3f(abc(p)); }, "flow")},
                            "flow");

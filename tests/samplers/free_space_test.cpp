@@ -1,5 +1,4 @@
-/// Tests where a grid is empty: the map of that space, the reports of fields, and the savings in a
-/// tick.
+/// Tests the empty space of a grid: its map, the reports of fields, and the savings in a tick.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -150,7 +149,7 @@ TEST_CASE("the map of free space is the distance to the nearest block with data"
   CHECK(large.around({0, 0, 0}) <= 2e6);
 }
 
-TEST_CASE("within the distance that a field calls free there is nothing", "[scale]") {
+TEST_CASE("a field has no data within the distance that it reports as free", "[scale]") {
   struct Case {
     const char* what;
     FieldPtr field;
@@ -214,8 +213,7 @@ TEST_CASE("within the distance that a field calls free there is nothing", "[scal
   }
 }
 
-TEST_CASE("through free space a hand is followed in one move, and nothing feels otherwise",
-          "[scale]") {
+TEST_CASE("a hand in free space needs fewer moves and samples, with the same forces", "[scale]") {
   // Two balls of 2 cm are at the ends of 30 cm of empty space.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
@@ -291,7 +289,7 @@ ScalarPtr ballInDust(double voxel, bool ball) {
   return std::get<ScalarPtr>(fieldOf({grid}, placement));
 }
 
-TEST_CASE("a proxy that nothing holds is at the hand, however far that has gone in a tick",
+TEST_CASE("a free proxy is at the hand, however far the hand moves in a tick",
           "[scale][motion][safety]") {
   constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz 100 voxels a tick
   const ScalarPtr dust = ballInDust(kFine, false);
@@ -316,7 +314,7 @@ TEST_CASE("a proxy that nothing holds is at the hand, however far that has gone 
   }
 }
 
-TEST_CASE("what a hand meets on a way that is not read holds it all the same",
+TEST_CASE("a surface on a path that was not fully read still holds the hand",
           "[scale][motion][safety]") {
   constexpr double kFine = 1e-7;  // [m]
   const auto field = ballInDust(kFine, true);
@@ -333,7 +331,7 @@ TEST_CASE("what a hand meets on a way that is not read holds it all the same",
     }
     REQUIRE((r.proxy - 20.0 * kFine * out).norm() < 0.05 * kFine);
   }
-  // Beyond the distance that can be read, the ball is absent: neither met from outside nor felt
+  // If the ball is farther than a tick can read, it is absent: neither met from outside nor felt
   // from within.
   Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
   (void)hand.step(kFine * Vec3(2000, 1500, 0));
@@ -347,7 +345,7 @@ TEST_CASE("what a hand meets on a way that is not read holds it all the same",
   CHECK(hand.state.proxy().x() == Approx(20.0 * kFine).epsilon(0.01));
 }
 
-TEST_CASE("parts whose boxes meet and whose data do not cost no sample", "[scale]") {
+TEST_CASE("a hand near the boxes of parts but far from their data takes no sample", "[scale]") {
   // Forty frames of bars are about one place. Only their bars have data.
   openvdb::initialize();
   auto frame = openvdb::FloatGrid::create(0.0F);
@@ -393,7 +391,7 @@ TEST_CASE("parts whose boxes meet and whose data do not cost no sample", "[scale
   CHECK(b.step(Vec3::Zero()).samples >= 40);
   a.state.release();
   b.state.release();
-  // Into the bars and out of them, both scenes feel alike.
+  // Both scenes feel alike as the hand enters and leaves the bars.
   double most = 0.0;
   int crowded = 0;
   int fewer = 0;

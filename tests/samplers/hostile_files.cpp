@@ -64,7 +64,7 @@ constexpr std::uint64_t kSlack = std::uint64_t{256} << 20U;
 /// The result that a child reports of its file.
 struct Outcome {
   enum Kind : int { kRead, kRefused, kFailed } kind = kFailed;
-  std::uint64_t digest = 0;  ///< Of all messages and samples.
+  std::uint64_t digest = 0;  ///< Digest of all messages and samples.
   std::uint64_t memory = 0;  ///< Memory of its grids [bytes].
   std::array<char, 400> text{};
 
@@ -156,7 +156,7 @@ std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   return points;
 }
 
-/// Samples a volume. The splines of a large volume take seconds, so `turn` makes each of them once
+/// Samples a volume. The splines of a large volume take seconds, so `turn` makes each spline once
 /// in kTurns cases.
 void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Digest& digest) {
   double largest = 0.0;

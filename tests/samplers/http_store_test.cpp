@@ -78,7 +78,7 @@ class HeaderServer {
 
 }  // namespace
 
-TEST_CASE("an answer whose header states a wrong length is refused before its body",
+TEST_CASE("an answer with a wrong length in its header is refused before its body",
           "[bricks][http]") {
   struct Answer {
     const char* header;
@@ -116,7 +116,7 @@ TEST_CASE("an answer whose header states a wrong length is refused before its bo
   CHECK(request->body.empty());
 }
 
-TEST_CASE("an answer that does not end has a deadline from its first try on", "[bricks][http]") {
+TEST_CASE("an answer that does not end is given up at its deadline", "[bricks][http]") {
   StoreParams params;
   params.stalled = 60s;
   params.opened = 1s;

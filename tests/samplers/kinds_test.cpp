@@ -115,7 +115,7 @@ TEST_CASE("a staggered grid is read with each component on its face", "[samplers
   requireLinear(volume);
 }
 
-TEST_CASE("three scalars are one vector, each at its own place", "[samplers][kinds]") {
+TEST_CASE("three scalar grids form one vector, each at its own place", "[samplers][kinds]") {
   openvdb::GridPtrVec grids;
   for (int c = 0; c < 3; ++c) {
     auto transform = oblong();
@@ -231,7 +231,7 @@ TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kind
                     Contains("only a vector"));
 }
 
-TEST_CASE("values that are no numbers are refused, or filled by choice", "[samplers][kinds]") {
+TEST_CASE("non-finite values are refused, or filled on request", "[samplers][kinds]") {
   auto grid =
       makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
                                    [](const Vec3d& p) { return static_cast<float>(p.x()); });
@@ -268,7 +268,8 @@ TEST_CASE("values that are no numbers are refused, or filled by choice", "[sampl
   CHECK_THROWS_WITH(reload({steep}, "", {NonFinite::kRefuse, 1, nullptr}), Contains("infinite"));
 }
 
-TEST_CASE("smoothing is OpenVDB's own and says what it takes away", "[samplers][kinds]") {
+TEST_CASE("smoothing equals OpenVDB's filter and reports how much it changes",
+          "[samplers][kinds]") {
   const int width = GENERATE(1, 2);
   Random random(8);
   auto noise = makeGrid<openvdb::FloatGrid>(
@@ -301,7 +302,7 @@ TEST_CASE("smoothing is OpenVDB's own and says what it takes away", "[samplers][
   CHECK(ball->info().smoothing.largest_change < 0.1);
 }
 
-TEST_CASE("several volumes load together, equal ones once, and say how far they are",
+TEST_CASE("several volumes load together with their progress, and equal ones load once",
           "[samplers][kinds]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {makeBall(2.0, 0.1)});
@@ -326,7 +327,7 @@ TEST_CASE("several volumes load together, equal ones once, and say how far they 
   CHECK(forward);
 }
 
-TEST_CASE("a long load says how far it is, and can be ended", "[samplers][kinds]") {
+TEST_CASE("a long load reports its progress and can be cancelled", "[samplers][kinds]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {makeBall(24.0, 0.1)});
   std::vector<double> said;

@@ -121,7 +121,7 @@ SequenceParams budgetOf(const std::vector<VolumeRequest>& frames, double count) 
 
 }  // namespace
 
-TEST_CASE("between two frames a sequence is a share of each", "[sequence]") {
+TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 4, ramp);
   const Player of(sequenceOf(frames, 10.0));
@@ -164,7 +164,7 @@ TEST_CASE("times of frames need not be even", "[sequence]") {
   is(0.5, 2, 0, 0.5);
 }
 
-TEST_CASE("a vector that is played is a share of each frame", "[sequence]") {
+TEST_CASE("a played vector field interpolates between frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 2, [](int i) {
     return makeGrid<openvdb::Vec3SGrid>(
@@ -251,7 +251,7 @@ TEST_CASE("a ball that shrinks in play takes the proxy along, tick by tick", "[s
   CHECK(off < 0.05);
 }
 
-TEST_CASE("play that jumps does not step", "[sequence]") {
+TEST_CASE("a jump in play changes the value gradually", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, ramp);
   const bool all = GENERATE(true, false);
@@ -284,7 +284,7 @@ TEST_CASE("play that jumps does not step", "[sequence]") {
   CHECK(arrived >= (all ? 15 : 1));
 }
 
-TEST_CASE("a hand on a ball that is scrubbed feels no step", "[sequence]") {
+TEST_CASE("a hand on a ball feels no force step while play jumps", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, [](int i) { return ball(20.0 + 0.25 * i); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0)));
@@ -308,8 +308,7 @@ TEST_CASE("a hand on a ball that is scrubbed feels no step", "[sequence]") {
   CHECK(largest < 0.03);
 }
 
-TEST_CASE("a surface that is played out of its data lets go of the hand little by little",
-          "[sequence]") {
+TEST_CASE("a surface that play takes away releases the hand gradually", "[sequence]") {
   const TemporaryFolder folder;
   const double apart = GENERATE(5.0, 10.0, 20.0);  // voxels; the bands have three
   const auto frames = framesIn(folder, 2, [&](int i) { return ball(20.0 + apart * i); });
@@ -344,7 +343,7 @@ TEST_CASE("a surface that is played out of its data lets go of the hand little b
   CHECK(largest < 2000.0 * kTick * (1.0 + 1e-9));
 }
 
-TEST_CASE("in play a hand that comes and goes feels what it would feel without", "[sequence]") {
+TEST_CASE("a hand that comes and goes in play feels the same force as without play", "[sequence]") {
   const TemporaryFolder folder;
   // Each frame has the same ball: play changes only the time.
   const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
@@ -375,7 +374,7 @@ TEST_CASE("in play a hand that comes and goes feels what it would feel without",
   CHECK(off < 0.02);
 }
 
-TEST_CASE("a scene that is edited while play fades goes on fading", "[sequence]") {
+TEST_CASE("an edit of the scene does not interrupt a fade of play", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 4, ramp);
   const auto field = makeSequenceField(sequenceOf(frames, 10.0));
@@ -402,7 +401,8 @@ TEST_CASE("a scene that is edited while play fades goes on fading", "[sequence]"
   }
 }
 
-TEST_CASE("readers of a sequence wait for nothing and read whole frames", "[sequence][realtime]") {
+TEST_CASE("readers of a sequence do not allocate or lock, and read whole frames",
+          "[sequence][realtime]") {
   const TemporaryFolder folder;
   // Each frame has one value. A torn or foreign frame has another one.
   const auto frames = framesIn(folder, 24, [](int i) {
@@ -482,7 +482,7 @@ TEST_CASE("a frame that a reader holds stays, however little memory there is", "
   CHECK(of->hold(1));
 }
 
-TEST_CASE("where readers wait the same play is read whatever memory there is", "[sequence]") {
+TEST_CASE("readers that wait for frames read the same values with a small budget", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   SequenceParams little = budgetOf(frames, 5.5);
@@ -504,7 +504,7 @@ TEST_CASE("where readers wait the same play is read whatever memory there is", "
   CHECK(some.sequence->state().slots == 5);
 }
 
-TEST_CASE("play stands while a frame is not there, and goes on without one", "[sequence]") {
+TEST_CASE("play waits while frames load, and skips a frame that is missing", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -513,7 +513,7 @@ TEST_CASE("play stands while a frame is not there, and goes on without one", "[s
   const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
   const fs::path file = frames[9].file;
   fs::rename(file, folder / "aside");
-  // Play jumps to a time whose frames have not arrived. The old frames stay.
+  // Play jumps to a time before its frames have arrived. The old frames stay.
   const double before = player.at(0.1, p).value;
   const ScalarSample at = player.at(0.95, p);
   CHECK(at.coarse);
@@ -541,7 +541,7 @@ TEST_CASE("play stands while a frame is not there, and goes on without one", "[s
   CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
 }
 
-TEST_CASE("play that jumps beside a missing frame arrives by itself", "[sequence]") {
+TEST_CASE("a jump in play next to a missing frame completes by itself", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
@@ -560,7 +560,7 @@ TEST_CASE("play that jumps beside a missing frame arrives by itself", "[sequence
         Approx(950.0 + 6.3 + 2.0 * 5.2 - (3.0 + 9.5) * 4.7).margin(1e-3));
 }
 
-TEST_CASE("two hands some milliseconds apart are played from the same frames", "[sequence]") {
+TEST_CASE("two hands some milliseconds apart share the same frames", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 30, ramp);
   const auto of = sequenceOf(frames, 20.0, false, budgetOf(frames, 10.5));
@@ -580,7 +580,7 @@ TEST_CASE("two hands some milliseconds apart are played from the same frames", "
   CHECK(of->state().fetched < 70);
 }
 
-TEST_CASE("a budget holds whatever the sizes of frames", "[sequence]") {
+TEST_CASE("the memory budget holds for frames of different sizes", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 10, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
@@ -598,7 +598,7 @@ TEST_CASE("a budget holds whatever the sizes of frames", "[sequence]") {
   CHECK(of->state().slots == 6);
 }
 
-TEST_CASE("who waits for frames feels the same each time, with gaps and beside others",
+TEST_CASE("a reader that waits reads the same each time, despite gaps and other readers",
           "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 16, ramp);
@@ -630,7 +630,7 @@ TEST_CASE("who waits for frames feels the same each time, with gaps and beside o
   CHECK(beside == alone);
 }
 
-TEST_CASE("what is no sequence is refused", "[sequence]") {
+TEST_CASE("an invalid sequence is refused", "[sequence]") {
   const TemporaryFolder folder;
   auto frames = framesIn(folder, 6, ramp);
   const auto refused = [&](const FrameTimes& when, const SequenceParams& params = {},

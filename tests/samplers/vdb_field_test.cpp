@@ -374,7 +374,8 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
   }
 }
 
-TEST_CASE("how the gradient turns is what its differences say, in any placement", "[samplers]") {
+TEST_CASE("the gradient's Jacobian matches differences of the gradient in any placement",
+          "[samplers]") {
   const auto kind = GENERATE(Interpolation::kTrilinear, Interpolation::kQuadratic,
                              Interpolation::kCubic, Interpolation::kNearest);
   openvdb::Mat4R matrix = openvdb::Mat4R::identity();
@@ -436,7 +437,7 @@ TEST_CASE("float, half and double grids, scalar and vector, are read", "[sampler
   CHECK((Probe(fieldOf(vec)).vector({3.5, 4.25, 4}).value - Vec3(3.5, 4.25, 4)).norm() < 1e-6);
 }
 
-TEST_CASE("inside is honest: a level set's band, a fog's edge", "[samplers]") {
+TEST_CASE("inside is reported in a level set's band and up to a fog's edge", "[samplers]") {
   openvdb::initialize();
   const auto sphere = makeBall(2.0, 0.1);
   Probe ball(fieldOf(sphere));
@@ -454,7 +455,7 @@ TEST_CASE("inside is honest: a level set's band, a fog's edge", "[samplers]") {
   CHECK_FALSE(edge.scalar({8.5, 4, 4}).inside);
 }
 
-TEST_CASE("far away and NaN positions give the background, outside", "[samplers]") {
+TEST_CASE("far away and NaN positions give the background and are outside", "[samplers]") {
   Probe probe(fieldOf(roughGrid()));
   for (const double x : {1e10, -1e300, std::nan(""), HUGE_VAL}) {
     const ScalarSample s = probe.scalar({0.0, x, 0.0});
@@ -464,7 +465,7 @@ TEST_CASE("far away and NaN positions give the background, outside", "[samplers]
   }
 }
 
-TEST_CASE("the error falls with the square of the voxel, as trilinear must", "[samplers]") {
+TEST_CASE("the trilinear error falls with the square of the voxel size", "[samplers]") {
   const auto error = [](double voxel) {
     const auto transform = Transform::createLinearTransform(voxel);
     const auto f = [](const Vec3d& p) {
@@ -490,7 +491,7 @@ TEST_CASE("the error falls with the square of the voxel, as trilinear must", "[s
   CHECK(coarse / fine == Approx(4.0).margin(0.4));
 }
 
-TEST_CASE("B-splines pass through the voxels' values, the nearest voxel is itself",
+TEST_CASE("B-splines and nearest-voxel interpolation pass through the voxel values",
           "[samplers][spline]") {
   const auto grid = roughGrid();
   const auto interpolation =
@@ -609,7 +610,7 @@ TEST_CASE("a spline of a linear vector field has its Jacobian, and turns with th
   }
 }
 
-TEST_CASE("splines are continuous, with their derivative, across cells and the midst of them",
+TEST_CASE("splines and their derivatives are continuous across cell faces and middles",
           "[samplers][spline]") {
   const auto grid = roughGrid();
   const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
@@ -629,7 +630,7 @@ TEST_CASE("splines are continuous, with their derivative, across cells and the m
   }
 }
 
-TEST_CASE("reading a spline allocates, locks and throws nothing, cold cells included",
+TEST_CASE("reading a spline does not allocate, lock or throw, even in cold cells",
           "[samplers][spline][realtime]") {
   const auto grid = roughGrid();
   const auto interpolation =
@@ -644,7 +645,8 @@ TEST_CASE("reading a spline allocates, locks and throws nothing, cold cells incl
   CHECK(counts.exceptions == 0);
 }
 
-TEST_CASE("every order is silent and finite where there is nothing", "[samplers][spline]") {
+TEST_CASE("every interpolation order gives the finite background outside the data",
+          "[samplers][spline]") {
   const auto interpolation =
       GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
   Probe probe(fieldOf(roughGrid(), {}, {interpolation}));
@@ -668,8 +670,7 @@ TEST_CASE("one volume is shared by its placements and outlives the folder it cam
   CHECK(a.scalar({1, 2, 3}).value == b.scalar({11, 2, 3}).value);
 }
 
-TEST_CASE("reading allocates, locks and throws nothing, cold cells included",
-          "[samplers][realtime]") {
+TEST_CASE("reading does not allocate, lock or throw, even in cold cells", "[samplers][realtime]") {
   Probe scalar(fieldOf(roughGrid()));
   Probe vector(
       fieldOf(makeGrid<openvdb::Vec3SGrid>(40, Transform::createLinearTransform(0.5),

@@ -134,7 +134,7 @@ TEST_CASE("active tiles count in range and voxels", "[volume]") {
   CHECK(info.highest == 7.0);
 }
 
-TEST_CASE("missing files, folders and other formats are one clear line", "[volume]") {
+TEST_CASE("a missing file, a folder or another format is refused in one line", "[volume]") {
   const TemporaryFolder folder;
   std::ofstream(folder / "text.vdb") << "this is no volume at all, just text\n";
   std::ofstream(folder / "empty.vdb");
@@ -165,7 +165,7 @@ TEST_CASE("a file cut anywhere is refused", "[volume]") {
   CHECK_THAT(refusal(folder / "cut.vdb", "second"), Contains("truncated"));
 }
 
-TEST_CASE("what many grids cost grows with their number", "[volume]") {
+TEST_CASE("the cost of many grids grows linearly with their number", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   const auto cost = [&](int count, bool one_name) {  // [s] of processor time
@@ -199,7 +199,7 @@ TEST_CASE("what many grids cost grows with their number", "[volume]") {
   }
 }
 
-TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
+TEST_CASE("a file that is cut while it is read is loaded or refused without a crash", "[volume]") {
   // The file is cut by a process that comes and has to wait, and by a process that already has it
   // open. Both occur with room for a copy and without.
   const TemporaryFolder folder;
@@ -254,7 +254,7 @@ TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
   }
 }
 
-TEST_CASE("who waits to change a file is waited for before the system lets him", "[volume]") {
+TEST_CASE("a load ends before the system lets a waiting writer change the file", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   // The grid has more than 10,000 leaves, so that it is read in parts.
@@ -282,7 +282,7 @@ TEST_CASE("who waits to change a file is waited for before the system lets him",
     CHECK(steady.keptAt(after(10.4 * longest)));
     CHECK_FALSE(steady.keptAt(after(10.6 * longest)));
   }
-  SECTION("a copy is nobody else's") {
+  SECTION("a copy has no other writer") {
     const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
     const LeasedFile steady(file);
     close(ours);
@@ -312,7 +312,8 @@ TEST_CASE("who waits to change a file is waited for before the system lets him",
   }
 }
 
-TEST_CASE("what was checked is what is read, whatever others write meanwhile", "[volume]") {
+TEST_CASE("a load uses the values that it checked while another process writes the file",
+          "[volume]") {
   // Another process has the file open, and writes another vector over it once the first component
   // is read.
   const TemporaryFolder folder;
@@ -342,7 +343,7 @@ TEST_CASE("what was checked is what is read, whatever others write meanwhile", "
   }
 }
 
-TEST_CASE("what others may change and what cannot be copied is not read", "[volume]") {
+TEST_CASE("a file that others may change and that cannot be copied is refused", "[volume]") {
   const TemporaryFolder folder;
   writeRough(folder / "a.vdb", {"density"}, 12, 1);
   const NoRoom none(false);
@@ -360,7 +361,7 @@ TEST_CASE("what others may change and what cannot be copied is not read", "[volu
   close(ours);
 }
 
-TEST_CASE("a file is read once, however many of its grids are asked for", "[volume]") {
+TEST_CASE("a load of many grids reads their file only a few times", "[volume]") {
   const TemporaryFolder folder;
   std::vector<std::string> names;
   for (int i = 10; i < 50; ++i) names.push_back("grid" + std::to_string(i));
@@ -397,7 +398,7 @@ TEST_CASE("a file is read once, however many of its grids are asked for", "[volu
   }
 }
 
-TEST_CASE("a grid in memory is felt as if it had been read from a file", "[volume]") {
+TEST_CASE("a grid in memory gives the same volume as a grid from a file", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   const auto grid = block(20, "rock");
@@ -437,7 +438,7 @@ TEST_CASE("a grid in memory is felt as if it had been read from a file", "[volum
   CHECK_THROWS_AS(makeVolume(*openvdb::FloatGrid::create()), VolumeError);
 }
 
-TEST_CASE("files are loaded whole, each by itself", "[volume]") {
+TEST_CASE("each file loads with all its grids, despite errors in other files", "[volume]") {
   const TemporaryFolder folder;
   writeRough(folder / "a.vdb", {"vel.x", "density", "vel.y", "vel.z"}, 6, 1);
   auto bad = block();
@@ -463,7 +464,7 @@ TEST_CASE("files are loaded whole, each by itself", "[volume]") {
   CHECK(told.back() == 1.0);
 }
 
-TEST_CASE("a tree of a type that cannot be felt is never read", "[volume]") {
+TEST_CASE("a tree of an unsupported type is never read", "[volume]") {
   const TemporaryFolder folder;
   auto labels = makeGrid<openvdb::Int32Grid>(
       9, Transform::createLinearTransform(0.5), [](const Vec3d&) { return 3; }, "labels");
@@ -491,7 +492,7 @@ TEST_CASE("a tree of a type that cannot be felt is never read", "[volume]") {
   CHECK(refusal(folder / "a.vdb", "density") == "no error");
 }
 
-TEST_CASE("formats older and newer than what we know are refused by their number", "[volume]") {
+TEST_CASE("older and newer file formats are refused with their version number", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block()});
   for (const char version : {'\x20', '\xdd', '\xe1'}) {
@@ -504,7 +505,7 @@ TEST_CASE("formats older and newer than what we know are refused by their number
   }
 }
 
-TEST_CASE("values that overflow what is computed from them are not finite", "[volume]") {
+TEST_CASE("a value too large to compute with is refused as not finite", "[volume]") {
   const TemporaryFolder folder;
   auto grid = makeGrid<openvdb::DoubleGrid>(4, Transform::createLinearTransform(0.5),
                                             [](const Vec3d& p) { return p.x(); });
@@ -513,7 +514,7 @@ TEST_CASE("values that overflow what is computed from them are not finite", "[vo
   CHECK_THAT(refusal(folder / "a.vdb"), Contains("1 of its values"));
 }
 
-TEST_CASE("a wrong grid name names the nearest, or all", "[volume]") {
+TEST_CASE("the error for a wrong grid name lists the nearest name, or all names", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8, "density"), block(8, "heat")});
   CHECK_THAT(refusal(folder / "a.vdb", "denisty"), Contains("did you mean \"density\"?"));
@@ -521,14 +522,14 @@ TEST_CASE("a wrong grid name names the nearest, or all", "[volume]") {
   CHECK_THAT(refusal(folder / "a.vdb"), Contains("more than one grid"));
 }
 
-TEST_CASE("grids of equal name are told apart", "[volume]") {
+TEST_CASE("grids of equal name get an index", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8), block(9)});
   CHECK(gridNames(folder / "a.vdb") == std::vector<std::string>{"density[0]", "density[1]"});
   CHECK(loadVolume(folder / "a.vdb", "density[1]")->info().active_voxels == 729);
 }
 
-TEST_CASE("a grid that shares a tree has that one, whatever others are called", "[volume]") {
+TEST_CASE("a grid that shares a tree reads the right tree, even if names clash", "[volume]") {
   const TemporaryFolder folder;
   Random random(5);
   for (const int n : {8, 80}) {  // read as a whole, and from a map
@@ -569,7 +570,7 @@ TEST_CASE("a grid that shares a tree has that one, whatever others are called", 
   }
 }
 
-TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
+TEST_CASE("an unusable grid is refused with a reason", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
 
@@ -607,7 +608,7 @@ TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
   CHECK_THAT(refusal(folder / "background.vdb"), Contains("NaN, infinite"));
 }
 
-TEST_CASE("volumes of one file are loaded at once, again and again", "[volume]") {
+TEST_CASE("volumes of one file load in parallel, repeatedly", "[volume]") {
   // If one load drops its pages, it must not touch pages that another load now uses. With
   // sanitizers, or before the fix, this ended the program in one of about ten runs.
   const TemporaryFolder folder;
@@ -626,7 +627,7 @@ TEST_CASE("volumes of one file are loaded at once, again and again", "[volume]")
   }
 }
 
-TEST_CASE("a loop that is given up leaves no work within it half done", "[volume]") {
+TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]") {
   using std::chrono::milliseconds;
   constexpr std::size_t kMany = 10000;
   std::atomic<bool> working{false};

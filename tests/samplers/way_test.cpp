@@ -70,7 +70,7 @@ Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double le
 
 }  // namespace
 
-TEST_CASE("the first fall through a level is exact, on any way through noise",
+TEST_CASE("the first fall through a level is exact on any path through noise",
           "[samplers][motion]") {
   constexpr int kWays = test::kSanitized ? 500 : 4000;
   for (const bool turned : {false, true}) {
@@ -120,7 +120,8 @@ TEST_CASE("the first fall through a level is exact, on any way through noise",
   }
 }
 
-TEST_CASE("a way that begins on the surface counts as it goes on", "[samplers][motion]") {
+TEST_CASE("a path from the surface crosses it only if the path leads inwards",
+          "[samplers][motion]") {
   // z - 4, in a box of 9 voxels.
   const auto grid =
       makeGrid<openvdb::FloatGrid>(9, Transform::createLinearTransform(1.0),
@@ -136,14 +137,14 @@ TEST_CASE("a way that begins on the surface counts as it goes on", "[samplers][m
   CHECK_FALSE(fall({4, 4, 4}, {4.3, 4, 5.5}).found);  // out of it
   CHECK_FALSE(fall({4, 4, 4}, {6, 4, 4}).found);      // along it
   CHECK(fall({4, 4, 5.5}, {4, 4, 3.5}).share == Approx(0.75));
-  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts behind it, and goes on
-  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts behind it, and goes out
+  CHECK(fall({4, 4, 3.5}, {4, 4, 3}).share == 0.0);  // starts behind it, and leads deeper
+  CHECK_FALSE(fall({4, 4, 3}, {4, 4, 3.5}).found);   // starts behind it, and leads out
   CHECK_FALSE(fall({40, 4, 5}, {40, 4, 3}).found);   // no data
   CHECK_FALSE(fall({4, 4, 5}, {NAN, 4, 3}).found);
   CHECK_FALSE(fall({4, 4, 5}, {4, 4, 1e300}).found);
 }
 
-TEST_CASE("a stream is traced by arc length, whatever the placement and the voxels",
+TEST_CASE("a stream is traced by arc length for any placement and voxel shape",
           "[samplers][motion]") {
   Transform::Ptr flat = Transform::createLinearTransform(1.0);
   flat->preScale(Vec3d(1.0, 1.5, 0.75));
@@ -184,7 +185,7 @@ TEST_CASE("a stream is traced by arc length, whatever the placement and the voxe
   }
 }
 
-TEST_CASE("a trace ends with the data, with the flow and with its steps", "[samplers][motion]") {
+TEST_CASE("a trace ends where the data, the flow or its steps end", "[samplers][motion]") {
   const auto transform = Transform::createLinearTransform(1.0);
   // The flow is along x for x from 0 to 20, and zero beyond.
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
@@ -218,7 +219,7 @@ TEST_CASE("a trace ends with the data, with the flow and with its steps", "[samp
   }
 }
 
-TEST_CASE("a short trace reads two values, or as many as a longer one where that is not enough",
+TEST_CASE("a short trace reads two values, or five where the bend has changed",
           "[samplers][motion]") {
   const Vec3 centre(16.3, 15.7, 16.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
@@ -258,7 +259,7 @@ TEST_CASE("a short trace reads two values, or as many as a longer one where that
   }
 }
 
-TEST_CASE("a trace to the hand ends at the first place nearest to it, either way",
+TEST_CASE("a trace to the hand ends at the first nearest place in either direction",
           "[samplers][motion]") {
   const Vec3 centre(16.3, 15.7, 16.0);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
@@ -333,7 +334,7 @@ TEST_CASE("fibres without a sign are followed straight on", "[samplers][motion]"
   }
 }
 
-TEST_CASE("ways allocate nothing", "[samplers][motion][realtime]") {
+TEST_CASE("crossings and traces allocate no memory", "[samplers][motion][realtime]") {
   const FieldPtr rough = fieldOf(noise(12));
   const FieldPtr curls = fieldOf(curlyGrid(Transform::createLinearTransform(1.0)));
   const auto a = std::make_unique<FieldCache>();

@@ -85,7 +85,8 @@ struct Both {
 
 }  // namespace
 
-TEST_CASE("where its bricks are a window is the whole volume, to the last bit", "[bricks]") {
+TEST_CASE("where its bricks are present, a window equals the whole volume to the last bit",
+          "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -124,7 +125,7 @@ TEST_CASE("where its bricks are a window is the whole volume, to the last bit", 
   CHECK(both.window->frame().voxel == both.whole->frame().voxel);
 }
 
-TEST_CASE("a flow in bricks is read and traced as the whole, to the last bit", "[bricks]") {
+TEST_CASE("a flow in bricks is read and traced like the whole flow, to the last bit", "[bricks]") {
   const TemporaryFolder folder;
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       140, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
@@ -167,7 +168,7 @@ TEST_CASE("a flow in bricks is read and traced as the whole, to the last bit", "
   CHECK(samples > 10000);
 }
 
-TEST_CASE("what is not there is read coarsely, without a step, and comes in by and by",
+TEST_CASE("missing bricks are read coarsely without a step, and become fine gradually",
           "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
@@ -234,8 +235,7 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
   CHECK(excess < 0.0);
 }
 
-TEST_CASE("whatever is taken away while it is read, what is told as fine is right",
-          "[bricks][host]") {
+TEST_CASE("a reading reported as fine is right even while bricks are evicted", "[bricks][host]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -274,7 +274,7 @@ TEST_CASE("whatever is taken away while it is read, what is told as fine is righ
   CHECK(window->state().fetched > 200);
 }
 
-TEST_CASE("what a reader has seen stays as it is until it leaves", "[bricks]") {
+TEST_CASE("the bricks that a reader uses stay unchanged until it leaves", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -310,7 +310,7 @@ TEST_CASE("what a reader has seen stays as it is until it leaves", "[bricks]") {
   CHECK(same() < 8);
 }
 
-TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]") {
+TEST_CASE("a missing brick is reported in one line and read coarsely", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   const BrickReport report = writeBricks(folder / "bricks", brickInput(volume));
@@ -334,7 +334,7 @@ TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]")
                     Contains("a window of") && Contains("give it"));
 }
 
-TEST_CASE("who waits has what it asks for from the first tick on", "[bricks]") {
+TEST_CASE("a reader that waits gets fine values from the first tick on", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -354,7 +354,7 @@ TEST_CASE("who waits has what it asks for from the first tick on", "[bricks]") {
   CHECK(window->state().fetched > window->state().slots);
 }
 
-TEST_CASE("a hand that comes back to where it was finds its bricks there", "[bricks]") {
+TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "bricks", formulaBricks("ramp", {63 + 64 * 15, 127, 127},
                                                      [](const VoxelAt& at) { return at[0]; }));
@@ -373,7 +373,8 @@ TEST_CASE("a hand that comes back to where it was finds its bricks there", "[bri
   for (const double x : {3.0, 5.0, 3.0, 1.0}) CHECK(go(x) == fetched);
 }
 
-TEST_CASE("hands that tell nothing any more, and proxies far from their hands", "[bricks]") {
+TEST_CASE("a window serves proxy and hand, and drops a hand that is silent for a second",
+          "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -399,7 +400,7 @@ TEST_CASE("hands that tell nothing any more, and proxies far from their hands", 
   CHECK(next.ofWindow(kVoxel * proxy).coarse);
 }
 
-TEST_CASE("where no brick but the coarsest are there, it is these and nothing else", "[bricks]") {
+TEST_CASE("where only the coarsest bricks are present, every reading uses them", "[bricks]") {
   // On a ramp all levels agree, so that any other reading shows.
   const TemporaryFolder folder;
   const BrickInput ramp =
@@ -447,7 +448,7 @@ TEST_CASE("where no brick but the coarsest are there, it is these and nothing el
   CHECK(other == 0.0);
 }
 
-TEST_CASE("a wall in a brick that is there stops a path out of one that is not", "[bricks]") {
+TEST_CASE("a wall in a loaded brick stops a path out of a missing brick", "[bricks]") {
   const TemporaryFolder folder;
   const BrickInput wall = formulaBricks("wall", {319, 127, 127},
                                         [](const VoxelAt& at) { return at[0] == 142 ? 2.0 : 0.0; });
@@ -472,7 +473,7 @@ TEST_CASE("a wall in a brick that is there stops a path out of one that is not",
   }
 }
 
-TEST_CASE("all of the box about a brick is there, and what is far from the rest is in it",
+TEST_CASE("the box about a brick keeps clear of missing bricks and holds all points far from them",
           "[bricks]") {
   Random random(11);
   const auto number = [](const std::array<int, 3>& off) {
@@ -551,7 +552,7 @@ class SlowBricks final : public BrickSource {
 
 }  // namespace
 
-TEST_CASE("where bricks take long to come a hand's way is looked ahead farther", "[bricks]") {
+TEST_CASE("slow bricks are requested farther ahead on a hand's path", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "bricks",
                     formulaBricks("ramp", {639, 63, 63}, [](const VoxelAt& at) { return at[0]; }));
@@ -568,7 +569,7 @@ TEST_CASE("where bricks take long to come a hand's way is looked ahead farther",
   CHECK(farthest(1.0) == 5);
 }
 
-TEST_CASE("who waits for a window is not taken for silent meanwhile", "[bricks]") {
+TEST_CASE("a hand that waits for a window is not counted as silent", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -585,7 +586,7 @@ TEST_CASE("who waits for a window is not taken for silent meanwhile", "[bricks]"
   }
 }
 
-TEST_CASE("what cannot be had is tried again ever more rarely", "[bricks]") {
+TEST_CASE("a failed request is retried at longer and longer intervals", "[bricks]") {
   using std::chrono::seconds;
   detail::Retries<int> of;
   const detail::Retries<int>::Clock::time_point begin;

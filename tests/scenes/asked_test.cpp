@@ -120,7 +120,7 @@ class Said {
 
 }  // namespace
 
-TEST_CASE("a dialled scene is the one that is written so", "[dial]") {
+TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dial]") {
   struct Kind {
     ModeKind kind;
     std::string of;
@@ -176,24 +176,24 @@ TEST_CASE("a dialled scene is the one that is written so", "[dial]") {
   CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
 }
 
-TEST_CASE("a mode is who it is, whatever becomes of its file", "[dial]") {
+TEST_CASE("a mode keeps its id when its file is edited", "[dial]") {
   const SceneSpec first = named({"skin", "/a", "bone"});
   const ModeIds ids = idsOf(first);
   CHECK(ids.of == std::vector<std::uint32_t>{0, 1, 2});
 
-  SECTION("names go before places, and an unnamed one is known by what it is of") {
+  SECTION("names count before positions, and an unnamed mode is known by its volume") {
     const ModeIds now = idsOf(named({"new", "bone", "/b", "/a", "skin"}), first, ids);
     CHECK((now.of[1] == 2 && now.of[3] == 1 && now.of[4] == 0));
     CHECK((now.of[0] >= 3 && now.of[2] >= 3 && now.of[0] != now.of[2]));
     CHECK(now.next == 5);
   }
-  SECTION("names that are cut alike are not alike") {
+  SECTION("long names with the same beginning stay different") {
     const std::string same(60, 'n');
     const SceneSpec two = named({same + "1", same + "2"});
     CHECK(idsOf(named({same + "2", same + "1"}), two, idsOf(two)).of ==
           std::vector<std::uint32_t>{1, 0});
   }
-  SECTION("of several of one name none is another's") {
+  SECTION("modes with one name keep their ids only while their number is the same") {
     const SceneSpec three = named({"skin", "skin", "/a", "/a"});
     const ModeIds known = idsOf(three);
     CHECK(idsOf(named({"/a", "skin", "/a", "skin"}), three, known).of ==
@@ -201,7 +201,7 @@ TEST_CASE("a mode is who it is, whatever becomes of its file", "[dial]") {
     const ModeIds fewer = idsOf(named({"skin", "/a", "/a", "/a"}), three, known);
     CHECK(*std::min_element(fewer.of.begin(), fewer.of.end()) == 4);
   }
-  SECTION("who is gone is not another later") {
+  SECTION("the id of a removed mode is not used again") {
     const SceneSpec without = named({"/a"});
     const ModeIds gone = idsOf(without, first, ids);
     CHECK(gone.of == std::vector<std::uint32_t>{1});
@@ -213,7 +213,7 @@ TEST_CASE("a mode is who it is, whatever becomes of its file", "[dial]") {
   CHECK(all[2].mode == 2);
 }
 
-TEST_CASE("what is asked is in bounds whatever the memory holds", "[asked]") {
+TEST_CASE("requests from the shared memory are limited to valid values", "[asked]") {
   LiveWishes before;
   LiveWishes now;
   CHECK(cli::asked(before, now).dialled == 0);
@@ -250,14 +250,14 @@ TEST_CASE("what is asked is in bounds whatever the memory holds", "[asked]") {
   CHECK(cli::asked(now, now).closed);
 }
 
-TEST_CASE("a hand is behind its mouse by 20 ms, and by the clock", "[asked]") {
+TEST_CASE("the hand follows its mouse with a time constant of 20 ms", "[asked]") {
   Published<LiveHand> mouse;
   const Vec3 start(0.1, 0.0, 0.0);
   const HandTarget hand = cli::behindMouse(mouse, start);
   const auto to = [&](double x, double y = 0.0, double z = 0.0) { mouse.write({{x, y, z}}); };
   CHECK(hand.at(0.0) == start);
   CHECK(hand.at(20.0) == start);
-  SECTION("the first move is one of a tick, however late it comes") {
+  SECTION("the first move counts as one tick, however late it comes") {
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
@@ -267,7 +267,7 @@ TEST_CASE("a hand is behind its mouse by 20 ms, and by the clock", "[asked]") {
     for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
     CHECK(at.x() == Approx(0.11 - 0.01 * std::exp(-1.0)).epsilon(1e-9));
   }
-  SECTION("a leap is no faster than a hand") {
+  SECTION("a jump of the mouse moves the hand at 2 m/s") {
     to(0.1, 0.5, 0.0);
     Vec3 last = start;
     double fastest = 0.0;
@@ -279,7 +279,7 @@ TEST_CASE("a hand is behind its mouse by 20 ms, and by the clock", "[asked]") {
     CHECK(fastest == Approx(2.0).epsilon(1e-9));
     CHECK(last.y() == Approx(0.5).epsilon(1e-6));
   }
-  SECTION("what is no place is none, and nothing is farther than 10 m") {
+  SECTION("an invalid position is ignored, and positions are limited to 10 m") {
     for (const double bad : {kNan, kInf, -kInf}) {
       to(0.0, bad, 0.0);
       CHECK(hand.at(30.0) == start);
@@ -291,14 +291,14 @@ TEST_CASE("a hand is behind its mouse by 20 ms, and by the clock", "[asked]") {
   }
 }
 
-TEST_CASE("an arm goes with its mouse, not against the world", "[asked]") {
+TEST_CASE("the simulated arm follows its mouse", "[asked]") {
   Published<LiveHand> mouse;
   ArmParams arm;
   arm.coulomb = 0.0;
   arm.encoder = 0.0;
   const GripParams grip;
   SimulatedDevice device(arm, grip, cli::behindMouse(mouse, Vec3::Zero()), 1000.0);
-  SECTION("behind one that moves evenly it is behind by 20 ms and by its own friction") {
+  SECTION("behind a steady mouse the arm lags by 20 ms and by its own friction") {
     constexpr double kSpeed = 0.1;  // [m/s]
     for (int i = 0; i <= 2000; ++i) {
       mouse.write({{kSpeed * 1e-3 * i, 0.0, 0.0}});
@@ -311,7 +311,7 @@ TEST_CASE("an arm goes with its mouse, not against the world", "[asked]") {
     const double should = kSpeed * (2.0005 - behind);
     CHECK(device.position().x() == Approx(should).margin(2e-6));
   }
-  SECTION("a leap of its mouse does not brake or cut it") {
+  SECTION("after a jump of its mouse the arm stays below the speed limit and arrives") {
     mouse.write({{0.5, 0.0, 0.0}});
     double fastest = 0.0;
     for (int i = 0; i <= 1000; ++i) {
@@ -323,7 +323,7 @@ TEST_CASE("an arm goes with its mouse, not against the world", "[asked]") {
   }
 }
 
-TEST_CASE("dials stay with their modes while a file is edited under them", "[dial]") {
+TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   const test::TemporaryFolder folder;
   test::writeTestVolumes(folder.path());
   const std::string file = (folder / "scene.json").string();

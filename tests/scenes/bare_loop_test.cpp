@@ -69,7 +69,8 @@ Stopped stopFor(double seconds) {
 
 }  // namespace
 
-TEST_CASE("the machine's lateness is measured for as long as asked, and told once", "[safety]") {
+TEST_CASE("the machine's lateness is measured for the requested time and returned once",
+          "[safety]") {
   const Clock::time_point begun = Clock::now();
   BareLoop loop(0.2, 1);
   CHECK(!loop.take());
@@ -85,7 +86,7 @@ TEST_CASE("the machine's lateness is measured for as long as asked, and told onc
   CHECK(Clock::now() - ends < std::chrono::minutes(1));
 }
 
-TEST_CASE("a pause of 100 ms is the machine's lateness, a program that was stopped is not",
+TEST_CASE("a pause of 100 ms counts as lateness, a longer stop of the program does not",
           "[safety]") {
   constexpr double kTick = 0.001;  // [s]
   const Stopped paused = stopFor(0.1);

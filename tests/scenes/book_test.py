@@ -25,7 +25,7 @@ SHOWN = re.compile(r"^```text\n(.*?)^```$", re.S | re.M)
 
 
 def script(page):
-    """What a reader of the page types and saves."""
+    """Returns the script of all commands and files on the page."""
     blocks = BLOCK.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
     lines = ["set -euo pipefail"]
     for at, (kind, text) in enumerate(blocks):

@@ -1,5 +1,5 @@
-/// Tests scenes with volumes in bricks: what is felt, what is refused, and the result if a folder
-/// disappears.
+/// Tests scenes with volumes in bricks: the forces, the rejected settings, and the fault if a
+/// folder disappears.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -75,7 +75,7 @@ bool same(const StepReport& a, const StepReport& b) {
 
 }  // namespace
 
-TEST_CASE("a scene of a folder of bricks is felt as that of its file", "[scene][bricks]") {
+TEST_CASE("a scene of bricks gives the same forces as its volume in memory", "[scene][bricks]") {
   const TemporaryFolder folder;
   writeBall(folder.path());
   SceneSpec in_memory = specOf(ballJson("ball.bricks"), folder.path());
@@ -121,7 +121,7 @@ TEST_CASE("a scene of a folder of bricks is felt as that of its file", "[scene][
   CHECK(one.scene->shape == two.scene->shape);
 }
 
-TEST_CASE("what cannot be done with bricks is refused with its path", "[scene][bricks]") {
+TEST_CASE("a setting that bricks do not support is rejected with its path", "[scene][bricks]") {
   const TemporaryFolder folder;
   writeBall(folder.path());
   writeVdb(folder / "ball.vdb", {makeBall(10.0, 1.0)});
@@ -158,9 +158,8 @@ TEST_CASE("what cannot be done with bricks is refused with its path", "[scene][b
              Contains("/volumes/ball") && Contains("unfinished"));
 }
 
-TEST_CASE(
-    "a folder that goes while it is felt cuts the force, and when it is back it is felt again",
-    "[scene][bricks][safety]") {
+TEST_CASE("the force is cut while the folder of bricks is missing, and can return after it is back",
+          "[scene][bricks][safety]") {
   const TemporaryFolder folder;
   writeBall(folder.path());
   SceneSpec spec = specOf(ballJson("ball.bricks"), folder.path());
@@ -233,7 +232,8 @@ TEST_CASE(
 
 // With sanitizers this takes minutes. The other tests run the same code on small volumes.
 #ifdef NDEBUG
-TEST_CASE("a volume sixteen times its window is felt as the whole", "[.][data][bricks]") {
+TEST_CASE("a volume of sixteen times its window gives the forces of the whole volume",
+          "[.][data][bricks]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);
   const TemporaryFolder folder;

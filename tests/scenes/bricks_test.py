@@ -178,7 +178,7 @@ class Others(Case):
 
 
 class Broken(Case):
-    def test_a_killed_run_is_gone_on_with(self):
+    def test_a_killed_run_resumes_to_the_same_bytes(self):
         """kill -9 at many points: in the end the bytes equal those of one run."""
         run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.3)
         words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
@@ -206,7 +206,7 @@ class Broken(Case):
             shutil.rmtree(out)
         self.assertGreater(killed, 6)
 
-    def test_an_interrupted_run_says_how_it_goes_on(self):
+    def test_an_interrupted_run_says_how_to_resume(self):
         run("make", "two-bodies", self.dir / "slow.vdb", "--voxel", 0.25)
         words = ["brick", self.dir / "slow.vdb", self.dir / "slow", "--grid", "bowl",
                  "--compression", 12]
@@ -223,7 +223,7 @@ class Broken(Case):
         self.assertRegex(told, r"note +\d+ of them were there already, from a run that did not end")
         self.assertIn("all of it was there already", run(*words).stdout)
 
-    def test_where_there_is_no_room(self):
+    def test_a_run_on_a_full_disk_resumes(self):
         out = self.dir / "full"
 
         def small():
@@ -240,7 +240,7 @@ class Broken(Case):
 
 class Verbs(Case):
     @suite.smoke
-    def test_info_tells_of_bricks_as_of_the_file(self):
+    def test_info_prints_the_same_of_bricks_and_their_file(self):
         out, made = self.brick("told", "bodies.vdb", "--grid", "bowl")
         grids = json.loads(run("info", self.dir / "bodies.vdb", "--json").stdout)["grids"]
         file = next(grid for grid in grids if grid["name"] == "bowl")
@@ -270,7 +270,7 @@ class Verbs(Case):
         self.assertEqual(again["written"], 0)
 
     @suite.smoke
-    def test_half_is_smaller_and_said(self):
+    def test_half_precision_is_smaller_and_reported(self):
         whole, made = self.brick("single", "bodies.vdb", "--grid", "cloud")
         half, less = self.brick("halved", "bodies.vdb", "--grid", "cloud", "--half")
         self.assertLess(less["bytes"], 0.8 * made["bytes"])
@@ -279,7 +279,7 @@ class Verbs(Case):
         self.assertFalse(json.loads(run("info", whole, "--json").stdout)["grids"][0]["half"])
 
     @suite.smoke
-    def test_what_cannot_be_is_refused(self):
+    def test_invalid_outputs_and_damaged_bricks_are_refused(self):
         ball = self.dir / "ball.vdb"
         out, _ = self.brick("there", "ball.vdb")
         self.refused("brick", ball, out, "--half", says="it holds bricks of another input or of other "
@@ -336,7 +336,7 @@ class Felt(Case):
                   self.dir / trace, "--summary", self.dir / "summary.json", *words)
         return out, json.loads((self.dir / "summary.json").read_text())
 
-    def test_what_is_felt_is_what_is_in_memory(self):
+    def test_bricks_give_the_forces_of_the_volume_in_memory(self):
         bricks = self.skin()
         self.feel("whole.json", "whole.csv")
         out, summary = self.feel("bricks.json", "bricks.csv")
@@ -357,7 +357,7 @@ class Felt(Case):
         run("feel", f"{bricks}/", "--seconds", 1, status=None)
 
     @suite.smoke
-    def test_what_is_missing_is_a_line_and_felt_coarsely(self):
+    def test_missing_bricks_are_reported_and_felt_coarsely(self):
         bricks = self.skin()
         (bricks / "0/2.1.1.0.0.0").unlink()
         (bricks / "0/2.1.2.0.0.0").write_bytes(b"no brick")
@@ -371,7 +371,7 @@ class Felt(Case):
         self.assertEqual(summary["faults"], {})
         self.assertRegex(out.stdout, r"coarse    data were not there")
 
-    def test_a_recording_is_felt_again(self):
+    def test_a_recording_replays_identically(self):
         self.skin()
         self.feel("bricks.json", "bricks.csv", "--record", self.dir / "felt.rec")
         again = run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}",
@@ -389,7 +389,7 @@ class Import(Case):
         values.astype("<i2").transpose(2, 1, 0).tofile(file)
         return file, json.dumps({"size": [70, 80, 90], "type": "int16", "unit": "mm"})
 
-    def test_bricks_are_those_of_the_vdb_that_it_makes(self):
+    def test_imported_bricks_equal_those_of_the_imported_vdb(self):
         file, layout = self.raw()
         run("import", file, self.dir / "cube.vdb", "--raw", layout)
         direct, between = self.dir / "direct", self.dir / "between"
@@ -402,7 +402,7 @@ class Import(Case):
         self.assertEqual(facts["source"], "cube.raw")
 
     @suite.smoke
-    def test_what_cannot_be_is_refused(self):
+    def test_invalid_outputs_are_refused(self):
         file, layout = self.raw()
         words = ["import", file, "--raw", layout, "--bricks"]
         self.refused(*words, self.dir / "a.vdb", says="name it without .vdb")

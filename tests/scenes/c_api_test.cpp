@@ -68,7 +68,7 @@ class Folder {
 
 }  // namespace
 
-TEST_CASE("a host in C feels a scene, and keeps it where another is wrong", "[c]") {
+TEST_CASE("a host in C gets the force of a scene, and keeps the scene if a reload fails", "[c]") {
   const Host host;
   (void)host.press();
   for (int i = 0; i < 100; ++i) (void)host.tick(0.04);  // at rest
@@ -85,7 +85,7 @@ TEST_CASE("a host in C feels a scene, and keeps it where another is wrong", "[c]
   CHECK(test::CountScope::counts().allocations == 0);
 }
 
-TEST_CASE("a host in C is told in one line what is wrong", "[c]") {
+TEST_CASE("each failed load gives a host in C a one-line error", "[c]") {
   const Host host;
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const auto refusal = [&](const char* path, palpate_arm arm, double rate) {
@@ -118,7 +118,8 @@ TEST_CASE("a host in C is told in one line what is wrong", "[c]") {
   palpate_unload(nullptr);
 }
 
-TEST_CASE("a host in C is cut until it clears, and told why", "[c]") {
+TEST_CASE("a fault cuts the force of a host in C until it clears the fault, and has a description",
+          "[c]") {
   const Host host;
   (void)host.press();
   const palpate_felt bad = host.tick(std::numeric_limits<double>::quiet_NaN());
@@ -134,7 +135,7 @@ TEST_CASE("a host in C is cut until it clears, and told why", "[c]") {
     CHECK(std::string(palpate_fault_words(none)).empty());
 }
 
-TEST_CASE("a host in C asks why, and gets all of it or as much as it has room for", "[c]") {
+TEST_CASE("an explanation for a host in C is whole or cut to the size of the buffer", "[c]") {
   const Host host;
   const double at[3] = {0.0, 0.0, 0.03};
   const double push[3] = {0.0, 0.0, -1e-3};
@@ -155,7 +156,7 @@ TEST_CASE("a host in C asks why, and gets all of it or as much as it has room fo
   CHECK(std::string(why).rfind("push: ", 0) == 0);  // the name of the function's own argument
 }
 
-TEST_CASE("a host in C may go to another folder after it has loaded", "[c]") {
+TEST_CASE("a host in C may change its working directory after a load", "[c]") {
   const Host host;
   const Folder before(std::filesystem::path(host.file()).parent_path());
   char error[200];

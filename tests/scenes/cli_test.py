@@ -3,7 +3,6 @@
 tests that depend on how the machine schedules, without it all others."""
 import csv
 import fcntl
-import functools
 import io
 import json
 import math
@@ -21,6 +20,7 @@ import time
 import unicodedata
 import unittest
 from pathlib import Path
+from random import Random
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 import process  # noqa: E402
@@ -62,8 +62,8 @@ class Case(unittest.TestCase):
 class Program(Case):
     @suite.smoke
     def test_help_has_an_example_for_every_verb(self):
-        for verb in ("info", "brick", "make", "shatter", "sample", "solve", "check", "explain", "press",
-                     "feel", "view", "compare", "convert", "plot", "stability", "devices", "schema", "completion", "help"):
+        for verb in ("info", "brick", "make", "sample", "solve", "check", "explain", "press",
+                     "feel", "view", "compare", "convert", "plot", "stability", "devices", "schema", "help"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+\+?\))?\n"
                          r"\w+ [\d.]+, \w+; imports with(out)? VTK\n$")
@@ -88,16 +88,9 @@ def verbs():
     return [line.split()[0] for line in told.splitlines()]
 
 
-def options(verb):
-    """Returns the options that the verb's --help lists."""
-    told = run(verb, "--help").stdout.split("\nOptions:\n")[1].split("\n\n")[0]
-    return {name for line in told.splitlines() if line.startswith("  -")
-            for name in line.split()[0].split(",")}
-
-
 class Help(Case):
     """The help text is the same for each way to request it."""
-    def test_help_of_a_verb_is_what_it_says_itself(self):
+    def test_help_of_a_verb_equals_its_own_help(self):
         self.assertEqual(run("help").stdout, run("--help").stdout)
         self.assertGreater(len(verbs()), 15)
         for verb in verbs():
@@ -106,59 +99,6 @@ class Help(Case):
             self.assertTrue(told.replace("\n", "").isprintable(), verb)
         self.refused("help", "fel", says='did you mean "feel"?')
         self.refused("help", "feel", "check", says="see palpate help --help")
-
-    @staticmethod
-    @functools.cache
-    def completion(shell):
-        return run("completion", shell).stdout
-
-    def bash(self, *words):
-        """Returns bash's completions of the last word."""
-        script = self.completion("bash") + """
-            complete -p palpate >/dev/null
-            COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _palpate; printf '%s\\n' "${COMPREPLY[@]}" """
-        done = process.run(["bash", "-euc", script, "bash", "palpate", *words], text=True,
-                              capture_output=True, timeout=60, cwd=self.dir)
-        self.assertEqual((done.returncode, done.stderr), (0, ""))
-        return set(done.stdout.split())
-
-    def test_bash_completes_verbs_options_and_values(self):
-        self.assertEqual(self.bash(""), {*verbs(), "-h", "--help", "--version"})
-        self.assertEqual(self.bash("fe"), {"feel"})
-        for verb in verbs():
-            self.assertEqual(self.bash(verb, "-"), options(verb), verb)
-        self.assertEqual(self.bash("feel", "a.json", "--tr"), {"--trace"})
-        self.assertEqual(self.bash("import", "a.nii", "--as", ""), {"vector", "tensor"})
-        self.assertEqual(self.bash("completion", ""), {"bash", "zsh"})
-        self.assertEqual(self.bash("schema", "a"), {"arm"})
-        self.assertEqual(self.bash("scene", "a.vdb", "--for", "c"), {"cfd", "ct"})
-        self.assertEqual(self.bash("help", "fe"), {"feel"})
-        self.assertEqual(self.bash("feel", "a.json", "--device", ""),
-                         {"simulated", "simulated:", "path:", "replay:", "hid", "hid:", "plugin:", "igtl"})
-        self.assertEqual(self.bash("view", "a.json", "--device", "m"), {"mouse"})
-        self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "path", ":"))
-        self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "replay", ":"))
-        self.assertIn("ball.vdb", self.bash("feel", "ba"))
-        self.assertIn("ball.vdb", self.bash("feel", "--seconds", "10", "ba"))
-
-    @unittest.skipUnless(shutil.which("zsh"), "no zsh")
-    @suite.smoke
-    def test_zsh_reads_it(self):
-        script = self.dir / "_palpate"
-        script.write_text(self.completion("zsh"))
-        process.run(["zsh", "-n", script], check=True, timeout=60)
-
-    def test_of_zsh_it_says_the_same(self):
-        text = self.completion("zsh")
-        self.assertTrue(text.startswith("#compdef palpate\n"))
-        for verb in verbs():
-            case = text.split(f"\n    {verb}) _arguments")[1].split(";;")[0]
-            self.assertEqual(set(re.findall(r"'\*?(-[-a-z]+)\[", case)), options(verb), verb)
-        self.assertIn("'--as[What the volumes", text)
-        self.assertIn(":TEXT:(vector tensor)'", text)
-        self.assertIn(":D:(simulated simulated\\: path\\: replay\\: hid hid\\: plugin\\: igtl)'", text)
-        self.assertIn("'--json[Report as JSON]'", text)
-        self.assertIn("':SCENE:_files'", text)
 
 
 class Documents(unittest.TestCase):
@@ -170,8 +110,8 @@ class Documents(unittest.TestCase):
 
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
-        for verb in ("info", "import", "brick", "make", "shatter", "sample", "solve", "check",
-                     "explain", "press", "feel", "plot", "stability", "devices", "schema", "completion", "help"):
+        for verb in ("info", "import", "brick", "make", "sample", "solve", "check",
+                     "explain", "press", "feel", "plot", "stability", "devices", "schema", "help"):
             self.assertIn(f"\n## {verb} ", text)
 
 
@@ -202,7 +142,7 @@ class Info(Case):
 
 class Make(Case):
     @suite.smoke
-    def test_a_full_disk_is_told(self):
+    def test_a_full_disk_is_reported(self):
         out = self.dir / "full.vdb"
         done = process.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
                               capture_output=True, text=True, timeout=300)
@@ -250,39 +190,47 @@ class Make(Case):
         self.refused("make", "fibres", says="see palpate make --help")
 
 
-class Shatter(Case):
+class Parts(Case):
+    """Scenes of many instances."""
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
         run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 2)
 
-    def shatter(self, out, *words, count=30, room=0.1):
-        return run("shatter", self.dir / "bodies.vdb", self.dir / out, "--grid", "cloud", "--value",
-                   0.3, "--pieces", 3, "--count", count, "--room", room, *words)
+    def strew(self, name, count, room, strength):
+        """Writes a scene of `count` clouds, each of one of three volumes, turned at random in a cube of edge `room`."""
+        random = Random(1)
+        volumes = [f"cloud-{i}" for i in range(3)]
+        places = [{"scale": 5e-4, "rotation_wxyz": [random.gauss(0, 1) for _ in range(4)],
+                   "translate": [random.uniform(-0.5, 0.5) * room for _ in range(3)]} for _ in range(count)]
+        scene = self.dir / f"{name}.json"
+        scene.write_text(json.dumps({
+            "palpate": 1,
+            "volumes": {volume: {"file": "bodies.vdb", "grid": "cloud", "instances": places[i::3]}
+                        for i, volume in enumerate(volumes)},
+            "modes": [{"name": volume, "mode": "isosurface", "of": volume, "value": 0.3, "strength": strength}
+                      for volume in volumes]}))
+        return scene
 
-    def test_a_made_scene_is_felt_and_told(self):
-        made = json.loads(self.shatter("rubble", "--json").stdout)
-        self.assertEqual((made["pieces"], made["places"]), (3, 30))
-        self.assertEqual(made["scene"], str(self.dir / "rubble" / "scene.json"))
-        self.assertEqual(sorted(os.listdir(self.dir / "rubble")),
-                         ["fragment-001.vdb", "fragment-002.vdb", "fragment-003.vdb", "scene.json"])
-        checked = json.loads(run("check", made["scene"], "--json").stdout)
+    def test_many_parts_are_felt_and_reported(self):
+        scene = self.strew("many", 30, 0.1, 3)
+        checked = json.loads(run("check", scene, "--json").stdout)
         self.assertEqual(checked["parts"], 30)
-        felt = json.loads(run("feel", made["scene"], "--seconds", 5, "--json").stdout)
+        felt = json.loads(run("feel", scene, "--seconds", 5, "--json").stdout)
         self.assertEqual(felt["parts"]["all"], 30)
         self.assertGreater(felt["parts"]["near_mean"], 0)
         self.assertLessEqual(felt["parts"]["near_most"], 30)
         self.assertEqual(felt["parts"]["crowded_ticks"], 0)
         self.assertEqual(felt["parts"]["missing_max"], 0)
-        # The report lists modes by piece, and only those that were felt.
+        # The report lists modes by volume, and only those that were felt.
         self.assertTrue(felt["felt"])
         for mode in felt["felt"]:
-            self.assertIn(mode["mode"], ("fragment-001", "fragment-002", "fragment-003"))
+            self.assertIn(mode["mode"], ("cloud-0", "cloud-1", "cloud-2"))
             self.assertGreater(mode["touches"], 0)
         # The parts bear all the force here, except for Newton's step beyond the balance: at most the stiffness times
         # the tolerance, 500 N/m times 0.01 voxel.
         rows = list(csv.DictReader(io.StringIO(
-            run("feel", made["scene"], "--seconds", 5, "--trace", "-").stdout)))
+            run("feel", scene, "--seconds", 5, "--trace", "-").stdout)))
         self.assertEqual([name for name in rows[0] if name.startswith("load_")], ["load_parts"])
         self.assertTrue(any(float(row["load_parts"]) > 0.1 for row in rows))
         apart = [abs(float(row["load_parts"]) - math.hypot(*(float(row[f"force_{a}"]) for a in "xyz")))
@@ -290,45 +238,24 @@ class Shatter(Case):
         self.assertGreater(len(apart), 4900)
         self.assertLess(max(apart), 1.5e-2)
         self.assertGreater(sum(gap < 1e-3 for gap in apart), 4800)
-        words = run("feel", made["scene"], "--seconds", 5)
+        words = run("feel", scene, "--seconds", 5)
         self.assertIn("of 30 near in the mean", words.stdout)
         self.assertNotIn("nothing was felt", words.stderr)
         picture = self.dir / "felt.png"
-        drawn = run("feel", made["scene"], "--seconds", 5, "--picture", picture)
+        drawn = run("feel", scene, "--seconds", 5, "--picture", picture)
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         self.assertNotIn("picture:", drawn.stderr)
         os.remove(picture)
         self.assertNotIn("crowded", words.stdout)
 
-    def test_more_than_there_is_room_for_is_told(self):
-        self.shatter("heap", "--strength", 0.1, count=200, room=0.01)
-        done = run("feel", self.dir / "heap" / "scene.json", "--seconds", 5, "--json")
+    def test_too_many_parts_at_one_place_are_reported(self):
+        scene = self.strew("heap", 200, 0.01, 0.1)
+        done = run("feel", scene, "--seconds", 5, "--json")
         parts = json.loads(done.stdout)["parts"]
         self.assertGreater(parts["crowded_ticks"], 0)
         self.assertGreater(parts["missing_max"], 0)
-        words = run("feel", self.dir / "heap" / "scene.json", "--seconds", 5).stdout
+        words = run("feel", scene, "--seconds", 5).stdout
         self.assertIn("more than 64 parts met", words)
-
-    @suite.smoke
-    def test_refusals_leave_nothing(self):
-        self.shatter("there")
-        before = sorted(os.listdir(self.dir))
-
-        def refused(says, *words, out=self.dir / "new", value=0.3, grid="cloud"):
-            self.refused("shatter", self.dir / "bodies.vdb", out, "--value", value, "--grid", grid,
-                         *words, says=says)
-
-        refused("it is there already", out=self.dir / "there")
-        refused("there is no surface of 400", value=400)
-        refused("level set", grid="bowl")
-        refused("--value", value="nan")
-        refused("--count", "--count", 3)
-        refused("cannot be made", out="/no/such/place/new")
-        refused("it is there already", out="/")
-        refused("it has no name", out="")
-        self.refused("shatter", self.dir / "linear.vdb", self.dir / "new", "--value", 4, "--grid",
-                     "velocity", says="has vectors")
-        self.assertEqual(sorted(os.listdir(self.dir)), before)
 
 
 class Sample(Case):
@@ -421,7 +348,7 @@ class Solve(Case):
         self.assertLess(answer["error_bound"], 1e-8)
         self.assertAlmostEqual(answer["force"][0], -0.5, places=6)
 
-    def test_what_fails_to_be_read_is_not_its_end(self):
+    def test_a_failed_read_is_not_the_end_of_the_input(self):
         # No memory is mapped at the beginning of this file, so that reading fails.
         failing = "/proc/self/mem"
         for verb, *words in (("solve",), ("sample", self.dir / "ball.vdb", "--points")):
@@ -498,96 +425,37 @@ class Check(Case):
         self.assertIn("derives   unit of flow", run("check", scene).stdout)
 
     @suite.smoke
-    def test_says_where_a_solid_is_thin(self):
-        scene = self.dir / "thin.json"
-        mode = {"name": "tip", "mode": "isosurface", "of": "it", "value": 11.9, "strength": 1}
-        it = {"file": "linear.vdb", "grid": "density",
-              "place": {"scale": 0.01, "translate": [1, 0, 0]}}
+    def test_says_where_a_surface_leaves_its_data(self):
+        scene = self.dir / "edge.json"
+        mode = {"name": "tip", "mode": "isosurface", "of": "it", "value": 0, "solid": "below", "strength": 1}
+        it = {"file": "ball.vdb", "grid": "ball", "place": {"scale": 0.01, "translate": [1, 0, 0]}}
         text = {"palpate": 1, "volumes": {"it": it}, "modes": [mode]}
 
-        def lines():
+        def edge():
             scene.write_text(json.dumps(text))
-            return [l for l in run("check", scene).stdout.splitlines()
-                    if l.startswith("thickness ")]
+            told = [l for l in run("check", scene).stdout.splitlines() if l.startswith("edge ")]
+            data = json.loads(run("check", scene, "--json").stdout)
+            return told, data["modes"][0]["edge"], data["volumes"]["it"]
 
-        def thickness():
-            scene.write_text(json.dumps(text))
-            return json.loads(run("check", scene, "--json").stdout)["modes"][0]["thickness"]
-
-        # Only the voxel at (4, 4, 0) is above 11.9: eight cells around it.
-        line, = lines()
-        self.assertTrue(line.startswith("thickness tip: 8 surface cells; 8 (100 %) thinner than "
-                                        "1.5 voxels, 8 of them than 1, most together at (1.04, "),
-                        line)
-        self.assertTrue(line.endswith("): a fast hand can pass there: take a lower value, or import "
-                                      "it with a smaller --voxel"), line)
-        found = thickness()
-        self.assertEqual([found[k] for k in ("surface_cells", "thin_cells", "below_one")],
-                         [8, 8, 8])
-        self.assertLess(0, found["least"])
-        self.assertLessEqual(found["least"], found["tenth"])
-        self.assertLess(found["tenth"], 0.2)
-        # The suggested remedy works: at a lower value a smaller share is thin.
-        mode["value"] = 6
-        self.assertLess(thickness()["thin_cells"] / thickness()["surface_cells"], 0.5)
-        mode.update(value=-3.9, solid="below")
-        self.assertIn("take a higher value", thickness()["remedy"])
-        mode.update(value=11.9, solid="above")
-        for place in ("thinnest", "crowd_at"):
-            for w, f, at, shift in zip(found[place], found[place + "_file"], (4, 4, 0), (1, 0, 0)):
-                self.assertAlmostEqual(f, at, delta=0.1)
-                self.assertAlmostEqual(w, 0.01 * f + shift, delta=1e-12)
-
-        # For a thick solid, check prints no thickness line; the JSON has all numbers.
-        it["file"], it["grid"] = "ball.vdb", "ball"
-        mode.update(value=0, solid="below")
-        self.assertEqual(lines(), [])
-        found = thickness()
-        self.assertGreater(found["surface_cells"], 1000)
-        self.assertEqual([found[k] for k in ("thin_cells", "below_one", "crowd", "least")],
-                         [0, 0, 0, None])
-
+        told, found, volume = edge()
+        self.assertEqual((told, found), ([], {"open_cells": 0, "open_at": None}))
+        # The band ends three voxels outside the surface.
+        mode["value"] = 2.9 * volume["voxel"] / volume["metres_per_unit"]
+        (line,), found, _ = edge()
+        self.assertRegex(line, r"^edge      tip: the surface leaves its data in \d+ cells, first at \(.*\): the force "
+                               r"ends there in one tick: give a wider band or larger data$")
+        self.assertIn(f" {found['open_cells']} cells", line)
+        self.assertGreater(found["open_cells"], 1000)
+        # The ball has a radius of 2 units, and its band ends at 2.3.
+        self.assertAlmostEqual(math.dist(found["open_at"], [1, 0, 0]), 0.023, delta=0.002)
         it["interpolation"] = "cubic"
-        self.assertEqual(lines(), ["thickness tip: not looked at: only trilinear volumes in memory are"])
-        self.assertIsNone(thickness())
-
-        # Fields computed at load are analysed as well; other modes have no thickness.
-        text["volumes"]["it"] = {"file": "linear.vdb", "grid": "velocity"}
-        text["fields"] = {"speed": {"magnitude": "it"}}
-        mode.update(of="speed", value=3, solid="above")
-        self.assertGreater(thickness()["surface_cells"], 0)
+        self.assertEqual(edge()[:2], ([], None))
+        # Other modes have no edge.
         mode.update(mode="surface")
         for key in ("value", "solid"):
             del mode[key]
         scene.write_text(json.dumps(text))
-        self.assertNotIn("thickness", run("check", scene, "--json").stdout)
-
-    def test_says_where_two_solids_leave_a_gap(self):
-        scene = self.dir / "gap.json"
-        ball = {"file": "ball.vdb", "grid": "ball"}
-        core = {"name": "core", "mode": "isosurface", "of": "it", "value": 0, "solid": "below", "strength": 1}
-        shell = {**core, "name": "shell", "of": "around", "solid": "above"}
-        text = {"palpate": 1, "volumes": {"it": ball, "around": ball}, "modes": [core, shell]}
-
-        def gaps(value):
-            shell["value"] = value
-            scene.write_text(json.dumps(text))
-            told = [l for l in run("check", scene).stdout.splitlines() if l.startswith("gap ")]
-            return told, json.loads(run("check", scene, "--json").stdout)
-
-        told, data = gaps(0)
-        self.assertEqual((told, data["gaps"]), ([], []))
-        volume = data["volumes"]["it"]
-        voxel = volume["voxel"] / volume["metres_per_unit"]
-        (line,), data = gaps(0.5 * voxel)
-        self.assertRegex(line, r"^gap       core and shell: \d+ of \d+ surface cells face the other solid across a "
-                               r"gap, median 0\.\d+ voxels, widest 0\.\d+ \(.* mm\) at \(.*\): a hand catches")
-        gap, = data["gaps"]
-        self.assertEqual(gap["facing_cells"], gap["surface_cells"])
-        self.assertAlmostEqual(gap["median"], 0.5, delta=0.05)
-        self.assertAlmostEqual(gap["widest_metres"], 0.5 * volume["voxel"], delta=0.05 * volume["voxel"])
-        self.assertEqual(gap["between"], ["core", "shell"])
-        self.assertEqual(gaps(-2 * voxel)[0], [])  # the volumes overlap
+        self.assertNotIn("edge", json.loads(run("check", scene, "--json").stdout)["modes"][0])
 
     @suite.smoke
     def test_bad_scenes(self):
@@ -618,7 +486,7 @@ class Check(Case):
 
 class Room(Case):
     """The stability margin of a coupling, and the energy tank."""
-    def test_check_and_feel_say_it(self):
+    def test_check_and_feel_report_the_same_margin(self):
         ball = self.dir / "undamped.json"
         ball.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode": '
                         '"isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
@@ -634,7 +502,7 @@ class Room(Case):
         self.assertEqual(kept["tank"]["debt"], 0)
 
     @suite.smoke
-    def test_a_coupling_that_swings_is_told(self):
+    def test_an_unstable_coupling_is_reported(self):
         scene = self.dir / "stiff.json"
         scene.write_text(json.dumps({
             "palpate": 1, "coupling": {"stiffness": 9000},
@@ -652,7 +520,7 @@ class Room(Case):
         at, = (i for i, line in enumerate(lines) if line.startswith("room "))
         return [lines[at]] + [line for line in lines[at + 1:at + 2] if line.startswith(" ")]
 
-    def test_it_is_a_sentence_and_its_numbers_are_for_who_asks(self):
+    def test_the_margin_is_one_sentence_and_verbose_adds_numbers(self):
         scene = self.dir / "room.json"
 
         def asked(**coupling):
@@ -747,7 +615,7 @@ class Feel(Case):
             force = math.hypot(*(float(row[f"force_{a}"]) for a in "xyz"))
             self.assertAlmostEqual(float(row["load_wall"]), force, places=9)
 
-    def test_loads_are_those_that_explain_tells(self):
+    def test_loads_equal_those_of_explain(self):
         wall = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3,
                 "friction": 0.4}
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.3}
@@ -800,7 +668,7 @@ class Feel(Case):
         self.assertEqual(sum(summary["status"].values()), len(rows))
         os.remove(trace)
 
-    def test_a_hand_that_is_nowhere_cuts_the_force(self):
+    def test_a_hand_out_of_range_cuts_the_force(self):
         device = self.path([(0, 0, 0, 0.03), (0.01, 0, 0, 0.03), (0.02, 1e7, 0, 0)])
         trace = self.dir / "trace.csv"
         done = run("feel", self.dir / "ball.vdb", "--device", device, "--trace", trace,
@@ -900,7 +768,7 @@ class Feel(Case):
         os.remove(precious)
 
     @suite.smoke
-    def test_what_can_hardly_be_meant_is_said(self):
+    def test_a_run_without_force_is_reported(self):
         scene = self.dir / "high.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode":'
                          ' "isosurface", "of": "a", "value": 50, "strength": 1}]}')
@@ -930,7 +798,7 @@ class Feel(Case):
         run("feel", ball, "--device", f"path:{away}", status=1)
 
     @suite.smoke
-    def test_it_ends_with_where_most_was_felt_for_explain(self):
+    def test_it_ends_with_an_explain_command_for_the_largest_force(self):
         place = self.dir / "it's a ball.vdb"
         place.write_bytes((self.dir / "ball.vdb").read_bytes())
         felt = json.loads(run("feel", place, "--json").stdout)
@@ -948,7 +816,7 @@ class Feel(Case):
         os.remove(place)
 
     @suite.smoke
-    def test_where_most_was_felt_of_what_moves(self):
+    def test_the_explain_command_fits_a_moving_volume(self):
         """Explain begins with the scene: a moving volume is felt where it was at that time."""
         turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
                  for t, z in ((0, 0), (10, 0.02))]
@@ -994,7 +862,7 @@ class Feel(Case):
                      says="would be mixed")
         self.refused("feel", ball, *(["--device", left] * 5), says="give one to four")
 
-    def test_what_cannot_be_on_time_is_refused(self):
+    def test_invalid_realtime_options_are_refused(self):
         ball = self.dir / "ball.vdb"
         self.refused("feel", ball, "--realtime", "--rate", 100, says="100 Hz is not 500 to 20000")
         self.refused("feel", ball, "--realtime", "--rate", 30000, says="500 to 20000")
@@ -1032,7 +900,7 @@ class OnTime(Case):
         self.assertEqual(done.returncode == 1, summary["faults"] != {})
         return summary, done.stderr
 
-    def test_on_time_it_says_how_well_time_was_kept(self):
+    def test_a_realtime_run_reports_its_timing(self):
         trace = self.dir / "trace.csv"
         summary, _ = self.on_time(self.dir / "ball.vdb", "--seconds", 1.5, "--rate", 2000, "--trace",
                                   trace)
@@ -1078,7 +946,7 @@ class OnTime(Case):
         self.assertEqual(json.loads(out)["scenes"], len(felt))
         return felt
 
-    def test_a_scene_that_changes_is_felt_anew_and_a_broken_one_is_not(self):
+    def test_a_changed_scene_is_loaded_and_a_broken_one_is_not(self):
         scene = self.dir / "watched.json"
         text = self.WATCHED.replace("FILE", "ball.vdb")
         child, until = self.watched(scene, text % "before")
@@ -1096,7 +964,7 @@ class OnTime(Case):
         until("it is felt now")
         self.assertEqual(self.felt(child), ["before", "after", "last"])
 
-    def test_a_volume_that_is_cut_under_it_harms_nobody(self):
+    def test_a_truncated_volume_does_not_disturb_the_run(self):
         volume = self.dir / "cut.vdb"
         whole = (self.dir / "ball.vdb").read_bytes()
         volume.write_bytes(whole)
@@ -1122,7 +990,7 @@ class OnTime(Case):
         self.assertEqual([hand["ticks"] >= 1500 for hand in hands], [True, True])
         self.assertEqual([hand["clock"] for hand in hands], ["real", "real"])
 
-    def test_escape_cuts_the_force_and_enter_lets_it_out(self):
+    def test_escape_cuts_the_force_and_enter_clears_the_cut(self):
         main, terminal = pty.openpty()
         child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--realtime",
                                   "--seconds", "100000", "--json"], stdin=terminal,
@@ -1153,7 +1021,7 @@ class OnTime(Case):
         os.close(main)
         os.close(terminal)
 
-    def test_interrupted_it_keeps_what_was_felt(self):
+    def test_an_interrupted_run_keeps_its_outputs(self):
         summary = self.dir / "interrupted.json"
         # A terminal and a launcher may both send signals.
         for signals, words in (((signal.SIGINT,), []),
@@ -1205,16 +1073,12 @@ class Interrupted(Case):
         self.assertEqual(child.returncode, 130, said)
         return said
 
-    def test_what_writes_a_file(self):
+    def test_an_interrupted_make_writes_no_file(self):
         for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self.assertEqual(self.end(how, "make", "wind-tunnel", "a.vdb", "--voxel", 0.002),
                              "palpate: interrupted: nothing is written\n")
-        run("make", "two-bodies", self.dir / "bodies.vdb", "--voxel", 0.25)
-        self.end(signal.SIGINT, "shatter", self.dir / "bodies.vdb", "pieces", "--grid", "cloud",
-                 "--value", 0.5, "--pieces", 4000)
-        os.remove(self.dir / "bodies.vdb")
 
-    def test_what_was_ignored_stays_so(self):
+    def test_an_ignored_signal_stays_ignored(self):
         """A run under nohup ignores SIGHUP."""
         child = subprocess.Popen(["nohup", PALPATE, "make", "wind-tunnel", "a.vdb", "--voxel", "0.003"],
                                  cwd=self.place, stdout=subprocess.DEVNULL,
@@ -1233,7 +1097,7 @@ class Interrupted(Case):
         self.assertEqual(len(trace.read_text().splitlines()), 1001)
         os.remove(trace)
 
-    def test_at_a_terminal_it_says_where_it_is_until_ctrl_c(self):
+    def test_a_terminal_shows_the_progress_until_ctrl_c(self):
         terminal = Terminal([PALPATE, "stability", "--size", 257, "--rate", 4000, "--map",
                              "a.json"], self.place)
         self.assertTrue(terminal.until("mapping: "), terminal.drawn)
@@ -1244,7 +1108,7 @@ class Interrupted(Case):
         # The progress line is erased.
         self.assertIn("\x1b[K" + "palpate: interrupted", terminal.drawn)
 
-    def test_scripts_say_where_they_are_and_end_at_once(self):
+    def test_scripts_show_their_progress_and_end_at_once(self):
         """The function with which demo.sh, test.sh and .ci/install run long commands."""
         watched = Path(__file__).resolve().parents[2] / ".ci" / "watched"
         terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
@@ -1258,7 +1122,7 @@ class Interrupted(Case):
         self.assertLess(took, self.SOON)
         os.remove(self.place / "log")
 
-    def test_what_is_short_says_nothing(self):
+    def test_a_short_command_shows_no_progress(self):
         terminal = Terminal([PALPATE, "info", self.dir / "ball.vdb"], self.place)
         self.assertEqual(terminal.ended()[0], 0)
         self.assertEqual(terminal.drawn, "")
@@ -1269,13 +1133,10 @@ class Stability(Case):
         # 250 ticks a second: four times faster to compute.
         planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
                                 "--json").stdout)
-        names = [method["name"] for method in planes["methods"]]
-        self.assertEqual(len(names), 7)
-        for method in planes["methods"]:
-            self.assertEqual([len(row) for row in method["rows"]], [9] * 9)
-        rests = {method["name"]: method["rests"] for method in planes["methods"]}
-        self.assertGreater(rests["palpate"], 0.6)
-        self.assertEqual(rests["force function"], 0.0)
+        self.assertEqual([method["name"] for method in planes["methods"]], ["palpate"])
+        solver = planes["methods"][0]
+        self.assertEqual([len(row) for row in solver["rows"]], [9] * 9)
+        self.assertGreater(solver["rests"], 0.6)
 
         out = self.dir / "ball"
         ball = ("stability", self.dir / "ball.vdb", "--size", 9, "--rate", 250, "--delay", 0.004,
@@ -1285,7 +1146,7 @@ class Stability(Case):
         self.assertEqual(Path(f"{out}.png").read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         self.assertIn("<svg", Path(f"{out}.svg").read_text())
         drawn = json.loads(Path(f"{out}.json").read_text())
-        self.assertEqual(drawn["methods"][0]["name"], "whole tick")
+        self.assertEqual([method["name"] for method in drawn["methods"]], ["whole tick", "palpate"])
         self.assertAlmostEqual(drawn["boundaries"][0]["passive"], 250 / 3, places=3)
         # Deterministic.
         again = self.dir / "again.json"
@@ -1295,7 +1156,7 @@ class Stability(Case):
             os.remove(f"{out}{ending}")
         os.remove(again)
 
-    def test_what_pushes_needs_a_refill(self):
+    def test_a_moving_volume_needs_a_refill(self):
         """A ball that moves to and fro does work on the hand: the tank limits the force, except for the refill."""
         scene = self.dir / "beating.json"
         place = {"keyframes": [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
@@ -1405,7 +1266,7 @@ class Devices(Case):
         self.refused("devices", "--test", "hid:polhem", says="no such arm is plugged in")
 
     @suite.smoke
-    def test_what_cannot_be_watched_is_refused(self):
+    def test_invalid_arms_to_watch_are_refused(self):
         for arm in ("hid:polhem", "polhem"):
             self.refused("devices", "--watch", arm, says="no such arm is plugged in")
         self.refused("devices", "--watch", "woodenhaptics", says="woodenhaptics-v2015 or")
@@ -1413,7 +1274,7 @@ class Devices(Case):
         self.refused("devices", "polhem", "--watch", "hid:polhem", says="it names its own arm")
 
     @suite.smoke
-    def test_what_a_profile_comes_to(self):
+    def test_facts_and_names_of_profiles_are_checked(self):
         words = run("devices", "polhem").stdout
         self.assertIn("current_b, which gives at most 3", words)
         facts = json.loads(run("devices", "polhem", "--json").stdout)["facts"]
@@ -1457,7 +1318,7 @@ class Devices(Case):
             self.assertEqual(told[profile["name"]], (asked, step), profile["name"])
 
     @suite.smoke
-    def test_a_broken_profile_of_ones_own_is_told(self):
+    def test_a_broken_profile_of_the_user_is_reported(self):
         with tempfile.TemporaryDirectory() as folder:
             arms = Path(folder) / "palpate/arms"
             arms.mkdir(parents=True)
@@ -1561,7 +1422,6 @@ class Hostile(Case):
             self.legible("stability", "--device", name)
             self.legible("devices", name)
             self.legible("devices", "--test", name)
-            self.legible("shatter", ball, self.dir / "never", "--value", "0", "--grid", name)
             self.legible("import", name, self.dir / "never.vdb")
             self.legible("solve", "-", stdin=b'{"' + name + b'":1}\n')
 
@@ -1584,7 +1444,7 @@ class Hostile(Case):
                     self.legible(verb, file)
                 shutil.rmtree(folder)
 
-    def test_what_is_not_seen_is_escaped(self):
+    def test_unprintable_characters_are_escaped(self):
         points = [c for c in map(chr, range(0x110000))
                   if unicodedata.category(c) in ("Cf", "Zl", "Zp")]
         points += "\u034f\u115f\u1160\u17b4\u17b5\u2065\u3164\uffa0\U000e0100\U000e01ef\U0001fffe"

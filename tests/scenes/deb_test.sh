@@ -17,8 +17,6 @@ holds palpate ./usr/bin/palpate
 holds palpate ./usr/bin/palpate-import-light
 holds palpate ./usr/lib/udev/rules.d/70-palpate-arms.rules
 holds palpate ./usr/share/man/man1/palpate-feel.1
-holds palpate ./usr/share/bash-completion/completions/palpate
-holds palpate ./usr/share/zsh/vendor-completions/_palpate
 holds palpate ./usr/share/palpate/palpate-limits.conf
 holds palpate ./usr/share/palpate/trace_picture.py
 holds palpate ./usr/share/palpate/picture_style.py

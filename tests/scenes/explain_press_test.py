@@ -159,7 +159,7 @@ class Explain(Touch):
                           out["force"]["wanted"])
 
     @suite.smoke
-    def test_where_no_mode_acts_each_says_why(self):
+    def test_each_mode_that_does_not_act_says_why(self):
         far = {"file": "ball.vdb", "place": {"scale": 0.001, "translate": [1, 0, 0]}}
         scene = self.scene(
             {"name": "gone", "mode": "isosurface", "of": "far", "value": 0, "solid": "below",
@@ -218,7 +218,7 @@ class Explain(Touch):
         self.assertEqual(out["because"][0], "Nothing holds the proxy.")
         self.near(out["balance"]["proxy"], [0.001, 0, 0])
 
-    def test_a_slab_is_one_thing(self):
+    def test_a_slab_is_reported_as_one_primitive(self):
         front = {"name": "front", "mode": "front_shape", "of": "v", "strength": 1}
         way = [c / math.sqrt(44) for c in (-2, 2, 6)]
         out, _ = self.explain(self.scene(front), MIDDLE, along(way, 0.001))
@@ -237,7 +237,7 @@ class Explain(Touch):
         self.assertEqual(self.mode(out, "wind")["state"], "pushes")
         self.assertAlmostEqual(size(out["rest"]["force"]), 0.3)
 
-    def test_a_stiffness_that_varies_is_settled_first(self):
+    def test_a_varying_stiffness_settles_first(self):
         scene = self.scene(WALL, coupling={"stiffness": {"piecewise": [[0, 300], [8, 500]],
                                                          "by": "d"}})
         # The hand starts outside the wall's reach of two voxels.
@@ -356,7 +356,7 @@ class Press(Touch):
                    words(along(INTO, 0.014)), "--speed", 14).stdout
         self.assertIn("wall: not felt; gave way at 14 mm within a tick; let go at 14 mm", said)
 
-    def test_a_drag_loses_what_it_takes(self):
+    def test_a_drag_dissipates_the_work_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
         summary, rows = self.press(self.scene(drag), MIDDLE, [0, 0.01, 0])
         # Up to 0.5 N over a millimetre, back through zero over two.
@@ -509,7 +509,7 @@ class NearParts(Touch):
         done = run(*words_)
         return done.stdout.replace("few.json", "touch.json"), done.stderr
 
-    def test_each_near_part_is_told_as_if_it_were_written_out(self):
+    def test_near_parts_are_reported_as_in_a_scene_of_only_them(self):
         many = self.many(1000)
         few = self.few((0, 1, 2))
         for push in ([0, 0, 0.001], along(INTO, 0.002), along(INTO, -0.004)):
@@ -534,7 +534,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]],
                          ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])
 
-    def test_what_is_there_alone_is_a_part_among_many(self):
+    def test_a_part_among_many_is_reported_as_if_alone(self):
         balls = {f"b{i}": {"file": "ball.vdb", "place": {"like": f"b{i - 1}"} if i == 5 else
                            {"scale": 0.01, "translate": [0.2 * i, 0, 0]}} for i in range(12)}
         skins = [{"name": f"skin {i}", "mode": "isosurface", "of": f"b{i}", "value": 0,
@@ -573,7 +573,7 @@ class NearParts(Touch):
                                               "0.15,0,0", "--speed", 1).stderr)
 
     @suite.smoke
-    def test_names_notes_crowds_and_what_nothing_reads(self):
+    def test_names_notes_crowds_and_unread_volumes(self):
         ball = {"file": "ball.vdb"}
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
                 "strength": 3}

@@ -1,4 +1,4 @@
-/// Tests the exploration path of a simulated hand, in scenes whose places are known.
+/// Tests the exploration path of a simulated hand, in scenes with known surfaces.
 #include "palpate/scenes/apps/common/finder.h"
 
 #include <cmath>
@@ -85,7 +85,7 @@ Run feel(const Scene& scene, const Vec3& about = Vec3::Zero()) {
 
 }  // namespace
 
-TEST_CASE("a small ball far off the middle of a big box is found and felt from two sides",
+TEST_CASE("a small ball far from the middle of a large box is found and touched from two sides",
           "[finder]") {
   const Vec3 centre(0.03, -0.027, 0.021);
   GraphSpec spec;
@@ -100,7 +100,7 @@ TEST_CASE("a small ball far off the middle of a big box is found and felt from t
   CHECK(run.farthest < kRadius);
 }
 
-TEST_CASE("a smoke is felt where it is dense", "[finder]") {
+TEST_CASE("the exploration path finds smoke where it is dense", "[finder]") {
   const Vec3 centre(-0.02, 0.015, -0.01);
   const FieldPtr smoke = makeScalarField(frame(), [=](const Vec3& p) noexcept {
     constexpr double kWidth = 0.012;
@@ -119,7 +119,7 @@ TEST_CASE("a smoke is felt where it is dense", "[finder]") {
   CHECK(run.held[1] > 0.4);
 }
 
-TEST_CASE("vectors alone are felt across them", "[finder]") {
+TEST_CASE("the exploration path feels a scene that has only a flow", "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kFollow, "flow", 1.0)};
   const FieldPtr flow = makeVortex({0.02, 0.02, 0.0}, {0.0, 0.0, 5.0}, 0.01, 0.02);
@@ -129,7 +129,7 @@ TEST_CASE("vectors alone are felt across them", "[finder]") {
   CHECK(run.most > 0.9);
 }
 
-TEST_CASE("of two things apart, one of them weak, both are visited", "[finder]") {
+TEST_CASE("a strong and a weak ball apart from each other are both visited", "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "left", 3.0),
                 mode(ModeKind::kIsosurface, "right", 0.5)};
@@ -142,7 +142,7 @@ TEST_CASE("of two things apart, one of them weak, both are visited", "[finder]")
   CHECK(run.held[1] > 0.4);
 }
 
-TEST_CASE("what moves is found where it is by then, and a part like any volume", "[finder]") {
+TEST_CASE("the exploration path finds a moving ball and the parts of a scene", "[finder]") {
   SECTION("a ball that turns about the origin") {
     const std::vector<Keyframe> turn{{0.0, {1, 0, 0, 0}, Vec3::Zero()},
                                      {5.0, {0.7071, 0, 0, 0.7071}, Vec3::Zero()},
@@ -167,7 +167,7 @@ TEST_CASE("what moves is found where it is by then, and a part like any volume",
   }
 }
 
-TEST_CASE("the hand's path is the same every time, slow, and within the workspace", "[finder]") {
+TEST_CASE("the exploration path is reproducible, slow, and within the workspace", "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});
@@ -191,7 +191,7 @@ TEST_CASE("the hand's path is the same every time, slow, and within the workspac
   CHECK(farthest <= radius);
 }
 
-TEST_CASE("where there is nothing to feel the hand looks, and that is bounded", "[finder]") {
+TEST_CASE("a search that finds no surface is bounded and stays in the workspace", "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.5, 0.0, 0.0}, 0.01)}});

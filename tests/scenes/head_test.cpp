@@ -12,7 +12,7 @@
 
 using namespace palpate;
 
-TEST_CASE("a tick on the head scene allocates, locks and throws nothing, and is certified",
+TEST_CASE("ticks on the head scene never allocate, lock or throw, and nearly all converge",
           "[head][realtime]") {
   const char* file = std::getenv("PALPATE_HEAD");
   REQUIRE(file != nullptr);

@@ -125,7 +125,7 @@ class Server(Case):
 
 class Served(Stored, Server):
     @suite.smoke
-    def test_another_volume_at_the_address_is_told(self):
+    def test_another_volume_at_the_address_is_reported(self):
         record, bowl, other = (self.dir / name for name in ("served.rec", "bowl", "other"))
         run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
         again = run("feel", record, "--device", f"replay:{record}")
@@ -182,7 +182,7 @@ class Far(Case):
         (self.dir / "far.json").unlink()
         return told, json.loads(said.splitlines()[-1])
 
-    def test_what_comes_from_afar_is_felt_to_the_last_bit(self):
+    def test_over_a_lossy_network_forces_equal_the_local_ones(self):
         told, way = self.felt(0, "--loss", "0.01")
         self.assertEqual(told["faults"], {})
         self.assertGreater(way["from_one"]["lost"], 10)
@@ -195,7 +195,7 @@ class Far(Case):
         said = run("compare", self.dir / "far.rec", here, status=None).stdout
         self.assertIn("force     by 0 N at most, proxy by 0 mm", said)
 
-    def test_a_way_that_parts_cuts_the_force(self):
+    def test_a_lost_network_cuts_the_force(self):
         def part(running, log):
             end = time.monotonic() + PATIENCE
             while not (log.exists() and log.read_text().count("palpate.bricks") >= 4) and time.monotonic() < end:
@@ -210,7 +210,7 @@ class Wrong(Case):
     """Data from a network can be anything."""
 
     @suite.smoke
-    def test_what_is_no_volume_is_refused_in_a_line(self):
+    def test_an_invalid_address_or_answer_is_refused_in_a_line(self):
         self.refused("http://127.0.0.1:1/bowl", "does not come")
         for none in ("http://", "http:///bowl", "http://a:b@127.0.0.1:1/bowl", "http://127.0.0.1:1/bowl?a=b"):
             self.refused(none, "it is no address")
@@ -221,7 +221,7 @@ class Wrong(Case):
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
 
     @suite.smoke
-    def test_https_is_of_whom_the_machine_trusts(self):
+    def test_https_needs_a_certificate_that_the_machine_trusts(self):
         key, own = self.dir / "key.pem", self.dir / "own.pem"
         subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1",
                         "-nodes", "-days", "2", "-subj", "/CN=palpate", "-addext", "subjectAltName=IP:127.0.0.1",
@@ -245,7 +245,7 @@ class Wrong(Case):
         self.assertGreater(told["force_max"], 1)
 
     def served_badly(self, wrong, secret=None):
-        """Returns an address at which `wrong(path)` gives the answer for each path; None: the correct answer."""
+        """Returns an address at which `wrong(path)` gives the answer for each path, or None for the correct one."""
         serves = Bad if secret is None else Kept
         server = http.server.ThreadingHTTPServer(
             ("127.0.0.1", 0), functools.partial(serves, directory=str(self.dir), wrong=wrong))
@@ -294,7 +294,7 @@ class Wrong(Case):
         self.of_brick(lambda of: of.give(b"y" * 10), "it has 10 bytes, not the ")
         self.of_brick(lambda of: of.give(b"y" * 2_000_000), "longer than its manifest says")
 
-    def test_a_brick_that_was_wrong_once_is_fetched_anew(self):
+    def test_a_brick_that_was_wrong_once_is_fetched_again(self):
         seen = set()
 
         def once(path):

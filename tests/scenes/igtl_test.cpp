@@ -54,7 +54,7 @@ constexpr std::int64_t kNow = 1'700'000'000'250'000'000;
 
 }  // namespace
 
-TEST_CASE("OpenIGTLink's library reads what is sent to a client", "[igtl]") {
+TEST_CASE("the OpenIGTLink library reads the server's messages", "[igtl]") {
   const auto transform =
       unpacked<igtl::TransformMessage>(igtlTransform("PalpateHand", kNow, Vec3(1.5, -2.25, 300)));
   CHECK(transform->GetDeviceName() == std::string("PalpateHand"));
@@ -79,7 +79,7 @@ TEST_CASE("OpenIGTLink's library reads what is sent to a client", "[igtl]") {
   CHECK(status->GetStatusString() == std::string("no"));
 }
 
-TEST_CASE("what OpenIGTLink's library sends is read", "[igtl]") {
+TEST_CASE("the server reads messages of the OpenIGTLink library", "[igtl]") {
   const auto transform = igtl::TransformMessage::New();
   transform->SetDeviceName("PalpateSteer");
   transform->SetPosition(7.0F, -8.0F, 9.5F);
@@ -96,7 +96,7 @@ TEST_CASE("what OpenIGTLink's library sends is read", "[igtl]") {
   CHECK(readIgtlString(said.subspan(kIgtlHead)) == "cut");
 }
 
-TEST_CASE("an image of OpenIGTLink's library stands where it says", "[igtl]") {
+TEST_CASE("an image of the OpenIGTLink library keeps its size, placement and values", "[igtl]") {
   const auto image = igtl::ImageMessage::New();
   image->SetDeviceName("head");
   image->SetDimensions(4, 3, 2);

@@ -266,7 +266,7 @@ class IgtlTest(unittest.TestCase):
             last = hand
         raise AssertionError(f"the hand does not come to rest: {last}")
 
-    def test_what_is_sent_is_what_was_felt(self):
+    def test_sent_forces_and_positions_equal_the_trace(self):
         trace = self.folder / "trace.csv"
         # The machine may be late: then the force is cut, and returns.
         run = self.start("--trace", trace, "--reengage", "0.1", device="simulated")
@@ -313,7 +313,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["igtl"]["ended"], 0)
         self.assertIn("STATUS".lower(), " ".join(name.lower() for _, name, _ in told))
 
-    def test_an_image_is_felt_where_it_says(self):
+    def test_an_image_is_felt_at_its_placement(self):
         run = self.start()
         client = self.connect(run)
         client.state("felt")
@@ -337,7 +337,7 @@ class IgtlTest(unittest.TestCase):
             self.assertGreater(force[0], 0.5, which)
         self.assertEqual(run.end()["igtl"]["images"], 6)
 
-    def test_a_cut_waits_for_nothing(self):
+    def test_a_cut_waits_for_neither_the_run_nor_images(self):
         # A cut waits neither for a run that has not begun,
         run = self.start()
         early = self.connect(run)
@@ -359,7 +359,7 @@ class IgtlTest(unittest.TestCase):
         client.state("cut")
         run.end()
 
-    def test_only_the_arm_lets_force_out_again(self):
+    def test_only_the_arm_can_clear_a_cut(self):
         run = self.start()
         client = self.connect(run)
         other = self.connect(run)
@@ -384,7 +384,7 @@ class IgtlTest(unittest.TestCase):
         run.end()
         self.assertEqual(run.status, 130)
 
-    def test_what_is_no_message_ends_its_connection_alone(self):
+    def test_an_invalid_message_ends_only_its_own_connection(self):
         run = self.start()
         good = self.connect(run)
         voxels = [0] * (SIZE[0] * SIZE[1] * SIZE[2])
@@ -432,7 +432,7 @@ class IgtlTest(unittest.TestCase):
         for line in lines:
             self.assertTrue(line.startswith("palpate: "), line)
 
-    def test_what_is_not_understood_is_answered_or_skipped(self):
+    def test_unknown_messages_are_answered_or_skipped(self):
         run = self.start("--record", self.folder / "felt.rec", device="simulated")
         client = self.connect(run)
         client.send("POINT", "x", b"1" * 5000)
@@ -467,7 +467,7 @@ class IgtlTest(unittest.TestCase):
         client.until("TRANSFORM", "PalpateHand")
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 
-    def test_who_is_slow_holds_up_nobody(self):
+    def test_a_slow_client_delays_no_other_client(self):
         # The hand rests far from all surfaces, so that only other causes make ticks late.
         rest = self.folder / "rest.csv"
         rest.write_text("t,x,y,z\n0,1,1,1\n60,1,1,1\n")
@@ -493,7 +493,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["faults"], {})
         self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
 
-    def test_silent_connections_keep_no_cut_out(self):
+    def test_silent_connections_do_not_block_a_cut(self):
         run = self.start(device="simulated")
         silent = [self.connect(run) for _ in range(4)]
         silent[0].until("TRANSFORM", "PalpateProxy")
@@ -503,8 +503,8 @@ class IgtlTest(unittest.TestCase):
         late = waiting[-1]
         late.send("TRANSFORM", "PalpateSteer", transform(0, 0, 0))
         late.send("STRING", "PalpateCommand", string("cut"))
-        # The server answers a waiting client and sends it nothing else.
-        # A late tick cuts the force as well, so the answer shows whose cut it was.
+        # The server sends a waiting client only answers.
+        # A late tick cuts the force as well, so the answer shows which cut was first.
         kind, _, (code, _) = late.next()
         self.assertEqual((kind, code), ("STATUS", 1))
         self.assertEqual(json.loads(silent[0].state("cut"))["hands"][0]["state"], "cut")
@@ -529,7 +529,7 @@ class IgtlTest(unittest.TestCase):
         self.assertGreaterEqual(summary["igtl"]["connections"], 2000)
         self.assertGreaterEqual(summary["igtl"]["refused"], 17)
 
-    def test_what_is_refused(self):
+    def test_invalid_options_are_refused(self):
         def refused(*words, says):
             done, line = refusal(self, self.folder, lambda: process.run(
                 [PALPATE, *map(str, words)], capture_output=True, text=True, timeout=60))

@@ -13,9 +13,9 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 # The verbs, each with text that only its output contains. The loop below reports verbs that are missing here.
 declare -A says=(
     [info]=voxels [brick]=stored [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
-    [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
+    [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"'
     [compare]="last bit" [convert]=force_z
-    [make]=voxels [import]=voxels [view]=felt [scene]=isosurface [completion]=--trace [help]=--trace)
+    [make]=voxels [import]=voxels [view]=felt [scene]=isosurface [help]=--trace)
 run() {
     case $1 in
         info) "$palpate" info bodies.vdb ;;
@@ -43,9 +43,7 @@ run() {
         stability) "$palpate" stability --size 9 --map map.json ;;
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;
-        completion) "$palpate" completion bash && "$palpate" completion zsh ;;
         help) "$palpate" help feel ;;
-        shatter) "$palpate" shatter bodies.vdb pieces --grid cloud --value 0.5 --pieces 4 --count 8 ;;
         scene) "$palpate" scene bodies.vdb ;;
         make) "$palpate" make fibres fibres.vdb ;;
         import)
@@ -78,13 +76,6 @@ if [ -d usr/share/man/man1 ]; then
         [ ! -s pages ] || { echo "install: of the manual:"; cat pages; exit 1; }
     fi
 fi
-# Completion knows the verbs and their options.
-PATH=$place/usr/bin:$PATH bash -ec '
-    . usr/share/bash-completion/completions/palpate
-    COMP_WORDS=(palpate fe) COMP_CWORD=1; _palpate; [ "${COMPREPLY[*]}" = feel ]
-    COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]
-    COMP_WORDS=(palpate import --smo) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --smooth ]'
-grep -q "^#compdef palpate$" usr/share/zsh/vendor-completions/_palpate
 # A host in C finds the header and the library. With sanitizers the host would need them too.
 shared=$(dirname "$(find "$place/usr" -name libpalpate_c.so)")
 if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then

@@ -77,7 +77,7 @@ TEST_CASE("a reader sees whole values and never an older one", "[live]") {
   CHECK(seen.all[0] == kWrites);
 }
 
-TEST_CASE("a window is told of the modes' primitives what explain tells", "[live]") {
+TEST_CASE("the shared memory has the same loads of primitives as explain", "[live]") {
   const BuiltScene built = buildScene(ballAndDrag());
   LiveShare share;
   LiveWriter writer(share.block(), 100.0);  // every tick whole
@@ -135,7 +135,8 @@ TEST_CASE("a window is told of the modes' primitives what explain tells", "[live
   CHECK(same.tick == 30);
 }
 
-TEST_CASE("what is no loop's memory is refused, and the memory cannot be cut", "[live]") {
+TEST_CASE("memory of another layout is rejected, and the loop's memory cannot be truncated",
+          "[live]") {
   CHECK_THROWS_AS(LiveShare(dup(0)), Error);
   LiveShare share;
   CHECK(ftruncate(share.descriptor(), 0) != 0);

@@ -53,7 +53,7 @@ std::shared_ptr<const VectorField> vectorOf(const std::filesystem::path& file,
 
 }  // namespace
 
-TEST_CASE("the wind has no divergence, and its vortices turn as much as they say", "[made]") {
+TEST_CASE("the wind has no divergence, and its vortices have the stated circulation", "[made]") {
   const made::Wind wind;
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -84,7 +84,7 @@ TEST_CASE("the wind has no divergence, and its vortices turn as much as they say
   CHECK(wind.velocity({-50, 0, 0}).isApprox(Vec3(wind.stream, 0, 0), 1e-4));
 }
 
-TEST_CASE("the wind's grid is its formula at the voxels, and nearly as free of sources between",
+TEST_CASE("the wind's grid equals its formula at the voxels and has little divergence between them",
           "[made]") {
   const test::TemporaryFolder folder;
   const auto grids = writeMade("wind-tunnel", std::nullopt, folder / "wind.vdb");
@@ -119,7 +119,7 @@ TEST_CASE("the wind's grid is its formula at the voxels, and nearly as free of s
   }
 }
 
-TEST_CASE("made level sets are distances", "[made]") {
+TEST_CASE("procedural level sets are distances", "[made]") {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   const auto slope = [](auto distance, const Vec3& p, double step) {
@@ -152,7 +152,7 @@ TEST_CASE("made level sets are distances", "[made]") {
   CHECK(made::cloud({14, 0, 35}) == 0.0);
 }
 
-TEST_CASE("made fibres are axial: signs at random, lines whole, and unsure where they cross",
+TEST_CASE("procedural fibres have random signs, and a lower anisotropy where they cross",
           "[made]") {
   CHECK(made::fibre({20, 0, 0}).anisotropy == Approx(0.799).margin(0.001));
   CHECK(std::abs(made::fibre({20, 0, 0}).direction.x()) == Approx(1.0));
@@ -193,7 +193,7 @@ TEST_CASE("made fibres are axial: signs at random, lines whole, and unsure where
   CHECK(shortest_axial > 0.99);
 }
 
-TEST_CASE("a made volume is the same every time, and at other voxels the same place", "[made]") {
+TEST_CASE("a procedural volume is reproducible, and a coarser one has the same bounds", "[made]") {
   const test::TemporaryFolder folder;
   for (const MadeVolume& volume : madeVolumes()) {
     CAPTURE(volume.name);
@@ -221,7 +221,7 @@ TEST_CASE("a made volume is the same every time, and at other voxels the same pl
   }
 }
 
-TEST_CASE("what cannot be made is refused", "[made]") {
+TEST_CASE("an unknown procedural volume, voxel size or folder is rejected", "[made]") {
   const test::TemporaryFolder folder;
   CHECK_THROWS_WITH(writeMade("wind-tunel", std::nullopt, folder / "a.vdb"),
                     Contains("did you mean \"wind-tunnel\"?"));

@@ -24,7 +24,7 @@ namespace palpate::memory_test {
 using palpate::test::FailScope;
 namespace fs = std::filesystem;
 
-TEST_CASE("memory that is not there while a scene is loaded leaves the one that is felt",
+TEST_CASE("a load that runs out of memory leaves the force of the current scene unchanged",
           "[fault]") {
   if (!FailScope::works()) return;
   const fs::path folder =

@@ -56,7 +56,7 @@ def files_in(folder):
             if one.is_file()}
 
 
-SIZE = (30, 26, 250)  # 4 slabs of bricks, of which the last is not full
+SIZE = (30, 26, 250)  # 4 slabs of bricks, the last one not full
 
 
 def blob(scale=1.0):
@@ -121,7 +121,7 @@ class Bytes(Case):
     def test_smoothed(self):
         self.check([1, 2, 3, 5], self.raw, *self.layout, "--smooth", "2.5")
 
-    def test_as_it_is(self):
+    def test_with_a_tolerance(self):
         self.check([2], self.raw, *self.layout, "--tolerance", "3")
 
     def test_everything_in_one_slab(self):
@@ -142,7 +142,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([2], file, *self.layout)
 
-    def test_what_a_float_cannot_hold_at_the_end(self):
+    def test_a_last_value_that_a_float_cannot_hold(self):
         values = array.array("i", map(int, self.values))
         values[len(values) - 5] = 2 ** 25 + 1
         file = self.dir / "large.raw"
@@ -150,7 +150,7 @@ class Bytes(Case):
         layout = json.dumps({"size": SIZE, "type": "int32"})
         self.check([2], file, "--raw", layout)
 
-    def test_nrrd_of_the_other_end(self):
+    def test_nrrd_of_the_other_byte_order(self):
         file = self.dir / "blob.nrrd"
         header = ("NRRD0004\ntype: short\ndimension: 3\nsizes: %d %d %d\nendian: big\n"
                   "encoding: raw\nspace: right-anterior-superior\n"
@@ -192,7 +192,7 @@ class Bytes(Case):
         packed.write_bytes(gzip.compress(data, 1))
         self.check([3], packed)
 
-    def test_what_is_read_whole(self):
+    def test_vtk_file_with_smoothing(self):
         file = self.dir / "blob.vtk"
         file.write_bytes(b"# vtk DataFile Version 3.0\nblob\nBINARY\nDATASET STRUCTURED_POINTS\n" +
                          b"DIMENSIONS %d %d %d\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA %d\n"
@@ -203,7 +203,7 @@ class Bytes(Case):
             self.skipTest("built without VTK")
         self.check([3], file, "--smooth", "1")
 
-    def test_what_each_makes_whole(self):
+    def test_iso_and_voxel_options(self):
         self.check([2], self.raw, *self.layout, "--iso", "30")
         self.check([3], self.raw, *self.layout, "--voxel", "1.3")
 
@@ -228,7 +228,7 @@ class Trouble(Case):
                          status=None), "--scene")
         self.assertFalse(out.exists())
 
-    def test_what_one_of_a_program_that_mpirun_has_started_is_alone(self):
+    def test_one_rank_works_alone_and_another_mpi_is_refused(self):
         for name in ("PMIX_RANK", "PMI_RANK"):
             done = subprocess.run([IMPORT, str(self.raw), str(self.dir / f"{name}.vdb"), *map(str, self.layout)],
                                   env={**os.environ, name: "0"}, capture_output=True, text=True, timeout=PATIENCE)
@@ -251,7 +251,7 @@ class Trouble(Case):
                      "nan.raw", "without data")
         self.assertFalse(out.exists())
 
-    def test_what_rank_0_or_another_cannot_write(self):
+    def test_an_output_that_one_rank_cannot_write_is_refused(self):
         out = self.dir / "held"
         out.mkdir()
         held = os.open(out, os.O_RDONLY)
@@ -289,7 +289,7 @@ class Trouble(Case):
         workers = [pid for pid, parent in found.items() if parent in found]
         return [pid for pid in found if pid not in workers], workers
 
-    def test_killed_and_gone_on_with(self):
+    def test_a_killed_import_resumes(self):
         # Noise takes long to compress.
         size = (250, 250, 320)
         file = self.dir / "noise.raw"

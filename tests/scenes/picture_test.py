@@ -156,7 +156,7 @@ class Pictures(Case):
             self.assertLess(seen[low][1], 0.1)
             self.assertGreater(seen[high][1], 0.9)
 
-    def test_places_are_the_patients(self):
+    def test_positions_are_in_patient_space(self):
         # LPS to RAS: the centre, 15 voxels of 2 mm from (10, 20, 30), is at (-40, -50, 60). The bright spot, at larger
         # i, is to the patient's left.
         half = math.sqrt(0.5)
@@ -184,7 +184,7 @@ class Pictures(Case):
             self.assertTrue(bright)
             self.assertLess(max(bright), len(values[0]) / 2)
 
-    def test_what_the_file_does_not_say_is_not_said(self):
+    def test_a_file_without_patient_data_has_no_letters(self):
         scene, *hand = self.head("bare", translate=[-0.04, -0.05, -0.06])
         words = texts(self.svg("feel", scene, *hand))
         self.assertFalse([w for w in words if w in tuple("LRPAIS")])
@@ -193,7 +193,7 @@ class Pictures(Case):
         words = texts(self.svg("feel", self.dir / "ball.vdb", "--seconds", 1))
         self.assertIn("ball", words)  # without a unit, the field's name
 
-    def test_no_folder_is_named(self):
+    def test_no_folder_name_is_drawn(self):
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
             text = self.svg("feel", *words)
             self.assertNotIn(str(self.dir), text)
@@ -269,7 +269,7 @@ class Pictures(Case):
             self.assertEqual(colours, sorted(colours))  # near stretches are on top
 
     @suite.smoke
-    def test_what_moves_is_where_it_was_felt_most(self):
+    def test_a_moving_volume_is_drawn_at_the_time_of_most_force(self):
         place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06],
                  "keyframes": [{"time": 0, "translate": [0, 0, 0]},
                                {"time": 2, "translate": [0, 0.02, 0]}]}
@@ -313,7 +313,7 @@ class Pictures(Case):
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
 
     @suite.smoke
-    def test_what_cannot_be_is_refused_before_the_run(self):
+    def test_invalid_picture_names_are_refused_before_the_run(self):
         long = ("feel", self.dir / "ball.vdb", "--seconds", 1e6, "--picture")
         for name in ("p.gif", "p", "-", "p.PNG"):
             self.refused(*long, name, says="it is not named .png, .pdf or .svg")
@@ -335,7 +335,7 @@ class Pictures(Case):
         self.assertIn("could not be drawn", done.stderr)
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 
-    def test_odd_names_are_drawn_as_they_are(self):
+    def test_special_characters_in_names_are_drawn(self):
         place = {"fit": 0.1}
         name = "k=$5^{2}$ <b> & 直"
         scene = self.scene("odd", {name: {"file": "ball.vdb", "grid": "ball", "place": place}},
@@ -345,7 +345,7 @@ class Pictures(Case):
         self.assertIn(name, words)
         self.assertTrue([w for w in words if w.startswith("$x$: " + name)])
 
-    def test_a_press_is_drawn_likewise(self):
+    def test_a_press_is_drawn_too(self):
         scene, *_ = self.head("lps")
         text = self.svg("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0")
         words = texts(text)

@@ -102,7 +102,7 @@ class Plot(unittest.TestCase):
         self.assertAlmostEqual(a, b, delta=1e-9 * max(1.0, abs(b)))
 
     @suite.smoke
-    def test_its_numbers_are_those_of_the_traces(self):
+    def test_its_numbers_equal_those_of_the_traces(self):
         told, _ = self.drawn(*self.traces)
         self.assertEqual([r["name"] for r in told["runs"]], list(STRENGTHS))
         for shown, own, felt in zip(told["runs"], self.numbers, self.felt):
@@ -223,7 +223,7 @@ class Plot(unittest.TestCase):
         # All marks are drawn: the intervals of the two statuses, one of fault, one of limited.
         self.assertEqual(panels["status"]["marks"], 4)
 
-    def test_a_trace_may_be_written_otherwise(self):
+    def test_a_trace_may_have_other_columns_in_another_order(self):
         text = self.traces[0].read_text()
         told, _ = self.drawn(self.traces[0])
         rows = list(csv.DictReader(text.splitlines()))
@@ -239,7 +239,7 @@ class Plot(unittest.TestCase):
         piped, _ = self.drawn("-", stdin=text)
         self.assertEqual(piped["runs"][0], {**told["runs"][0], "name": "stdin"})
 
-    def test_numbers_that_a_tick_has_not_are_left_out(self):
+    def test_missing_numbers_of_a_tick_are_left_out(self):
         head, *rows = self.traces[0].read_text().splitlines()
         bound = head.split(",").index("error_bound")
         fields = rows[100].split(",")
@@ -261,7 +261,7 @@ class Plot(unittest.TestCase):
         told, _ = self.drawn(self.written("still.csv", "\n".join([head, ",".join(nothing)])))
         self.assertEqual(told["runs"][0]["force_max"], 0.0)
 
-    def test_names_are_stems(self):
+    def test_runs_are_named_by_their_file_stems(self):
         other = self.dir / "other"
         other.mkdir()
         twin = other / "soft.csv"
@@ -281,7 +281,7 @@ class Plot(unittest.TestCase):
         self.assertIn(odd.stem, titles)
         self.drawn(*[self.traces[0]] * 6)
 
-    def test_in_words(self):
+    def test_prints_one_line_for_each_trace(self):
         out = self.dir / "words.png"
         said = run("plot", *self.traces, "--out", out).stdout.splitlines()
         os.remove(out)

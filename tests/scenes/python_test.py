@@ -268,7 +268,7 @@ print(felt.nbytes, 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - 
     assert int(rows) > 5e7 and int(more) < 1.5 * int(rows)
 
 
-def test_a_run_of_more_than_there_is_memory_for_is_refused():
+def test_a_run_that_needs_too_much_memory_is_refused():
     told = alone("""
 s = scene()
 resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
@@ -285,7 +285,7 @@ except palpate.Error as e:
     "s.fields['ball'].sample(np.zeros((20000000, 3)))",
     "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
 ])
-def test_ctrl_c_ends_what_takes_long(work):
+def test_ctrl_c_ends_a_long_call(work):
     # Measures the processor time that the thread uses after the interruption, independent of the machine's load.
     told = alone(f"""
 s = scene()
@@ -434,7 +434,7 @@ def test_solve_is_the_papers_balance():
     (lambda: palpate.Primitive("plane", direction=(0, 0, 0)), palpate.Error, "direction"),
     (lambda: palpate.Primitive("plane", strength=-1), palpate.Error, "strength"),
 ])
-def test_what_is_wrong_is_said(wrong, kind, what):
+def test_errors_name_their_cause_and_remedy(wrong, kind, what):
     with pytest.raises(palpate.Error) as caught:
         wrong()
     error = caught.value
@@ -449,7 +449,7 @@ def test_the_version_is_the_programs():
     assert f"palpate {palpate.__version__} ({palpate.__commit__})" in program("--version")
 
 
-def test_the_page_says_what_is_there(tmp_path, monkeypatch, capsys):
+def test_the_examples_of_the_page_work(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert len(blocks) == 6

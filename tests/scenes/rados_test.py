@@ -156,7 +156,7 @@ class Served(Stored, Server):
     def test_a_user_that_may_only_read_feels(self):
         run("feel", "rados://reader@bricks/bowl/", "--seconds", 0.2)
 
-    def test_what_is_no_volume_is_refused_in_a_line(self):
+    def test_an_unusable_address_is_refused_in_a_line(self):
         for none in ("rados://", "rados:///bowl", "rados://bricks", "rados://bricks/", "rados://a@b@bricks/bowl",
                      "rados://@bricks/bowl"):
             self.refused(none, "it is no address")

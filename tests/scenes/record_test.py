@@ -89,7 +89,7 @@ class Recorded(Case):
         for key in ("force_max", "samples", "status", "net_energy"):
             self.assertEqual(told[0].get(key), told[1].get(key), key)
 
-    def test_no_core_and_no_libm_changes_a_bit(self):
+    def test_forces_do_not_depend_on_the_cores_or_the_c_library(self):
         run("make", "wind-tunnel", self.dir / "wind.vdb", "--voxel", 0.02)
         wind = self.dir / "wind.json"
         wind.write_text(run("scene", self.dir / "wind.vdb").stdout, encoding="utf-8")
@@ -172,7 +172,7 @@ class Recorded(Case):
         self.record("b.rec", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
 
-    def test_its_rate_is_its_own(self):
+    def test_a_replay_has_the_recorded_rate(self):
         a = self.record("a.rec", self.scene, "--seconds", 1, "--rate", 4000)
         told = json.loads(run("feel", a, "--device", f"replay:{a}", "--json").stdout)
         self.assertEqual((told["rate_asked"], told["ticks"], told["seconds"]), (4000, 4000, 1))
@@ -277,7 +277,7 @@ class Recorded(Case):
             self.assertEqual(len(done.stderr.splitlines()), 1)
 
     @suite.smoke
-    def test_files_that_have_changed_are_told(self):
+    def test_files_that_have_changed_are_reported(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
         with open(self.dir / "ball.vdb", "r+b") as file:
             file.seek(-1, os.SEEK_END)
@@ -289,7 +289,7 @@ class Recorded(Case):
         self.assertIn("ball.vdb: it is not the file that was recorded", done.stderr)
 
     @suite.smoke
-    def test_what_cannot_be_is_refused_in_a_line(self):
+    def test_invalid_options_are_refused_in_a_line(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
 
         def refused(*words, says):
@@ -334,7 +334,7 @@ class Recorded(Case):
 
 
     @suite.smoke
-    def test_a_trouble_is_tried_without_an_arm(self):
+    def test_simulated_faults_cut_the_force(self):
         for word, cause in (("nan", "not finite"), ("late", "too old"), ("jumping", "jumped")):
             done = run("feel", self.scene, "--device", f"simulated:{word}@1.5", "--seconds", 3,
                        "--record", self.dir / "a.rec", status=1)
@@ -355,7 +355,7 @@ class Recorded(Case):
             self.assertEqual(done.returncode, 2)
             self.assertIn(says, done.stderr)
 
-    def test_a_full_disk_is_told_and_the_hand_feels_on(self):
+    def test_a_full_disk_is_reported_and_the_run_continues(self):
         full = f"ulimit -f 300; exec {PALPATE} feel {self.scene} --seconds 3 --record {self.dir}/a.rec"
         done = subprocess.run(["bash", "-c", full], capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 1, done.stderr)
@@ -369,7 +369,7 @@ class OnTime(Case):
     """Tests with a clock."""
     HOST = True
 
-    def test_what_only_a_clock_shows(self):
+    def test_simulated_delays_cut_the_force_of_a_realtime_run(self):
         for word, cause in (("blocked", "did not take a force in time"), ("hung", "was late")):
             done = run("feel", self.scene, "--device", f"simulated:{word}@0.5", "--realtime",
                        "--seconds", 0.55, status=1)
@@ -381,7 +381,7 @@ class OnTime(Case):
                                  str(seconds), "--record", str(self.dir / name), *more.get("words", ())],
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
-    def test_an_edited_scene_is_edited_again(self):
+    def test_a_replay_repeats_the_edits_of_the_scene(self):
         # A hand that slides to and fro on the ball, in all scenes.
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n" + "".join(

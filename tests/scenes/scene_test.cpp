@@ -229,7 +229,7 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
   }
 }
 
-TEST_CASE("the schema that is shipped is the one that the table prints", "[scene][schema]") {
+TEST_CASE("the shipped schema equals the generated one", "[scene][schema]") {
   std::ifstream in(sourceDir() + "/scenes/scene.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
@@ -237,7 +237,7 @@ TEST_CASE("the schema that is shipped is the one that the table prints", "[scene
   CHECK(shipped.str() == sceneSchema());
 }
 
-TEST_CASE("instances are felt each where it stands, and cost no volume each", "[scene][scale]") {
+TEST_CASE("each instance is felt at its own place, and all share one volume", "[scene][scale]") {
   const TemporaryFolder folder;
   openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.1);
   ball->setName("ball");
@@ -265,7 +265,7 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
   CHECK(built.scene->graph.unused.empty());
   CHECK(built.bounds.upper.x() > 0.1 * (kMany - 1));
   CHECK(told.back() == 1.0);
-  // One volume in memory for all of them.
+  // All instances share one volume in memory.
   CHECK(built.volumes.at("ball") == built.volumes.at("again"));
 
   Reader reader;
@@ -341,7 +341,7 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
                   SceneError);
 }
 
-TEST_CASE("a folder of many volumes is a scene of as many parts", "[scene][scale]") {
+TEST_CASE("a folder of many volumes gives a scene with a part for each volume", "[scene][scale]") {
   const TemporaryFolder folder;
   constexpr int kFiles = 80;  // more than one graph reads
   for (int i = 0; i < kFiles; ++i) {
@@ -368,7 +368,7 @@ TEST_CASE("a folder of many volumes is a scene of as many parts", "[scene][scale
   CHECK(r.force.z() > 0.5);
 }
 
-TEST_CASE("isosurfaces of what is derived are felt where the flow has them", "[scene][derive]") {
+TEST_CASE("isosurfaces of derived fields are felt at their exact radius", "[scene][derive]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   struct Wall {
@@ -417,8 +417,7 @@ TEST_CASE("isosurfaces of what is derived are felt where the flow has them", "[s
   }
 }
 
-TEST_CASE("fields are computed at load only where a derivative of them is needed",
-          "[scene][derive]") {
+TEST_CASE("a field is computed at load only if its derivatives are needed", "[scene][derive]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   const auto build = [&](const Json& scene) {
@@ -482,7 +481,7 @@ TEST_CASE("fields are computed at load only where a derivative of them is needed
   CHECK_THROWS_WITH(buildScene(spec), Contains("/modes/0/of") && Contains("is derived"));
 }
 
-TEST_CASE("bad JSON is one line, and no key may stand twice", "[scene]") {
+TEST_CASE("invalid JSON and duplicate keys are rejected", "[scene]") {
   CHECK_THAT(parseError("{\n\"palpate\": 1,,\n}"),
              Contains("not valid JSON") && Contains("line 2"));
   CHECK_THAT(parseError(""), Contains("not valid JSON"));
@@ -495,7 +494,7 @@ TEST_CASE("bad JSON is one line, and no key may stand twice", "[scene]") {
              Contains("nested deeper"));
 }
 
-TEST_CASE("what only loading can see is named by file and path too", "[scene]") {
+TEST_CASE("errors that only loading finds name the file and path too", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   const auto error = [&](const char* pointer, const Json& value) {
@@ -538,7 +537,7 @@ TEST_CASE("what only loading can see is named by file and path too", "[scene]") 
   CHECK_THAT(error("/fields/swirl/magnitude", "swirl"), Contains("derived from itself"));
 }
 
-TEST_CASE("what smoothing takes away is noted, and changes what is felt", "[scene]") {
+TEST_CASE("smoothing is noted and applied to the volume", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   Json scene = fullScene();
@@ -551,7 +550,7 @@ TEST_CASE("what smoothing takes away is noted, and changes what is felt", "[scen
   CHECK(built.volumes.at("head")->info().smoothing.width == 2);
 }
 
-TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
+TEST_CASE("unchanged volumes and fields are reused from the previous scene", "[scene]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
   SceneCache cache;
@@ -603,7 +602,7 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
   CHECK(gone.expired());
 }
 
-TEST_CASE("the bounds of a scene hold its volumes wherever they are", "[scene]") {
+TEST_CASE("the bounds of a scene enclose a volume far from the origin", "[scene]") {
   SceneSpec spec;
   spec.volumes["far"].field = makeSphere(Vec3::Constant(-5.0), 0.04);
   ModeSpec skin;
@@ -614,7 +613,7 @@ TEST_CASE("the bounds of a scene hold its volumes wherever they are", "[scene]")
   CHECK((built.bounds.centre() - Vec3::Constant(-5.0)).norm() < 1e-12);
 }
 
-TEST_CASE("a volume of keyframes moves, and with it what is placed like it or made of it",
+TEST_CASE("a volume with keyframes moves the volumes placed like it and its derived fields",
           "[scene][moving]") {
   const TemporaryFolder folder;
   writeVortex(folder.path());
@@ -662,7 +661,7 @@ TEST_CASE("a volume of keyframes moves, and with it what is placed like it or ma
   CHECK_THROWS_WITH(buildScene(spec), Contains("/volumes/rock/place/repeat"));
 }
 
-/// A valid scene whose numbers may be of any size.
+/// Returns a valid scene with numbers of any size.
 Json extremeScene(Random& random) {
   const auto number = [&](double usual) {
     if (random.integer(4) != 0) return usual;
@@ -780,7 +779,7 @@ Json extremeScene(Random& random) {
   return scene;
 }
 
-TEST_CASE("what is valid is felt without a fault, whatever its numbers", "[scene]") {
+TEST_CASE("a valid scene with extreme numbers gives finite forces without a fault", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   SceneCache cache;
@@ -833,7 +832,8 @@ TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene
                     Contains("/coupling/damping: 5.1 N s/m") && Contains("use at most 5"));
 }
 
-TEST_CASE("a coupling that nobody asked for is what the device renders", "[scene]") {
+TEST_CASE("the default coupling is lowered to the stiffness that the device can render",
+          "[scene]") {
   SceneSpec spec;
   spec.any_stiffness = true;
   DeviceInfo weak = arm(100);
@@ -868,8 +868,8 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   REQUIRE(spec.notes.size() == 1);
   CHECK_THAT(spec.notes[0], Contains("grid \"labels\"") && Contains("int32"));
 
-  // A flow, and a ramp from -4 to 12. The ramp is so short that it may be a blurred step, of which
-  // the middle is felt.
+  // A flow, and a ramp from -4 to 12. The ramp is so short that it may be a blurred step: its
+  // middle is felt.
   spec = openScene(folder / "linear.vdb");
   REQUIRE(spec.graph.modes.size() == 3);
   CHECK(spec.graph.modes[0].kind == ModeKind::kFollow);
@@ -922,7 +922,7 @@ TEST_CASE("the example scenes are valid", "[scene][schema]") {
   }
 }
 
-TEST_CASE("every mode and material property is read, by the schema as well", "[scene][graph]") {
+TEST_CASE("the reader and the schema accept every mode and material property", "[scene][graph]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   Json scene = fullScene();
@@ -1037,7 +1037,8 @@ TEST_CASE("every mode and material property is read, by the schema as well", "[s
                     Contains("s.json: /coupling/stiffness") && Contains("\"by\""));
 }
 
-TEST_CASE("the size of a scene changes no transfer function's input", "[scene][graph]") {
+TEST_CASE("the inputs of transfer functions do not depend on the size of a scene",
+          "[scene][graph]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   Json scene = fullScene();

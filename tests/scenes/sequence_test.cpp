@@ -39,8 +39,8 @@ Json ballScene() {
                "strength": 6}]})");
 }
 
-/// Returns where the proxy comes to rest for a hand in the middle of the ball's flank, by play
-/// [mm].
+/// Returns the height at which the proxy rests for a hand in the middle of the ball's flank, by
+/// play [mm].
 double surfaceAt(const BuiltScene& scene, double play) {
   Reader reader;
   ProxyState state({1e3, 1e12});
@@ -55,7 +55,7 @@ double surfaceAt(const BuiltScene& scene, double play) {
 
 }  // namespace
 
-TEST_CASE("a volume with frames is felt as its play says", "[scene][sequence]") {
+TEST_CASE("the surface of a volume with frames follows the play time", "[scene][sequence]") {
   const TemporaryFolder folder;
   writeBalls(folder.path());
   Json scene = ballScene();
@@ -76,7 +76,8 @@ TEST_CASE("a volume with frames is felt as its play says", "[scene][sequence]") 
   CHECK(ball.scene->parts.empty());
 }
 
-TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]") {
+TEST_CASE("a scene's play settings are read, checked and completed with defaults",
+          "[scene][sequence]") {
   const TemporaryFolder folder;
   writeBalls(folder.path());
   Json scene = ballScene();
@@ -126,7 +127,7 @@ TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]"
   CHECK_THAT(refusal(scene, folder.path()), Contains("/play") && Contains("no sequence"));
 }
 
-TEST_CASE("what is no sequence is refused by its place in the file", "[scene][sequence]") {
+TEST_CASE("an invalid sequence is rejected with its path in the scene file", "[scene][sequence]") {
   const TemporaryFolder folder;
   writeBalls(folder.path());
   const auto with = [&](const char* path, const Json& value) {
@@ -157,7 +158,7 @@ TEST_CASE("what is no sequence is refused by its place in the file", "[scene][se
   CHECK_THAT(refusal(ballScene(), folder.path()), Contains("ball_003.vdb"));
 }
 
-TEST_CASE("what is computed at load is not played", "[scene][sequence]") {
+TEST_CASE("a sequence cannot have a field that is computed at load", "[scene][sequence]") {
   const TemporaryFolder folder;
   for (int i = 0; i < 3; ++i) {
     writeVdb(folder / ("flow_" + std::to_string(i) + ".vdb"),
@@ -176,7 +177,7 @@ TEST_CASE("what is computed at load is not played", "[scene][sequence]") {
   CHECK_THAT(refusal(scene, folder.path()), Contains("/fields/speed") && Contains("sequence"));
 }
 
-TEST_CASE("a sequence is kept from scene to scene, and coarsely is its first frame",
+TEST_CASE("an edit keeps the sequence, and a coarse scene has its first frame",
           "[scene][sequence]") {
   const TemporaryFolder folder;
   writeBalls(folder.path());

@@ -64,7 +64,7 @@ std::string withStrength(Json of, double strength) {
   return of.dump();
 }
 
-/// Returns a message of another site with one edit of the wall, whose value is `is`.
+/// Returns a message of another site with one edit, which sets the wall to `is`.
 std::string saying(const std::string& is, const std::string& of = R"(["modes", "wall", "0"])",
                    const std::string& at = R"([1, "boston"])") {
   return R"({"palpate_edits": 1, "rest": [], "edits": [{"of": )" + of + R"(, "at": )" + at +
@@ -73,7 +73,7 @@ std::string saying(const std::string& is, const std::string& of = R"(["modes", "
 
 }  // namespace
 
-TEST_CASE("sites end with the same edits, whatever the network does", "[site]") {
+TEST_CASE("sites end with the same edits after lost, late and repeated messages", "[site]") {
   const long histories = test::cases(10000);
   for (long seed = 0; seed < histories; ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
@@ -130,7 +130,7 @@ TEST_CASE("sites end with the same edits, whatever the network does", "[site]") 
   }
 }
 
-TEST_CASE("the largest edit of each part that was heard counts", "[site]") {
+TEST_CASE("the edit with the largest stamp wins for each part", "[site]") {
   SharedEdits edits;
   CHECK(merge(edits, edit("wall", 1, 5, "boston")));
   CHECK_FALSE(merge(edits, edit("wall", 2, 4, "uppsala")));
@@ -144,7 +144,7 @@ TEST_CASE("the largest edit of each part that was heard counts", "[site]") {
   CHECK(edits.size() == 2);
 }
 
-TEST_CASE("what is of the machine is never told", "[site]") {
+TEST_CASE("local files and device settings are never sent to other sites", "[site]") {
   SharedScene site("boston", scene().dump());
   const std::optional<std::string> first = site.takeTold();
   REQUIRE(first);
@@ -204,7 +204,7 @@ TEST_CASE("what is of the machine is never told", "[site]") {
   CHECK((!felt.contains("fields") || felt["fields"].empty()));
 }
 
-TEST_CASE("what a stranger says of a scene is refused unless it is good", "[site]") {
+TEST_CASE("malformed edits from another site are rejected", "[site]") {
   const std::string wall = R"({"name": "wall", "mode": "isosurface", "strength": 1})";
   REQUIRE(sharedTextFrom(saying(wall)).edits.size() == 1);
   REQUIRE(sharedTextFrom(saying("null")).edits.size() == 1);
@@ -284,7 +284,7 @@ TEST_CASE("what a stranger says of a scene is refused unless it is good", "[site
   CHECK(taken > 0);
 }
 
-TEST_CASE("an edit at home is what is new in the file", "[site]") {
+TEST_CASE("a local edit changes only the parts that differ in the file", "[site]") {
   SharedScene boston("boston", scene().dump());
   SharedScene uppsala("uppsala", scene().dump());
   (void)boston.takeTold();
@@ -334,7 +334,7 @@ TEST_CASE("an edit at home is what is new in the file", "[site]") {
   CHECK_FALSE(boston.takeTold());
 }
 
-TEST_CASE("edits of all sites together are bounded", "[site]") {
+TEST_CASE("the total size of all sites' edits is bounded", "[site]") {
   SharedScene site("uppsala", scene().dump());
   int said = 0;
   for (int n = 0; n < 400; ++n) {
@@ -349,7 +349,7 @@ TEST_CASE("edits of all sites together are bounded", "[site]") {
   CHECK(told->size() <= kMostSceneText);
 }
 
-TEST_CASE("nobody climbs to where no stamp is larger", "[site]") {
+TEST_CASE("an edit with a stamp above the limit is rejected", "[site]") {
   SharedScene site("uppsala", scene().dump());
   const std::uint64_t most = std::uint64_t{1} << 20U;
   CHECK(site.hear("boston", textOf({edit("wall", 1.0, most + 1, "boston"), {}})).size() == 1);
@@ -358,7 +358,7 @@ TEST_CASE("nobody climbs to where no stamp is larger", "[site]") {
   CHECK(site.edits().size() == 1);
 }
 
-TEST_CASE("what is heard while an edit is built stays within what can be told", "[site]") {
+TEST_CASE("edits that arrive during a build stay within the message size", "[site]") {
   SharedScene site("uppsala", scene().dump());
   SharedScene building = site;
   const auto many = [](SharedScene& to, const std::string& begin) {
@@ -376,8 +376,8 @@ TEST_CASE("what is heard while an edit is built stays within what can be told", 
   CHECK(site.edits() == building.edits());
 }
 
-TEST_CASE("of another scene one line tells what differs", "[site]") {
-  // A part whose name no site would accept is not sent; all others are.
+TEST_CASE("a site with another scene is reported in one line with the difference", "[site]") {
+  // A part with a name that every site would reject is not sent; all other parts are.
   Json odd = scene();
   odd["fields"][std::string(300, 'x')] = {{"curl", "ball"}};
   SharedScene boston("boston", withStrength(odd, 5));
@@ -395,7 +395,7 @@ TEST_CASE("of another scene one line tells what differs", "[site]") {
   CHECK(late.hear("boston", *boston.takeTold()).empty());
 }
 
-TEST_CASE("a site feels edits that its scene can have, each whole", "[site]") {
+TEST_CASE("a site applies the edits that its scene supports and skips the others", "[site]") {
   const test::TemporaryFolder folder;
   test::writeTestVolumes(folder.path());
   const std::string file = (folder / "scene.json").string();

@@ -208,7 +208,7 @@ class OneMachine(Case):
                                   capture_output=True, text=True, timeout=60).stdout
             self.assertIn("the same to the last bit", told)
 
-    def test_another_of_a_name_waits_until_the_one_before_has_let_go(self):
+    def test_a_second_site_of_a_name_waits_until_the_first_is_released(self):
         alone = self.start("A", self.path("A", None), 20)
         killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
         self.wait_for("A", "site B: its hand is felt")
@@ -229,7 +229,7 @@ class OneMachine(Case):
         self.assertAlmostEqual(force[-1], -1.0, delta=1e-3)
         self.assertEqual(leaps(rows), [])
 
-    def test_a_killed_peer_lets_go_and_comes_back_as_another_life(self):
+    def test_a_killed_peer_is_released_and_can_join_again(self):
         mine = self.path("A", None)
         his = self.path("B", lambda t: (0.205, 0, 0))
         alone = self.start("A", mine, 12)
@@ -256,7 +256,7 @@ class OneMachine(Case):
         self.assertEqual(facts["lives"], 2)
         self.assertIn("site B: it has gone", self.said("A"))  # the second site sent its departure
 
-    def test_who_is_in_another_domain_is_not_met(self):
+    def test_sites_in_another_domain_are_not_met(self):
         mine = self.start("A", self.path("A", None), 5)
         other = process.run(
             [PALPATE, "feel", self.scene, "--realtime", "--site", f"B@{domain() + 1}", "--device",
@@ -267,7 +267,7 @@ class OneMachine(Case):
         self.assertEqual(json.loads((self.dir / "A.json").read_text())["sites"], {})
         self.assertEqual(self.said("A").count("no other site is heard yet"), 1)
 
-    def test_one_name_twice_is_told_and_not_felt(self):
+    def test_a_duplicate_name_is_reported_and_not_felt(self):
         first = self.start("A", self.path("A", None), 3)
         self.dir.joinpath("A.err").replace(self.dir / "first.err")
         second = process.run(
@@ -278,7 +278,7 @@ class OneMachine(Case):
         self.assertIn("another one has the same name", second.stderr)
         self.assertEqual(json.loads(second.stdout)["force_max"], 0)
 
-    def test_packets_of_no_meaning_do_no_harm(self):
+    def test_random_packets_do_no_harm(self):
         alone = self.start("A", self.path("A", None), 4)
         time.sleep(1.0)
         chance = random.Random(1)
@@ -299,7 +299,7 @@ class OneMachine(Case):
         self.assertEqual(facts["sites"], {})
         self.assertEqual(facts["force_max"], 0)
 
-    def test_who_has_no_keys_is_not_met(self):
+    def test_sites_with_other_keys_are_not_met(self):
         self.keys("ours", "A", "B")
         self.keys("theirs", "C")
 
@@ -326,7 +326,7 @@ class OneMachine(Case):
         felt = np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1)
         self.assertGreater(felt.max(), 0.5, said)
 
-    def test_who_comes_and_goes_is_told_so_often_a_second(self):
+    def test_lines_on_joining_sites_are_limited_per_second(self):
         alone = self.start("A", self.path("A", None), 30)
         self.wait_for("A", "no other site is heard yet")
         process.run([COMERS, str(domain()), "3"], check=True, timeout=60)
@@ -336,7 +336,7 @@ class OneMachine(Case):
         # 21 a second. The departure of the last ones is reported after their hands are silent.
         self.assertLess(self.said("A").count("site Z"), 21 * 5)
 
-    def test_there_are_seven_places(self):
+    def test_at_most_seven_other_hands_are_felt(self):
         def stay(first, count):
             with open(self.dir / "comers.err", "a", encoding="utf-8") as said:
                 process.run([COMERS, str(domain()), "1.5", str(first), str(count)], check=True, timeout=60,
@@ -376,7 +376,7 @@ class OneMachine(Case):
             self.assertIn(says, done.stderr)
         self.assertEqual(mine[1].read_text(), "mine")
 
-    def test_keys_that_are_none_are_refused(self):
+    def test_invalid_keys_are_refused(self):
         self.keys("ours", "A")
         self.keys("theirs", "A")
         hand = self.path("A", None)
@@ -392,7 +392,7 @@ class OneMachine(Case):
         (self.dir / "ours/A/permissions.p7s").unlink()
         refused("there is no ")
 
-    def test_what_is_refused(self):
+    def test_invalid_options_are_refused(self):
         hand = self.path("A", None)
         for words, says in (
                 (["--site", "A"], "add --realtime"),
@@ -442,7 +442,7 @@ class Edits(Case):
         """Returns the last force of the scene [N]."""
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
 
-    def test_an_edit_is_felt_by_others_and_by_who_comes_when_its_author_is_gone(self):
+    def test_an_edit_reaches_others_and_late_joiners_after_its_author_is_gone(self):
         killed = self.site("A", 20, "--watch")
         other = self.site("B", 20)
         self.wait_for("B", "site A: its hand is felt")
@@ -479,7 +479,7 @@ class Edits(Case):
                               capture_output=True, text=True, timeout=60).stdout
         self.assertIn("the same to the last bit", told)
 
-    def test_edits_at_once_end_alike(self):
+    def test_simultaneous_edits_end_alike(self):
         both = [self.site(name, 20, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is felt")
         self.wait_for("B", "site A: its hand is felt")
@@ -498,7 +498,7 @@ class Edits(Case):
         np.testing.assert_allclose(self.last("A")[:2], [2, 2], atol=1e-6)
         self.assertIn(round(float(self.last("A")[2]), 6), (1.5, 2.5))
 
-    def test_what_is_not_here_and_who_keeps_his_own(self):
+    def test_edits_do_not_reach_a_missing_volume_or_an_own_scene(self):
         sites = [self.site("A", 20, "--watch", strengths=(1, 1, 2)), self.site("B", 20),
                  self.site("C", 20, "--own-scene", "--watch")]
         for name in "AB":
@@ -527,7 +527,7 @@ class Edits(Case):
         self.assertNotIn("edit", self.said("C"))
 
 
-    def test_what_a_stranger_says_does_no_harm(self):
+    def test_invalid_edits_of_another_site_do_no_harm(self):
         def says(is_, of=("modes", "x", "0"), count=1):
             return json.dumps({"palpate_edits": 1, "rest": [],
                                "edits": [{"of": of, "at": [count, "C"], "is": is_}]})
@@ -590,7 +590,7 @@ class Far(Case):
             self.skipTest("no networks of one's own: " + said)
         return said
 
-    def test_no_network_makes_energy(self):
+    def test_a_bad_network_adds_no_energy(self):
         worst = -math.inf
         for seed in range(RUNS):
             chance = random.Random(seed)
@@ -631,7 +631,7 @@ class Far(Case):
         self.assertIn("has changed: it is felt now", said)
         self.assertNotIn("its edit", said)
 
-    def test_parted_and_joined_again(self):
+    def test_separated_sites_join_again(self):
         before = self.scene.read_text()
 
         def act(relay):

@@ -141,7 +141,7 @@ float headInHounsfield(const Vec3d& p) {
 
 }  // namespace
 
-TEST_CASE("a ball in air has one surface, at the middle of their values", "[guess]") {
+TEST_CASE("a ball in air has one surface, halfway between their values", "[guess]") {
   const double deviation = GENERATE(0.0, 10.0, 50.0);
   CAPTURE(deviation);
   const Json scene = suggested({scalar(ball(16.0, 1000.0, 0.0, deviation))});
@@ -151,7 +151,7 @@ TEST_CASE("a ball in air has one surface, at the middle of their values", "[gues
   CHECK_THAT(mode["description"].get<std::string>(), Contains("first guess"));
 }
 
-TEST_CASE("a dark ball is solid below", "[guess]") {
+TEST_CASE("a dark ball gets a surface that is solid below its value", "[guess]") {
   const Json scene = suggested({scalar(ball(16.0, 100.0, 900.0, 10.0))});
   const Json mode = only(scene, "isosurface");
   CHECK(mode["value"].get<double>() == Approx(500.0).margin(60.0));
@@ -168,8 +168,8 @@ TEST_CASE("a blurred ball has the same surface", "[guess]") {
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(500.0).margin(60.0));
 }
 
-TEST_CASE("the surface is found where the surroundings were left out", "[guess]") {
-  // As the importer leaves the surroundings: inactive, and with their value as the background.
+TEST_CASE("inactive surroundings give a surface in an image but not in a mesh", "[guess]") {
+  // The importer leaves the surroundings inactive, with their value as the background.
   const double deviation = GENERATE(0.0, 20.0);
   auto grid = openvdb::FloatGrid::create(0.0F);
   grid->setName("density");
@@ -187,7 +187,7 @@ TEST_CASE("the surface is found where the surroundings were left out", "[guess]"
   CHECK(only(suggested({input}), "isosurface")["value"].get<double>() ==
         Approx(500.0).margin(60.0));
 
-  // In a mesh the same voxels have no boundary, because there are no data beyond them.
+  // In a mesh the same voxels have no boundary, because the mesh has no data beyond them.
   if (deviation == 0.0) {
     CHECK_THROWS_AS(suggestScene("data.vdb", {ofMesh(input)}), VolumeError);
   } else {
@@ -195,7 +195,7 @@ TEST_CASE("the surface is found where the surroundings were left out", "[guess]"
   }
 }
 
-TEST_CASE("where the image cuts an object there is no surface", "[guess]") {
+TEST_CASE("the edge of an image is not a surface", "[guess]") {
   // A slab that four faces of the image cut.
   const auto value = [](const Vec3d& p) {
     return static_cast<float>((p.z() > 8.0 ? 0.0 : 500.0) + 3.0 * noise(p));
@@ -267,7 +267,7 @@ TEST_CASE("CT without bone has no bone", "[guess]") {
   CHECK(only(suggested({input}), "isosurface")["name"] == "skin");
 }
 
-TEST_CASE("CT whose values are raw is looked at as any image", "[guess]") {
+TEST_CASE("CT with raw values is analysed like any other image", "[guess]") {
   SuggestInput input = scalar([](const Vec3d& p) { return headInHounsfield(p) + 1024.0F; });
   input.modality = Modality::kCt;
   const std::vector<Json> surfaces = modesOf(suggested({input}), "isosurface");
@@ -277,7 +277,7 @@ TEST_CASE("CT whose values are raw is looked at as any image", "[guess]") {
   CHECK(surfaces[1]["value"].get<double>() < 1750.0);
 }
 
-TEST_CASE("MR has one low skin surface, and a drag by the signal", "[guess]") {
+TEST_CASE("MR gets one skin surface at a low signal, and one viscosity", "[guess]") {
   SuggestInput input = scalar([](const Vec3d& p) {
     const double r = p.length();
     return static_cast<float>((r < 18.0 ? (r < 10.0 ? 120.0 : 60.0) : 4.0) +
@@ -291,7 +291,7 @@ TEST_CASE("MR has one low skin surface, and a drag by the signal", "[guess]") {
   CHECK(modesOf(scene, "viscosity").size() == 1);
 }
 
-TEST_CASE("where nothing has a boundary there is a drag by value", "[guess]") {
+TEST_CASE("a scalar without boundaries gets a viscosity and no surface", "[guess]") {
   const auto ramp = [](const Vec3d& p) { return static_cast<float>(p.x()); };
   const auto noisy = [](const Vec3d& p) { return static_cast<float>(p.x() + noise(p)); };
   const auto blob = [](const Vec3d& p) {
@@ -312,13 +312,13 @@ TEST_CASE("where nothing has a boundary there is a drag by value", "[guess]") {
   }
 }
 
-TEST_CASE("noise alone is no surface", "[guess]") {
+TEST_CASE("noise alone gives no surface", "[guess]") {
   const Json scene =
       suggested({scalar([](const Vec3d& p) { return static_cast<float>(10.0 * noise(p)); })});
   CHECK(modesOf(scene, "isosurface").empty());
 }
 
-TEST_CASE("what does not vary is refused, with what there was", "[guess]") {
+TEST_CASE("a constant scalar is rejected by name, a constant vector is followed", "[guess]") {
   const SuggestInput still = vector([](const Vec3d&) { return Vec3f(0.0F, -15.0F, 0.0F); }, "vel");
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
   CHECK_THROWS_WITH(suggestScene("data.vdb", {same}), Contains("same (nearly all values alike)"));
@@ -332,7 +332,7 @@ TEST_CASE("what does not vary is refused, with what there was", "[guess]") {
   CHECK_THROWS_AS(suggestScene("data.vdb", {empty}), VolumeError);
 }
 
-TEST_CASE("values that are not finite change nothing", "[guess]") {
+TEST_CASE("values that are not finite do not disturb the scene guess", "[guess]") {
   const auto value = ball(16.0, 1000.0, 0.0, 10.0);
   const Json scene = suggested({scalar([&](const Vec3d& p) {
     if (p.x() > 0.0 && p.x() < 1.0 && p.y() > 10.0) return p.z() > 0.0 ? NAN : INFINITY;
@@ -380,7 +380,7 @@ TEST_CASE("a level set is an isosurface at 0", "[guess]") {
   CHECK(mode["solid"] == "below");
 }
 
-TEST_CASE("a flow is followed by the percentiles of its speed", "[guess]") {
+TEST_CASE("the strength along a flow depends on the percentiles of its speed", "[guess]") {
   const Vector vortex = [](const Vec3d& p) {
     const double r = std::hypot(p.x(), p.y());
     if (r > 15.0) return Vec3f(0.0F);
@@ -408,7 +408,7 @@ TEST_CASE("a flow is followed by the percentiles of its speed", "[guess]") {
   CHECK(outputsOf(follow["strength"]) == std::vector<double>{0.0, 1.0, 2.0});
 }
 
-TEST_CASE("a drag by vorticity is for flows that turn", "[guess]") {
+TEST_CASE("only a flow with vorticity gets a viscosity by its curl", "[guess]") {
   // Rankine's vortex: it turns as a solid within, without curl beyond.
   const Json turning = suggested({vector([](const Vec3d& p) {
     const double r2 = std::max(36.0, p.x() * p.x() + p.y() * p.y());
@@ -422,7 +422,7 @@ TEST_CASE("a drag by vorticity is for flows that turn", "[guess]") {
   CHECK(modesOf(straining, "viscosity").empty());
 }
 
-TEST_CASE("a flow of one speed leaves out only what stands still", "[guess]") {
+TEST_CASE("a flow of one speed has no force only where it stands still", "[guess]") {
   const Json follow = only(suggested({vector([](const Vec3d& p) {
                              if (p.z() > 8.0) return Vec3f(0.0F);
                              const Vec3d v(-p.y(), p.x(), 0.0);
@@ -436,7 +436,7 @@ TEST_CASE("a flow of one speed leaves out only what stands still", "[guess]") {
   CHECK(knots.back()[1].get<double>() > 0.0);
 }
 
-TEST_CASE("fibres are axial and followed by their anisotropy", "[guess]") {
+TEST_CASE("fibres are axial, and their anisotropy sets the strength along them", "[guess]") {
   SuggestInput fibres =
       vector([](const Vec3d& p) { return Vec3f(Vec3d(1.0, 0.05 * p.x(), 0.0).unit()); },
              "tensor_direction");
@@ -456,7 +456,7 @@ TEST_CASE("fibres are axial and followed by their anisotropy", "[guess]") {
   CHECK(alone["volumes"]["tensor_direction"]["axial"] == true);
 }
 
-TEST_CASE("of many arrays a few are used, the rest is named", "[guess]") {
+TEST_CASE("a few of many arrays are used, and the description lists the others", "[guess]") {
   std::vector<SuggestInput> grids;
   const Vector flow = [](const Vec3d& p) {
     return Vec3f(Vec3d(-p.y(), p.x(), 0.3 * p.x() + 2.0 * std::sin(0.3 * p.z())));
@@ -489,7 +489,7 @@ TEST_CASE("of many arrays a few are used, the rest is named", "[guess]") {
   }
 }
 
-TEST_CASE("of two scalars that say the same one is used", "[guess]") {
+TEST_CASE("one of two equivalent scalars is used", "[guess]") {
   const auto value = [](const Vec3d& p) { return static_cast<float>(std::sin(0.1 * p.x())); };
   const Json scene =
       suggested({ofMesh(scalar(value, 32, "AsH3")),
@@ -498,7 +498,7 @@ TEST_CASE("of two scalars that say the same one is used", "[guess]") {
   CHECK_THAT(scene["description"].get<std::string>(), Contains("H2 (much like AsH3)"));
 }
 
-TEST_CASE("volumes are named after their grids, each by a name of its own", "[guess]") {
+TEST_CASE("each volume has a unique name that is made from its grid's name", "[guess]") {
   const auto ramp = [](double dx, double dy) {
     return [=](const Vec3d& p) { return static_cast<float>(dx * p.x() + dy * p.y()); };
   };
@@ -517,7 +517,7 @@ TEST_CASE("volumes are named after their grids, each by a name of its own", "[gu
   CHECK_FALSE(unnamed["volumes"]["volume"].contains("grid"));
 }
 
-TEST_CASE("the same grids give the same scene, whatever the threads", "[guess]") {
+TEST_CASE("the guessed scene does not depend on the number of threads", "[guess]") {
   // More voxels than the analysis looks at.
   const std::vector<SuggestInput> grids{
       scalar(ball(30.0, 1000.0, 0.0, 30.0), 96),
@@ -531,7 +531,7 @@ TEST_CASE("the same grids give the same scene, whatever the threads", "[guess]")
   for (int i = 0; i < 3; ++i) CHECK(suggestScene("data.vdb", grids) == alone);
 }
 
-TEST_CASE("a suggested scene can be felt", "[guess]") {
+TEST_CASE("a guessed scene loads without a note", "[guess]") {
   const TemporaryFolder folder;
   SuggestInput head = scalar(headInHounsfield);
   head.modality = Modality::kCt;
@@ -548,7 +548,7 @@ TEST_CASE("a suggested scene can be felt", "[guess]") {
 
 // Grids as a scientist would write them, without metadata about their content.
 
-TEST_CASE("a bare CT .vdb is felt as skin and bone", "[guess]") {
+TEST_CASE("a bare CT .vdb gets a skin surface and a bone surface", "[guess]") {
   const TemporaryFolder folder;
   // A script's file has whole numbers, stored air, a background of 0.
   auto ct = makeGrid<openvdb::FloatGrid>(
@@ -584,7 +584,8 @@ TEST_CASE("a bare CT .vdb is felt as skin and bone", "[guess]") {
   for (const Json& mode : other["modes"]) CHECK(mode["name"] != "bone");
 }
 
-TEST_CASE("Hounsfield's scale is seen by air and tissue, and not elsewhere", "[guess]") {
+TEST_CASE("the Hounsfield scale is recognised in CT of a head, and not in other fields",
+          "[guess]") {
   // Air is the background of the image, and its voxels are left out.
   const Json head = suggested({scalar(headInHounsfield)});
   CHECK(head["modes"][0]["name"] == "skin");
@@ -603,7 +604,7 @@ TEST_CASE("Hounsfield's scale is seen by air and tissue, and not elsewhere", "[g
   }
 }
 
-TEST_CASE("vectors of length 1 are directions without a sign", "[guess]") {
+TEST_CASE("vectors of length 1 are axial directions unless the user asks for CFD", "[guess]") {
   const auto direction = [](const Vec3d& p) {
     const double sign = noise(p) > 0.0 ? 1.0 : -1.0;
     return Vec3f(sign * Vec3d(1.0, 0.1 * p.x(), 0.0).unit());
@@ -644,7 +645,7 @@ TEST_CASE("a vector's components are found by their names", "[guess]") {
   CHECK(found({"flux", "fluy", "flu"}).empty());
 }
 
-TEST_CASE("three grids that are a vector are not felt one by one", "[guess]") {
+TEST_CASE("the three component grids of a vector are not used as scalars", "[guess]") {
   const auto part = [](int axis, const std::string& name) {
     return ofMesh(scalar(
         [axis](const Vec3d& p) {
@@ -682,7 +683,7 @@ TEST_CASE("three grids that are a vector are not felt one by one", "[guess]") {
   CHECK(buildScene(spec).volumes.count("Velocity") == 1);
 }
 
-TEST_CASE("fractions of materials are felt at a half, the void is not", "[guess]") {
+TEST_CASE("each material fraction gets a surface at one half, but the void does not", "[guess]") {
   // A ball and a box apart in a void; at edges, fractions mix over a voxel or two.
   const auto within = [](double depth) { return std::clamp(0.5 + 0.5 * depth, 0.0, 1.0); };
   const auto steel = [=](const Vec3d& p) {
@@ -716,7 +717,7 @@ TEST_CASE("fractions of materials are felt at a half, the void is not", "[guess]
   CHECK_THAT(guess.left[0], Contains("fraction - 1"));
 }
 
-TEST_CASE("gases that are mixed are no materials", "[guess]") {
+TEST_CASE("mixed gases get no material surface", "[guess]") {
   const auto oxygen = [](const Vec3d& p) {
     return static_cast<float>(0.4 + 0.3 * std::sin(0.1 * p.x()) * std::cos(0.08 * p.y()));
   };
@@ -726,7 +727,7 @@ TEST_CASE("gases that are mixed are no materials", "[guess]") {
   CHECK(modesOf(scene, "viscosity").size() == 1);
 }
 
-TEST_CASE("a shock is a surface where it is steepest", "[guess]") {
+TEST_CASE("a shock gets a surface at its steepest place", "[guess]") {
   // A bow shock: free stream before it, and values that fall and rise behind it. It is smeared over
   // some three cells, of two voxels each.
   const Scalar bow = [](const Vec3d& p) {
@@ -747,7 +748,7 @@ TEST_CASE("a shock is a surface where it is steepest", "[guess]") {
   }
 }
 
-TEST_CASE("labels are felt as far as isosurfaces can tell them apart", "[guess]") {
+TEST_CASE("labels get surfaces where isovalues can separate them", "[guess]") {
   // Three bodies in empty space. The third is within reach of both others.
   const Scalar atlas = [](const Vec3d& p) {
     if ((p - Vec3d(-7.0, 0.0, 0.0)).length() < 7.0) return 1.0F;
@@ -783,7 +784,7 @@ TEST_CASE("labels are felt as far as isosurfaces can tell them apart", "[guess]"
   }
 }
 
-TEST_CASE("what is alike in a whole node is looked at too", "[guess]") {
+TEST_CASE("labels in tiles without voxels are analysed too", "[guess]") {
   // All labels end at nodes of 8 voxels: after pruning, the grid has only tiles.
   SuggestInput input = scalar(
       [](const Vec3d& p) {
@@ -806,7 +807,7 @@ TEST_CASE("what is alike in a whole node is looked at too", "[guess]") {
   CHECK(scene["modes"][1]["value"] == 7.0);
 }
 
-TEST_CASE("a stream of one speed with a wake has no step in its strength", "[guess]") {
+TEST_CASE("a stream of one speed with a wake gets a gradual strength", "[guess]") {
   const Json scene = suggested({vector([](const Vec3d& p) {
     const double wake = p.x() > 6.0 ? 0.5 * (p.x() - 6.0) / 9.0 : 0.0;
     return Vec3f(Vec3d(1.0 + wake + 2e-4 * noise(p), 0.0, 0.0));
@@ -816,7 +817,7 @@ TEST_CASE("a stream of one speed with a wake has no step in its strength", "[gue
   CHECK(knots[1][0].get<double>() - knots[0][0].get<double>() > 0.2);
 }
 
-TEST_CASE("labels are called what they are, small values are no labels", "[guess]") {
+TEST_CASE("labels are named by their value, and values of 1e-4 are not labels", "[guess]") {
   const auto shells = [](double outer, double middle, double inner) {
     return scalar(
         [=](const Vec3d& p) {
@@ -832,7 +833,7 @@ TEST_CASE("labels are called what they are, small values are no labels", "[guess
   CHECK_THAT(small.seen.at(0), Contains("values from 0"));
 }
 
-TEST_CASE("a share of a material is that of the whole", "[guess]") {
+TEST_CASE("the printed share of a material is its share of the whole volume", "[guess]") {
   const auto share = [](double radius) {
     return [radius](const Vec3d& p) { return 1.0 / (1.0 + std::exp(p.length() - radius)); };
   };
@@ -852,7 +853,7 @@ TEST_CASE("a share of a material is that of the whole", "[guess]") {
   CHECK(std::stod(line.substr(at + 6)) == Approx(6.0).margin(0.6));
 }
 
-TEST_CASE("components that lie otherwise are left out", "[guess]") {
+TEST_CASE("vector components with different transforms are left out", "[guess]") {
   const auto grids = [](double edge) {
     SuggestInput x = scalar([](const Vec3d& p) { return static_cast<float>(p.y()); }, 32, "v");
     const SuggestInput y =
@@ -869,7 +870,7 @@ TEST_CASE("components that lie otherwise are left out", "[guess]") {
   CHECK_THAT(guess.left[0], Contains("v: components with different transforms"));
 }
 
-TEST_CASE("a distance that its file does not call one is a surface at 0", "[guess]") {
+TEST_CASE("a distance field without metadata gets a surface at 0", "[guess]") {
   constexpr double kVoxel = 0.25;
   for (const double per_voxel : {1.0, kVoxel}) {
     const auto distance = [per_voxel](const Vec3d& p) {
@@ -891,7 +892,7 @@ TEST_CASE("a distance that its file does not call one is a surface at 0", "[gues
             .empty());
 }
 
-TEST_CASE("a value that stands for no data is no material", "[guess]") {
+TEST_CASE("a no-data value gives no surface", "[guess]") {
   for (const double nothing : {-9999.0, 1e20}) {
     const Guess guess =
         suggest({"data.vdb", "", ""}, {scalar([nothing](const Vec3d& p) {

@@ -102,7 +102,7 @@ class Still(Case):
         self.assertEqual(done.returncode, status, done.stderr)
         return done
 
-    def test_what_is_drawn_is_the_last_tick(self):
+    def test_the_picture_shows_the_last_tick(self):
         """Without a display: palpate starts one."""
         env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
         # From the camera's side into the ball, 4 mm deep.
@@ -201,7 +201,7 @@ class Still(Case):
         env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
         return {**env, "PATH": f"{place}:{env['PATH']}"}
 
-    def test_an_interruption_ends_what_is_drawn(self):
+    def test_an_interruption_ends_the_drawing(self):
         """While palpate waits for its server, which prints its number without end."""
         env = self.beside(f"touch '{self.dir}/begun'\nwhile printf 1 >&3; do sleep 1; done\n")
         for asked in (signal.SIGINT, signal.SIGTERM):
@@ -221,7 +221,7 @@ class Still(Case):
                 (self.dir / "begun").unlink()
                 (self.dir / "t.csv").unlink()
 
-    def test_a_picture_that_fails_is_told_to_who_hears_of_no_child(self):
+    def test_a_failed_picture_is_reported_if_sigchld_is_ignored(self):
         env = {**self.env, "PATH": str(self.dir), "DISPLAY": ":7777"}
         done = subprocess.run(["/usr/bin/env", "--ignore-signal=CHLD", PALPATE, "view", str(self.scene), "--seconds",
                                "0.1", "--picture", "still.png"], cwd=self.dir, env=env, text=True,
@@ -230,7 +230,7 @@ class Still(Case):
         self.assertIn("the picture was not drawn: its exit status is 2", done.stderr)
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
-    def test_graphics_that_are_too_old_are_told(self):
+    def test_graphics_that_are_too_old_are_reported(self):
         env = {**self.env, "MESA_GL_VERSION_OVERRIDE": "2.1"}
         env.pop("DISPLAY", None)
         done = self.still("--seconds", "0.1", "--picture", "still.png", env=env, status=2)
@@ -238,7 +238,7 @@ class Still(Case):
                          r"palpate: \S+: the picture was not drawn: its exit status is 2: .*\n$")
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
-    def test_nobody_else_sees_what_is_drawn(self):
+    def test_other_clients_cannot_connect_to_the_display(self):
         """A client without the cookie is refused, even before palpate knows the server's number."""
         env = self.beside(f"""
 cd '{self.dir}' && mkfifo number
@@ -256,7 +256,7 @@ wait
         self.assertEqual(said.split()[-1], "1", said)
         self.assertTrue((self.dir / "still.png").exists())
 
-    def test_what_cannot_be_drawn_leaves_nothing(self):
+    def test_a_picture_that_fails_leaves_no_file(self):
         done = self.still("--picture", "still.gif", status=2)
         self.assertRegex(done.stderr, r"^palpate: .*still\.gif: it is not named \.png: .*\n$")
         bare = {**self.env, "PATH": str(self.dir), "DISPLAY": ":7777"}
@@ -425,7 +425,7 @@ class Drawn(Window):
         words = {row["status"] for row in rows(self.dir / "t.csv")}
         self.assertIn("fault", words)
 
-    def test_a_force_that_was_cut_for_lateness_is_said_to_return(self):
+    def test_the_window_says_when_a_force_cut_for_lateness_returns(self):
         feel = self.start("--device", "simulated", "--seconds", "900", "--reengage", "5")
         self.window()
         self.until("a tick", lambda told: told["time"] > 1)
@@ -521,7 +521,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_the_panel_says_what_is_felt(self):
+    def test_the_panel_shows_only_requests_that_were_applied(self):
         scene = json.loads(json.dumps(SCENE))
         scene["modes"][1]["strength"] = 9e5
         self.scene.write_text(json.dumps(scene), encoding="utf-8")
@@ -544,7 +544,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_a_window_answers_while_a_scene_is_read_anew(self):
+    def test_a_window_answers_while_a_scene_is_read_again(self):
         feel = self.start("--seconds", str(PATIENCE), "--watch")
         window = self.window()
         scene = json.loads(json.dumps(SCENE))
@@ -559,7 +559,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_a_window_that_nobody_sees_draws_nothing(self):
+    def test_a_hidden_window_draws_no_frames(self):
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
 
@@ -607,7 +607,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_a_slow_backdrop_is_drawn_coarser_and_said_to_be(self):
+    def test_a_slow_backdrop_is_drawn_coarser_and_reported(self):
         self.env["PALPATE_VIEW_PATIENCE"] = "1e-6"
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
@@ -627,7 +627,7 @@ class Drawn(Window):
 class Lost(Window):
     """The window, the display or the loop fails. A CTest entry of its own, because it waits more than it computes."""
 
-    def test_without_memory_for_a_window_the_loop_goes_on(self):
+    def test_without_memory_for_a_window_the_loop_continues(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.goes_on(feel)
@@ -665,7 +665,7 @@ class Lost(Window):
         self.goes_on(feel)
         self.assertIn("palpate: display: it is gone: the window ends\n", self.said())
 
-    def test_a_display_that_refuses_is_told_in_a_line(self):
+    def test_a_display_that_refuses_is_reported_in_a_line(self):
         """The test destroys the window."""
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.do("windowclose", self.window())
@@ -702,7 +702,7 @@ class Lost(Window):
             time.sleep(0.1)
         self.assertNotRegex(self.state(child), r"State:\s+[^ZX]")
 
-    def test_a_killed_loop_is_told(self):
+    def test_a_killed_loop_is_reported(self):
         feel = self.start("--seconds", "900")
         window = self.window()
         child = self.child(feel)
@@ -710,7 +710,7 @@ class Lost(Window):
         feel.wait()
         self.told_its_end(window, child)
 
-    def test_a_loop_that_is_killed_before_its_first_tick_is_told(self):
+    def test_a_loop_that_is_killed_before_its_first_tick_is_reported(self):
         place = self.dir / "bin"
         place.mkdir()
         shutil.copy(PALPATE, place)
@@ -731,7 +731,7 @@ class Lost(Window):
         except FileNotFoundError:
             return ""
 
-    def test_without_a_display_the_loop_goes_on(self):
+    def test_without_a_display_the_loop_continues(self):
         self.env["DISPLAY"] = ":7777"
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.goes_on(feel)
@@ -739,7 +739,7 @@ class Lost(Window):
                          r"or add --picture FILE\.png\n")
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
 
-    def test_a_display_without_opengl_is_told_in_a_line(self):
+    def test_a_display_without_opengl_is_reported_in_a_line(self):
         """A picture does not need this display: palpate starts a server of its own."""
         self.serve("-extension", "GLX")
         feel = self.start()

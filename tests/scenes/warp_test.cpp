@@ -53,7 +53,7 @@ void writeFrames(const std::filesystem::path& folder, const std::string& before,
 
 }  // namespace
 
-TEST_CASE("a made heart is felt where its formula has moved it", "[scene][warp]") {
+TEST_CASE("a procedural heart is felt where its formula has moved the wall", "[scene][warp]") {
   const TemporaryFolder folder;
   (void)writeMade("beating-heart", std::nullopt, folder / "heart.vdb");
   const BuiltScene heart = built(heartScene(), folder.path());
@@ -92,8 +92,7 @@ TEST_CASE("a made heart is felt where its formula has moved it", "[scene][warp]"
   CHECK(off < 0.15);    // [mm]: a voxel is one
 }
 
-TEST_CASE("a warp that cannot be is refused with its path, and the schema agrees",
-          "[scene][warp]") {
+TEST_CASE("an invalid warp is rejected with its path", "[scene][warp]") {
   const TemporaryFolder folder;
   (void)writeMade("beating-heart", 3.0, folder / "heart.vdb");
   const Json good = heartScene();
@@ -140,7 +139,8 @@ TEST_CASE("a warp that cannot be is refused with its path, and the schema agrees
              Contains("/volumes/too/place/warp"));
 }
 
-TEST_CASE("frames are the files that a pattern names, without a gap", "[scene][warp][sequence]") {
+TEST_CASE("frames are the files of a pattern, and a missing one is an error",
+          "[scene][warp][sequence]") {
   const TemporaryFolder folder;
   VolumeSpec volume;
   volume.file = folder / "u_%04d.vdb";
@@ -172,7 +172,7 @@ TEST_CASE("frames are the files that a pattern names, without a gap", "[scene][w
                     Contains("u_0009.vdb: the frame is missing, u_0010.vdb is there"));
 }
 
-TEST_CASE("displacements of many files carry what is placed like what they deform",
+TEST_CASE("displacements from many files move a volume placed like the deformed one",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
   writeFrames(folder.path(), "u_", 1, 4);  // up by a quarter of a unit a frame

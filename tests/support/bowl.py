@@ -66,7 +66,7 @@ class Case(unittest.TestCase):
 class Stored:
     """Tests of bricks at `address`, for every kind of store."""
 
-    def test_what_is_served_is_felt_as_the_folder_is(self):
+    def test_a_served_folder_gives_the_forces_of_the_local_one(self):
         here, told, _ = self.feel(str(self.dir / "bowl"))
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
@@ -84,7 +84,7 @@ class Stored:
         check = json.loads(run("check", self.scene(self.address), "--json").stdout)
         self.assertEqual(check["volumes"]["bowl"]["bricks"]["levels"], self.levels)
 
-    def test_what_was_felt_from_a_server_is_felt_again(self):
+    def test_a_recording_from_a_server_replays_identically(self):
         record, again = self.dir / "served.rec", self.dir / "again.rec"
         run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
         run("feel", record, "--device", f"replay:{record}", "--record", again)
@@ -129,10 +129,10 @@ class Ended:
     def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), 9, told_within=4), {"volume": 1})
 
-    def test_a_server_that_stops_answering_does_too(self):
+    def test_a_server_that_stops_answering_cuts_the_force(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
 
-    def test_one_that_is_back_is_told(self):
+    def test_a_server_that_is_back_is_reported(self):
         summary = self.on_time(60)
         self.kill(signal.SIGSTOP)
         self.wait_for("the volume is not there any more")
@@ -149,7 +149,7 @@ class Ended:
                 return
         self.fail(f"it ended without \"{words}\"")
 
-    def test_one_that_hesitates_does_not(self):
+    def test_a_server_that_hesitates_does_not_cut_the_force(self):
         def hesitate():
             self.kill(signal.SIGSTOP)
             time.sleep(1.0)

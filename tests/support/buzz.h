@@ -20,7 +20,7 @@ namespace palpate::bench {
 /// How the hand moves.
 enum class BuzzHand {
   kLed,      ///< Along a path, independent of the force.
-  kEncoder,  ///< As kLed, read in steps of 25 um.
+  kEncoder,  ///< Like kLed, read in steps of 25 um.
   kHeld,     ///< On an arm of 0.15 kg and 0.5 N s/m, moved by a grip of 300 N/m and 4 N s/m. The
              ///< grip follows the path 1 mm deeper.
 };

@@ -15,7 +15,7 @@ namespace palpate::bench {
 struct ContactResult {
   long runs = 0;
   long held = 0;              ///< Ticks.
-  long capped = 0;            ///< Of these, ticks at the limit of readings.
+  long capped = 0;            ///< Held ticks at the limit of readings.
   long readings = 0;          ///< Readings in all held ticks.
   long cells = 0;             ///< Cells walked in all held ticks.
   long converged = 0;         ///< Ticks that converged and did not yield.

@@ -5,12 +5,12 @@
 #include <memory>
 #include <utility>
 
-#include "palpate/devices/methods/constraint_approach.h"
-#include "palpate/devices/methods/euler_adaptive.h"
-#include "palpate/devices/methods/euler_fixed.h"
-#include "palpate/devices/methods/force_function.h"
-#include "palpate/devices/methods/nelder_mead.h"
-#include "palpate/devices/methods/smallest_residual.h"
+#include "palpate/bench/methods/constraint_approach.h"
+#include "palpate/bench/methods/euler_adaptive.h"
+#include "palpate/bench/methods/euler_fixed.h"
+#include "palpate/bench/methods/force_function.h"
+#include "palpate/bench/methods/nelder_mead.h"
+#include "palpate/bench/methods/smallest_residual.h"
 #include "palpate/engine/balance/solver.h"
 
 namespace palpate::bench {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "palpate/devices/methods/method.h"
+#include "palpate/bench/methods/method.h"
 #include "tests/support/problems.h"
 
 namespace palpate::bench {

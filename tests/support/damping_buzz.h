@@ -9,8 +9,8 @@ namespace palpate::bench {
 struct DampedPress {
   double rate = 1000.0;          ///< [Hz]
   double encoder = 30e-6;        ///< [m]
-  double damping = 0.5;          ///< Of the coupling [N s/m].
-  double rate_time = kRateTime;  ///< Of LengthRate [s].
+  double damping = 0.5;          ///< Damping of the coupling [N s/m].
+  double rate_time = kRateTime;  ///< Time constant of LengthRate [s].
 };
 
 /// Returns the force above 100 Hz, rms [N]. The hand spends four seconds on a wall of 500 N/m, 4 mm

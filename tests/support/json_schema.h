@@ -10,7 +10,7 @@ namespace palpate {
 
 /// A schema's reason to reject a value.
 struct SchemaComplaint {
-  std::string path;  ///< Of the rejected part.
+  std::string path;  ///< Path of the rejected part.
   std::string what;
 };
 

@@ -1,5 +1,5 @@
-/// Motions whose exact course is known: surfaces to slide on, streams to follow and shells not to
-/// cross, as grids, with the hands that move on them. The tests and the chart of accuracy run them.
+/// Motions with a known exact course: surfaces to slide on, streams to follow and shells not to
+/// cross, as grids, with the hands that move along. The tests and the chart of accuracy run them.
 ///
 /// Lengths are in voxels unless said otherwise. A voxel is 0.1 m / 128, a tick 1 ms and k 500 N/m.
 /// So 0.5 m/s is 0.64 voxel a tick, and 1 N is 2.56 voxels of spring.
@@ -30,8 +30,8 @@ inline double voxelsPerTick(double speed) {
 FieldPtr scalarGrid(int n, const std::function<double(const Vec3&)>& value,
                     const std::string& interpolation = "trilinear", bool level_set = true,
                     double spacing = 1.0);
-/// Returns a dense grid of vectors with a size by axis. `axial`: the values are axes, whose sign
-/// has no meaning.
+/// Returns a dense grid of vectors with a size by axis. `axial`: the values are axes: their
+/// sign has no meaning.
 FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& value,
                     const std::string& interpolation = "trilinear", bool axial = false);
 
@@ -83,10 +83,10 @@ struct MotionResult {
   double samples = 0.0;   ///< Mean per tick.
   double cells = 0.0;     ///< Walked, mean per tick.
   double most_samples = 0.0;
-  double capped = 0.0;       ///< Share of ticks whose status is not converged.
+  double capped = 0.0;       ///< Share of ticks that did not converge.
   double nanoseconds = 0.0;  ///< Per tick, the median of hundreds.
   double injected = 0.0;     ///< [J] per lap.
-  double lost = 0.0;         ///< Share of ticks in which nothing held the proxy, the hand below.
+  double lost = 0.0;         ///< Share of ticks with the hand below and a free proxy.
 };
 
 /// The result of one tick of any method.

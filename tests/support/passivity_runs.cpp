@@ -45,7 +45,7 @@ class Draw {
   std::uniform_real_distribution<double> unit_{0.0, 1.0};
 };
 
-/// Gives the amplifiers' force, by its own clock. The code shares nothing with the tank.
+/// Gives the amplifiers' force, by its own clock. The code is independent of the tank's.
 class Wire {
  public:
   Wire(double delay, double lag) : delay_(delay), lag_(lag) {}

@@ -59,7 +59,7 @@ struct PassivityRun {
   double wave = 1000.0;      ///< [rad/m]
   double amplitude = 1.0;    ///< [N]
   double seconds = 2.0;
-  std::uint64_t seed = 0;  ///< Of the random numbers during the run.
+  std::uint64_t seed = 0;  ///< Seed of the random numbers during the run.
 };
 
 /// Returns a random run in the ranges of the design notes.

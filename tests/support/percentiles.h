@@ -33,7 +33,7 @@ namespace palpate::bench {
 }
 
 /// Returns the time per call. `timed` returns the time of 500 calls at once. The result is the
-/// middle half of these batches, so that a batch beside another program on the core does not count.
+/// middle half of the batches, so that a batch beside another program on the core does not count.
 template <class T, class Timed>
 [[nodiscard]] double middleOfBatches(std::span<const T> calls, Timed timed) {
   constexpr std::size_t kBatch = 500;

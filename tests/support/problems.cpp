@@ -5,7 +5,7 @@
 
 #include <Eigen/Geometry>
 
-#include "palpate/devices/methods/residual.h"
+#include "palpate/bench/methods/residual.h"
 
 namespace palpate::bench {
 namespace {

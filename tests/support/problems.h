@@ -17,7 +17,7 @@ struct BalanceProblem {
   std::vector<Primitive> primitives;
 };
 
-/// Families, the last eight of them adversarial.
+/// Families. The last eight are adversarial.
 enum class Family {
   kRandom,        ///< Any kinds, anchors in a cube of 4 mm, strengths to 3 N.
   kOnePoint,      ///< All anchored at the start, as modes place them.
@@ -50,8 +50,8 @@ inline constexpr std::array<Family, 15> kFamilies = {
 /// corner have at least as many as they need.
 [[nodiscard]] BalanceProblem makeProblem(Family family, int count, test::Random& random);
 
-/// Returns two planes whose smallest |f_res| is not at their balance, but near (3.07, -6.44, 0) mm.
-/// Of 4,000 random pairs in 2-D, 15 have this property.
+/// Returns two planes with the smallest |f_res| not at their balance, but near (3.07, -6.44, 0) mm.
+/// 15 of 4,000 random pairs in 2-D have this property.
 [[nodiscard]] BalanceProblem makeMisledPair();
 
 /// Returns the sum of strengths over stiffness [m]: the proxy is never farther than this from the

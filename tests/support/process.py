@@ -53,7 +53,7 @@ class Server:
 
 
 def exchange(given, ours, deadline):
-    """Writes `given` to ours[0] and returns all that comes from ours[1] and ours[2]; None if the deadline is first."""
+    """Writes `given` to ours[0] and returns all that comes from ours[1] and ours[2], or None at the deadline."""
     taken = {ours[1]: [], ours[2]: []}
     with selectors.DefaultSelector() as selector:
         for stream in taken:

@@ -89,7 +89,7 @@ struct Term {
   Vec z;  ///< -f / s, within the unit ball; of a plane without the constant half of its force
 };
 
-/// Returns the vector whose length raises a primitive's potential: for planes along q.
+/// Returns the offset that raises a primitive's potential with its length: for planes along q.
 Vec away(const Term& t, const Vec& x) {
   const Vec d = x - t.at;
   if (t.kind == PrimitiveKind::kPoint) return d;
@@ -189,7 +189,7 @@ class Potential {
     const Real slope = dot(g, step);
     if (!(slope < 0)) return false;
     // The step is halved while it climbs out again. The slope rises along the step, as E is convex.
-    // The slope is more precise than E itself, whose differences drown in rounding.
+    // The slope is more precise than E itself: differences of E drown in rounding.
     Real t = 1;
     while (t > Real(1e-30) && dot(gradient(x + t * step, mu), step) > -slope / 2) t /= 2;
     for (Term& term : terms_) {

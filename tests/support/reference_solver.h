@@ -22,8 +22,8 @@ struct Reference {
 ///
 ///     k/2 |x - x*|^2 <= E(x) - D(f),
 ///
-/// both evaluated by their definitions in 113 bits. The code shares nothing with the engine's
-/// solver. Takes milliseconds.
+/// both evaluated by their definitions in 113 bits. The code is independent of the engine's
+/// solver. A call takes milliseconds.
 Reference solveReference(const Vec3& probe, double stiffness,
                          std::span<const Primitive> primitives);
 

@@ -9,8 +9,9 @@
 
 #include <Eigen/Geometry>
 
-#include "palpate/devices/methods/constraint_approach.h"
-#include "palpate/devices/methods/force_function.h"
+#include "palpate/bench/methods/constraint_approach.h"
+#include "palpate/bench/methods/force_function.h"
+#include "palpate/bench/methods/map_methods.h"
 #include "palpate/devices/simulated/stability.h"
 #include "palpate/devices/simulated/stability_map.h"
 #include "palpate/engine/balance/solver.h"
@@ -153,7 +154,7 @@ Regime acuteWalls() {
   const Came fixed = rest("Euler, fixed step", "1e-2");
   const Came paper = rest(kPaper, "3e-5");
   const Came ours = rest(kOurs, "1e-6");
-  // Problems whose |f_res| is smallest away from the balance.
+  // Problems with the smallest |f_res| away from the balance.
   Random random(3);
   double misled = 0.0;
   double unlike = 0.0;
@@ -229,7 +230,7 @@ Regime strikesAndJumps() {
   constexpr long kStrikes = 1000;
   constexpr double kSpeed = 2.0;   // [m/s]
   constexpr double kBehind = 3.6;  // [voxels] below the outer side
-  // As pressShell: from all directions, the ticks at any phase.
+  // Like pressShell: from all directions, the ticks at any phase.
   Probed probed(field);
   Random random(11);
   long missed = 0;
@@ -246,7 +247,7 @@ Regime strikesAndJumps() {
   }
   const ShellResult pressed = pressShell(shell, 0.0, 0.6, kStrikes, {});
 
-  // A hand whose positions were lost while it moved on into a ball.
+  // The positions of this hand were lost while it moved on into a ball.
   double spring = 0.0;
   double sent = 0.0;
   double most = 0.0;
@@ -476,7 +477,7 @@ Regime brokenDevices() {
   long bad_old = 0;
   long bad = 0;
   long deep = 0;  // ticks in which the hand is deep,
-  long mute = 0;  // and of those, ticks without force
+  long mute = 0;  // and ticks without force among them
   double most = 0.0;
   double steepest = 0.0;
   Vec3 sent = Vec3::Zero();

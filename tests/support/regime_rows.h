@@ -31,7 +31,7 @@ struct Regime {
 [[nodiscard]] Regime acuteWalls();
 /// Springs of 1 to 1e5 N/m with strengths that pull them a millionth of a metre or a metre long.
 [[nodiscard]] Regime extremeSprings();
-/// Strikes of 2 m/s on a thin shell, and hands whose positions were lost for 10 to 100 ms.
+/// Strikes of 2 m/s on a thin shell, and hands without positions for 10 to 100 ms.
 [[nodiscard]] Regime strikesAndJumps();
 /// A hand that slides along a noisy ball with steep values and a jump.
 [[nodiscard]] Regime steepAndNoisy();

@@ -42,7 +42,7 @@ struct Rattling {
   long ticks = 0;
   long leaps = 0;        ///< Ticks with a larger change than kLeap.
   long alone = 0;        ///< Leaps without an exact leap of half their size within 20 ticks,
-  double largest = 0.0;  ///< The largest of these [N].
+  double largest = 0.0;  ///< The largest lone leap [N].
 };
 
 /// Slides along the surface V = level, solid above, of a scan's field (scanField). Each slice about

@@ -64,10 +64,10 @@ inline int byThreads(int size, const std::function<void(ProcessGroup&)>& work) {
   std::vector<std::thread> threads;
   for (int rank = 0; rank < size; ++rank) {
     threads.emplace_back([&, rank] {
-      ThreadGroup crew(meeting, rank);
+      ThreadGroup group(meeting, rank);
       try {
-        (void)workTogether(crew, [&] {
-          work(crew);
+        (void)workTogether(group, [&] {
+          work(group);
           return 0;
         });
       } catch (...) {

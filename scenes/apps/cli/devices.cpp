@@ -1,4 +1,6 @@
 /// palpate devices: lists the connected arms and their limits, and tests these limits.
+#include "palpate/scenes/apps/cli/devices.h"
+
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -172,169 +174,206 @@ NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
   return named;
 }
 
-OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
-  OrderedJson all = OrderedJson::array();
-  const auto or_null = [](const std::string& text) {
-    return text.empty() ? OrderedJson() : OrderedJson(text);
-  };
-  for (const FoundPlugin& plugin : plugins) {
-    OrderedJson json;
-    json["name"] = plugin.name;
-    json["file"] = plugin.file.string();
-    json["description"] = plugin.what;
-    json["version"] = plugin.version;
-    json["licence"] = plugin.licence;
-    json["trouble"] = or_null(plugin.trouble);
-    json["arms"] = OrderedJson::array();
-    for (const FoundPluginArm& arm : plugin.arms) {
-      const NamedPluginArm named = namedOf(plugin, arm);
-      OrderedJson one;
-      one["device"] = named.name;
-      one["model"] = arm.model;
-      one["tested"] = named.tested;
-      one["trouble"] = or_null(named.trouble);
-      if (named.info) {
-        const DeviceInfo& info = *named.info;
-        one["limits"] = {{"force", info.limits.peak},
-                         {"stiffness", info.max_stiffness},
-                         {"damping", info.max_damping},
-                         {"slew", info.limits.slew},
-                         {"workspace_radius", info.workspace_radius},
-                         {"input_rate", arm.facts->rate},
-                         {"output_rate", info.output_rate}};
-        one["buttons"] = info.handle.buttons;
-        one["orientation"] = info.handle.orientation;
-        one["gripper"] = info.handle.gripper;
-        one["source"] = info.source;
-      }
-      json["arms"].push_back(one);
-    }
-    all.push_back(json);
+/// The arms, profiles and plug-ins of this machine.
+struct Listing {
+  std::vector<std::string> notes;  ///< Problems of the user's own profiles.
+  std::vector<HidProfile> profiles;
+  std::vector<FoundArm> arms;
+  std::vector<FoundPlugin> plugins;
+  std::vector<std::string> others;  ///< Devices that may be an arm without its firmware, as text.
+};
+
+Listing findAll() {
+  Listing all;
+  all.profiles = hidProfiles(hidProfileFolder(), all.notes);
+  for (const std::string& note : all.notes) complain(note);
+  all.arms = findArms(all.profiles);
+  all.plugins = findPlugins();
+  for (const HidDeviceName& device : listHid()) {
+    if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
+    all.others.push_back(device.path + ": a Teensy without a program: load its firmware");
   }
   return all;
 }
 
-void sayPlugins(const std::vector<FoundPlugin>& plugins) {
-  for (const FoundPlugin& plugin : plugins) {
-    if (!plugin.trouble.empty()) say("{}\n", sentence(plugin.trouble));
-    for (const FoundPluginArm& arm : plugin.arms) {
-      const NamedPluginArm named = namedOf(plugin, arm);
-      say("{}\n  {}, by {} {}\n", named.name, sentence(arm.model), sentence(plugin.what),
-          plugin.version);
-      if (named.info && named.info->hand) {
-        const DeviceInfo& info = *named.info;
-        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
-            rounded(info.limits.peak), rounded(info.max_stiffness), rounded(info.max_damping),
-            rounded(arm.facts->rate), rounded(info.output_rate), rounded(info.workspace_radius));
-        say("    {}\n", sentence(info.source));
-        if (!named.tested) {
-          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
-              kUntestedStiffness, named.name);
-        }
-      } else if (named.info) {
-        say("  moves the hand, gives no force\n");
-      }
-      if (!named.trouble.empty()) say("  {}\n", sentence(named.trouble));
-    }
-  }
+OrderedJson textOrNull(const std::string& text) {
+  return text.empty() ? OrderedJson() : OrderedJson(text);
 }
 
-int list(const DevicesOptions& options) {
-  std::vector<std::string> notes;
-  const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
-  for (const std::string& note : notes) complain(note);
-  const std::vector<FoundArm> arms = findArms(profiles);
-  const std::vector<FoundPlugin> plugins = findPlugins();
-  std::vector<std::string> others;
-  for (const HidDeviceName& device : listHid()) {
-    if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
-    others.push_back(device.path + ": a Teensy without a program: load its firmware");
+OrderedJson armInJson(const FoundArm& arm, const HidProfile& profile) {
+  OrderedJson json;
+  json["device"] = arm.nameAs(profile);
+  json["path"] = arm.device.path;
+  json["description"] = profile.description;
+  json["firmware"] = profile.firmware;
+  json["tested"] = isTested(identityOf(profile, arm.identity()));
+  const auto wrong = arm.against(profile);
+  json["trouble"] = textOrNull(wrong ? wrong->what() : trouble(arm));
+  json["limits"] = limitsOf(profile);
+  json["sources"] = profile.sources;
+  return json;
+}
+
+OrderedJson profileInJson(const HidProfile& profile) {
+  return {{"name", profile.name},      {"description", profile.description},
+          {"file", profile.source},    {"limits", limitsOf(profile)},
+          {"facts", factsIn(profile)}, {"sources", profile.sources}};
+}
+
+OrderedJson pluginArmInJson(const FoundPlugin& plugin, const FoundPluginArm& arm) {
+  const NamedPluginArm named = namedOf(plugin, arm);
+  OrderedJson json;
+  json["device"] = named.name;
+  json["model"] = arm.model;
+  json["tested"] = named.tested;
+  json["trouble"] = textOrNull(named.trouble);
+  if (!named.info) return json;
+  const DeviceInfo& info = *named.info;
+  json["limits"] = {{"force", info.limits.peak},
+                    {"stiffness", info.max_stiffness},
+                    {"damping", info.max_damping},
+                    {"slew", info.limits.slew},
+                    {"workspace_radius", info.workspace_radius},
+                    {"input_rate", arm.facts->rate},
+                    {"output_rate", info.output_rate}};
+  json["buttons"] = info.handle.buttons;
+  json["orientation"] = info.handle.orientation;
+  json["gripper"] = info.handle.gripper;
+  json["source"] = info.source;
+  return json;
+}
+
+OrderedJson pluginInJson(const FoundPlugin& plugin) {
+  OrderedJson json;
+  json["name"] = plugin.name;
+  json["file"] = plugin.file.string();
+  json["description"] = plugin.what;
+  json["version"] = plugin.version;
+  json["licence"] = plugin.licence;
+  json["trouble"] = textOrNull(plugin.trouble);
+  json["arms"] = OrderedJson::array();
+  for (const FoundPluginArm& arm : plugin.arms)
+    json["arms"].push_back(pluginArmInJson(plugin, arm));
+  return json;
+}
+
+OrderedJson knownArmInJson(const KnownArm& arm) {
+  return {{"name", arm.name},
+          {"force", arm.force},
+          {"stiffness", arm.stiffness},
+          {"damping", arm.damping},
+          {"workspace_radius", arm.workspace_radius},
+          {"transport", arm.transport},
+          {"source", arm.source}};
+}
+
+OrderedJson listingInJson(const Listing& all) {
+  OrderedJson out;
+  out["arms"] = OrderedJson::array();
+  for (const FoundArm& arm : all.arms) {
+    for (const HidProfile& profile : arm.profiles) out["arms"].push_back(armInJson(arm, profile));
   }
-  if (options.json) {
-    OrderedJson out;
-    out["arms"] = OrderedJson::array();
-    for (const FoundArm& arm : arms) {
-      for (const HidProfile& profile : arm.profiles) {
-        OrderedJson json;
-        json["device"] = arm.nameAs(profile);
-        json["path"] = arm.device.path;
-        json["description"] = profile.description;
-        json["firmware"] = profile.firmware;
-        json["tested"] = isTested(identityOf(profile, arm.identity()));
-        const auto wrong = arm.against(profile);
-        const std::string what = wrong ? wrong->what() : trouble(arm);
-        json["trouble"] = what.empty() ? OrderedJson() : OrderedJson(what);
-        json["limits"] = limitsOf(profile);
-        json["sources"] = profile.sources;
-        out["arms"].push_back(json);
-      }
-    }
-    out["profiles"] = OrderedJson::array();
-    for (const HidProfile& profile : profiles) {
-      out["profiles"].push_back({{"name", profile.name},
-                                 {"description", profile.description},
-                                 {"file", profile.source},
-                                 {"limits", limitsOf(profile)},
-                                 {"facts", factsIn(profile)},
-                                 {"sources", profile.sources}});
-    }
-    out["plugins"] = inJson(plugins);
-    out["notes"] = notes;
-    out["known"] = OrderedJson::array();
-    for (const KnownArm& arm : knownArms()) {
-      out["known"].push_back({{"name", arm.name},
-                              {"force", arm.force},
-                              {"stiffness", arm.stiffness},
-                              {"damping", arm.damping},
-                              {"workspace_radius", arm.workspace_radius},
-                              {"transport", arm.transport},
-                              {"source", arm.source}});
-    }
-    sayJson(out);
-    return kDone;
+  out["profiles"] = OrderedJson::array();
+  for (const HidProfile& profile : all.profiles) out["profiles"].push_back(profileInJson(profile));
+  out["plugins"] = OrderedJson::array();
+  for (const FoundPlugin& plugin : all.plugins) out["plugins"].push_back(pluginInJson(plugin));
+  out["notes"] = all.notes;
+  out["known"] = OrderedJson::array();
+  for (const KnownArm& arm : knownArms()) out["known"].push_back(knownArmInJson(arm));
+  return out;
+}
+
+/// Limits and rates of an arm that gives force: force [N], stiffness [N/m], damping [N s/m], rates
+/// [Hz], radius of the workspace [m].
+struct ShownLimits {
+  double force, stiffness, damping, input_rate, output_rate, workspace_radius;
+};
+
+void sayLimits(const ShownLimits& limits) {
+  say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+      rounded(limits.force), rounded(limits.stiffness), rounded(limits.damping),
+      rounded(limits.input_rate), rounded(limits.output_rate), rounded(limits.workspace_radius));
+}
+
+void sayUntested(const std::string& device) {
+  say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+      kUntestedStiffness, device);
+}
+
+void sayPluginArm(const FoundPlugin& plugin, const FoundPluginArm& arm) {
+  const NamedPluginArm named = namedOf(plugin, arm);
+  say("{}\n  {}, by {} {}\n", named.name, sentence(arm.model), sentence(plugin.what),
+      plugin.version);
+  if (named.info && named.info->hand) {
+    const DeviceInfo& info = *named.info;
+    sayLimits({info.limits.peak, info.max_stiffness, info.max_damping, arm.facts->rate,
+               info.output_rate, info.workspace_radius});
+    say("    {}\n", sentence(info.source));
+    if (!named.tested) sayUntested(named.name);
+  } else if (named.info) {
+    say("  moves the hand, gives no force\n");
   }
-  const bool none = std::all_of(plugins.begin(), plugins.end(),
+  if (!named.trouble.empty()) say("  {}\n", sentence(named.trouble));
+}
+
+void sayHidArm(const FoundArm& arm, const HidProfile& profile) {
+  say("{}\n  {}, {} ({})\n", arm.nameAs(profile), sentence(profile.description), arm.device.path,
+      arm.device.product_name);
+  if (profile.output) {
+    const HidLimits& limits = profile.limits;
+    sayLimits({limits.force, limits.stiffness, limits.damping, profile.input_rate,
+               profile.output_rate, limits.workspace_radius});
+    say("  firmware: {}\n", sentence(profile.firmware));
+    if (!isTested(identityOf(profile, arm.identity()))) sayUntested(arm.nameAs(profile));
+  } else {
+    say("  moves the hand, gives no force\n");
+  }
+  for (const auto& [pointer, source] : profile.sources) {
+    say("    {}: {}\n", pointer, sentence(source));
+  }
+  if (const auto wrong = arm.against(profile)) say("  {}\n", sentence(wrong->what()));
+}
+
+void sayArms(const Listing& all) {
+  const bool none = std::all_of(all.plugins.begin(), all.plugins.end(),
                                 [](const FoundPlugin& plugin) { return plugin.arms.empty(); });
-  if (arms.empty()) {
+  if (all.arms.empty()) {
     say("no arm is plugged in that a profile {}knows\n", none ? "or plug-in " : "");
   }
-  sayPlugins(plugins);
-  for (const FoundArm& arm : arms) {
-    for (const HidProfile& profile : arm.profiles) {
-      say("{}\n  {}, {} ({})\n", arm.nameAs(profile), sentence(profile.description),
-          arm.device.path, arm.device.product_name);
-      if (profile.output) {
-        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
-            rounded(profile.limits.force), rounded(profile.limits.stiffness),
-            rounded(profile.limits.damping), rounded(profile.input_rate),
-            rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
-        say("  firmware: {}\n", sentence(profile.firmware));
-        if (!isTested(identityOf(profile, arm.identity()))) {
-          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
-              kUntestedStiffness, arm.nameAs(profile));
-        }
-      } else {
-        say("  moves the hand, gives no force\n");
-      }
-      for (const auto& [pointer, source] : profile.sources) {
-        say("    {}: {}\n", pointer, sentence(source));
-      }
-      if (const auto wrong = arm.against(profile)) say("  {}\n", sentence(wrong->what()));
-    }
+  for (const FoundPlugin& plugin : all.plugins) {
+    if (!plugin.trouble.empty()) say("{}\n", sentence(plugin.trouble));
+    for (const FoundPluginArm& arm : plugin.arms) sayPluginArm(plugin, arm);
+  }
+  for (const FoundArm& arm : all.arms) {
+    for (const HidProfile& profile : arm.profiles) sayHidArm(arm, profile);
     if (const std::string what = trouble(arm); !what.empty()) say("  {}\n", sentence(what));
   }
-  for (const std::string& other : others) say("{}\n", sentence(other));
+  for (const std::string& other : all.others) say("{}\n", sentence(other));
+}
+
+/// Prints the names of profiles and plug-ins, and the limits of known arms.
+void sayCatalogue(const Listing& all) {
   say("\nprofiles: ");
-  for (const HidProfile& p : profiles) say("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
+  for (const HidProfile& p : all.profiles) say("{}{}", &p == &all.profiles[0] ? "" : ", ", p.name);
   say("; your own in {}\nplug-ins: ", hidProfileFolder().string());
-  for (const FoundPlugin& p : plugins) say("{}{}", &p == &plugins[0] ? "" : ", ", p.name);
+  for (const FoundPlugin& p : all.plugins) say("{}{}", &p == &all.plugins[0] ? "" : ", ", p.name);
   say("{} (docs/plugins.md)\n\nlimits of known arms, by their sources:\n",
-      plugins.empty() ? "none" : "");
+      all.plugins.empty() ? "none" : "");
   for (const KnownArm& arm : knownArms()) {
     say("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name, rounded(arm.force),
         rounded(arm.stiffness), rounded(arm.damping), rounded(arm.workspace_radius), arm.transport,
         sentence(arm.source));
   }
+}
+
+int list(const DevicesOptions& options) {
+  const Listing all = findAll();
+  if (options.json) {
+    sayJson(listingInJson(all));
+    return kDone;
+  }
+  sayArms(all);
+  sayCatalogue(all);
   return kDone;
 }
 
@@ -487,7 +526,7 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
                  "With --test: say as well how a coupling's room is known");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
-      "Example:\n  palpate devices mine.json\n  palpate devices --watch hid:mine\n"
+      "Example:\n  palpate devices mine\n  palpate devices --watch hid:mine\n"
       "  palpate devices --test hid:polhem");
   verb->callback([=, &body] {
     body = [=] {

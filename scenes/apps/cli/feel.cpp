@@ -131,8 +131,9 @@ Legible timeWords(const OrderedJson& summary) {
       got["page_faults"].get<std::int64_t>(),
       got["priority"].get<bool>() ? "real-time priority" : "no real-time priority",
       got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked",
-      early > 0.0 ? sentence("woken " + rounded(early) + " us early, each tick rehearsed")
-                  : sentence("asleep until each tick"));
+      early > 0.0
+          ? sentence("woken " + rounded(early) + " us early, caches warmed before each tick")
+          : sentence("asleep until each tick"));
 }
 
 /// Returns the file of one hand among several: T.csv, T.2.csv, ...
@@ -161,9 +162,7 @@ void checkOutputs(const FeelOptions& options, const SceneInput& scene) {
   checkOutputsApart(places, inputs);
 }
 
-void checkOptions(const FeelOptions& options) {
-  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
-  if (!options.still.empty()) static_cast<void>(pngName(options.still));
+void checkTimes(const FeelOptions& options) {
   const double slowest = options.realtime ? 500.0 : 10.0;
   const double fastest = options.realtime ? 20000.0 : 100000.0;
   if (!(options.rate >= slowest && options.rate <= fastest)) {
@@ -175,6 +174,9 @@ void checkOptions(const FeelOptions& options) {
                 fmt::format("{} is not more than 0 and at most 1000000", *options.seconds),
                 "use 10");
   }
+}
+
+void checkHands(const FeelOptions& options) {
   constexpr std::size_t kMostHands = 4;
   if (options.devices.empty() || options.devices.size() > kMostHands) {
     throw Error("--device", fmt::format("{} hands", options.devices.size()), "give one to four");
@@ -182,6 +184,10 @@ void checkOptions(const FeelOptions& options) {
   if (options.devices.size() > 1 && options.trace == "-") {
     throw Error("--trace", "the rows of several hands would be mixed", "give a file");
   }
+}
+
+/// Rejects an energy tank that has no effect, or a wrong refill.
+void checkTank(const FeelOptions& options) {
   const bool paths = std::any_of(options.devices.begin(), options.devices.end(), isPath);
   if (options.passive && paths) {
     throw Error("--passive", "a recorded path is no hand that could be given energy",
@@ -195,6 +201,10 @@ void checkOptions(const FeelOptions& options) {
   if (options.refill > 0.0 && !options.passive) {
     throw Error("--refill", "nothing is held back that it would let through", "add --passive");
   }
+}
+
+/// Rejects options that a recording, or a hand from one, cannot have.
+void checkRecordings(const FeelOptions& options) {
   if (options.record == "-") {
     throw Error("--record", "a recording is no text", "give a file");
   }
@@ -216,6 +226,9 @@ void checkOptions(const FeelOptions& options) {
     throw Error("--speed", fmt::format("{} is not 0.001 to {}", *options.speed, kFastest),
                 "1 is as it was");
   }
+}
+
+void checkSite(const FeelOptions& options) {
   if (!options.site.empty()) {
     (void)siteFrom(options.site, options.with);
     if (!options.realtime) {
@@ -232,13 +245,9 @@ void checkOptions(const FeelOptions& options) {
   } else if (options.own_scene) {
     throw Error("--own-scene", "there are no other sites", "leave it out, or add --site NAME");
   }
-  if (options.watch && !options.realtime) {
-    throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
-  }
-  if (options.reengage && !options.realtime) {
-    throw Error("--reengage", "in virtual time no tick is late",
-                options.window ? "leave it out" : "add --realtime");
-  }
+}
+
+void checkIgtl(const FeelOptions& options) {
   if (options.igtl.empty() && options.igtl_rate != kIgtlRate) {
     throw Error("--igtl-rate", "nobody is listened for", "add --igtl 18944");
   }
@@ -251,6 +260,25 @@ void checkOptions(const FeelOptions& options) {
     throw Error("--igtl-rate",
                 fmt::format("{} Hz is not 1 to {}", options.igtl_rate, kIgtlMostRate), "use 30");
   }
+}
+
+/// Throws Error for the first option that is wrong.
+void checkOptions(const FeelOptions& options) {
+  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
+  if (!options.still.empty()) static_cast<void>(pngName(options.still));
+  checkTimes(options);
+  checkHands(options);
+  checkTank(options);
+  checkRecordings(options);
+  checkSite(options);
+  if (options.watch && !options.realtime) {
+    throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
+  }
+  if (options.reengage && !options.realtime) {
+    throw Error("--reengage", "in virtual time no tick is late",
+                options.window ? "leave it out" : "add --realtime");
+  }
+  checkIgtl(options);
 }
 
 /// Returns the rate of recorded hands; throws Error if rates differ, or if another rate is
@@ -617,7 +645,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "plugin:NAME[@SERIAL] (palpate devices) or igtl (led by 3D Slicer); again for "
                    "another hand")
       ->take_all()
-      ->type_name("D:{simulated,simulated:,path:,replay:,hid,hid:,plugin:,igtl}");
+      ->type_name("D");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -662,7 +690,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
                    "again for another hand, of which the first is drawn")
       ->take_all()
-      ->type_name("D:{mouse,simulated,simulated:,path:,replay:,hid,hid:,plugin:,igtl}");
+      ->type_name("D");
   verb->add_option("--speed", options->speed,
                    "Of a recorded hand: so many times as fast as it was (default 1)");
   verb->add_option("--seconds", options->seconds,

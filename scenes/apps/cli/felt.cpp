@@ -12,6 +12,31 @@ namespace {
 
 constexpr double kStep = 1.02;  // ratio of coarse bins
 
+/// Returns the statuses of the ticks that did not converge; empty: all did.
+std::string troublesOf(const OrderedJson& statuses) {
+  std::string troubles;
+  for (const auto& [status, count] : statuses.items()) {
+    if (status == wordFor(StepStatus::kConverged) || count.get<std::int64_t>() == 0) continue;
+    troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status,
+                            count.get<std::int64_t>());
+  }
+  return troubles;
+}
+
+Legible modeWords(const OrderedJson& mode) {
+  Legible text = words("felt      {}: ", mode["mode"].get<std::string>());
+  if (mode["touches"].get<int>() == 0) return text += words("not at all\n");
+  text += words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
+                mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
+  const OrderedJson& at = mode["at"];
+  text +=
+      words(" at {}", placeWords({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()}));
+  if (mode["pushed_through"].get<int>() > 0) {
+    text += words(", pushed through {} times", mode["pushed_through"].get<int>());
+  }
+  return text += words("\n");
+}
+
 }  // namespace
 
 void Durations::add(std::int64_t ns) {
@@ -92,6 +117,26 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   net_energy_ += last_force_.dot(moved);
   last_probe_ = tick.probe;
   last_force_ = r.force;
+  countTick(tick);
+  addTank(r, state);
+  std::fill_n(loads_.begin(), carriers_.size(), 0.0);
+  SceneFelt* const felt = enterScene(tick.scene);
+  if (felt == nullptr) return;
+  const TickForces forces = addForces(*felt, r, state);
+
+  // A force during a fast move lasts only for that moment.
+  constexpr double kFast = 0.1;  // [m/s]
+  const double size = r.force.norm();
+  const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
+  if (forces.most <= 0.0 || worth <= most_.worth) return;
+  const std::size_t main = forces.main;
+  most_ = {worth, size, tick.time, tick.probe, r.proxy, r.stiffness, tick.scene, main, {}};
+  const int motion = main < felt->own ? felt->motion_of[main] : -1;
+  if (motion >= 0) most_.pose = state.bodies()[static_cast<std::size_t>(motion)].pose;
+}
+
+void Felt::countTick(const Telemetry& tick) noexcept {
+  const StepReport& r = tick.report;
   durations_.add(tick.tick_ns);
   wakes_.add(tick.wake_ns);
   late_ = tick.late_ticks;
@@ -115,6 +160,13 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   bound_max_ = std::max(bound_max_, r.error_bound);
   injected_ += r.injected;
   still_ += static_cast<std::int64_t>(r.moving < 1.0);
+  near_ += r.parts;
+  most_near_ = std::max<std::int64_t>(most_near_, r.parts);
+  crowded_ += static_cast<std::int64_t>(r.left_out > 0);
+  missing_ = std::max(missing_, r.missing);
+}
+
+void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
   drained_ += static_cast<std::int64_t>(r.share < 1.0);
   // If the tank acts, r.force is the remaining force; if it only monitors, it is the whole force.
   const double size = r.force.norm();
@@ -126,46 +178,28 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   debt_ = state.limiter().tank.debt();
   refilled_ = state.limiter().tank.refilled();
   tank_ = state.limits().tank.use;
-  near_ += r.parts;
-  most_near_ = std::max<std::int64_t>(most_near_, r.parts);
-  crowded_ += static_cast<std::int64_t>(r.left_out > 0);
-  missing_ = std::max(missing_, r.missing);
-  std::fill_n(loads_.begin(), carriers_.size(), 0.0);
+}
 
+Felt::SceneFelt* Felt::enterScene(std::uint64_t id) noexcept {
   // Each scene is announced here before it is published. An unknown scene is therefore in the
   // mailbox.
-  if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
-  if (!expected_.current() || expected_.current()->id != tick.scene) return;
-  SceneFelt& felt = *expected_.current();
-  if (scene_ != felt.id) {
-    scene_ = felt.id;
+  if (!expected_.current() || expected_.current()->id != id) expected_.refresh();
+  if (!expected_.current() || expected_.current()->id != id) return nullptr;
+  if (scene_ != id) {
+    scene_ = id;
     own_ = {};
     slots_.fill({});
   }
-  const auto forces = state.forces();
-  std::size_t next = 0;
-  double most = 0.0;
-  std::size_t main = 0;
-  Vec3 of_parts = Vec3::Zero();
-  const auto add = [&](std::size_t index, const ModeMemory& memory, Side& last) {
-    // Sum of the mode's primitives; after a fault they may be missing.
-    Vec3 force = Vec3::Zero();
-    const std::size_t end = next + static_cast<std::size_t>(memory.emitted);
-    const bool there = r.status != StepStatus::kFault && end <= forces.size();
-    for (; there && next < end; ++next) force += forces[next];
-    const double held = force.norm();
-    if (held > most) {
-      most = held;
-      main = index;
-    }
-    if (index >= felt.own) {
-      of_parts += force;
-    } else if (felt.load_of[index] >= 0) {
-      loads_[static_cast<std::size_t>(felt.load_of[index])] = held;
-    }
-    addMode(felt.modes[index], held, r.proxy, memory, last);
-  };
-  for (std::size_t i = 0; i < felt.own; ++i) add(i, state.memory(i), own_.of[i]);
+  return expected_.current().get();
+}
+
+Felt::TickForces Felt::addForces(SceneFelt& felt, const StepReport& r,
+                                 const ProxyState& state) noexcept {
+  TickForces forces;
+  if (r.status != StepStatus::kFault) forces.left = state.forces();
+  for (std::size_t i = 0; i < felt.own; ++i) {
+    addMode(felt, i, r.proxy, state.memory(i), own_.of[i], forces);
+  }
   for (const std::uint8_t slot : state.near().order()) {
     const NearPart& near = state.near()[slot];
     if (near.part >= felt.modes_of_part.size()) continue;
@@ -173,21 +207,38 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
     if (last.part != near.part) last = {near.part, {}};
     const std::size_t first = felt.modes_of_part[near.part];
     const std::size_t count = near.modes;
-    for (std::size_t i = 0; i < count; ++i) add(first + i, near.memories[i], last.of[i]);
+    for (std::size_t i = 0; i < count; ++i) {
+      addMode(felt, first + i, r.proxy, near.memories[i], last.of[i], forces);
+    }
   }
-  if (parts_) loads_[carriers_.size() - 1] = of_parts.norm();
-
-  // A force during a fast move lasts only for that moment.
-  constexpr double kFast = 0.1;  // [m/s]
-  const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
-  if (most <= 0.0 || worth <= most_.worth) return;
-  most_ = {worth, size, tick.time, tick.probe, r.proxy, r.stiffness, tick.scene, main, {}};
-  const int motion = main < felt.own ? felt.motion_of[main] : -1;
-  if (motion >= 0) most_.pose = state.bodies()[static_cast<std::size_t>(motion)].pose;
+  if (parts_) loads_[carriers_.size() - 1] = forces.of_parts.norm();
+  return forces;
 }
 
-void Felt::addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
-                   Side& last) const noexcept {
+void Felt::addMode(SceneFelt& felt, std::size_t index, const Vec3& proxy, const ModeMemory& memory,
+                   Side& last, TickForces& forces) noexcept {
+  // Sum of the mode's primitives; after a fault they may be missing.
+  Vec3 force = Vec3::Zero();
+  const auto count = static_cast<std::size_t>(memory.emitted);
+  if (count <= forces.left.size()) {
+    for (const Vec3& one : forces.left.first(count)) force += one;
+    forces.left = forces.left.subspan(count);
+  }
+  const double held = force.norm();
+  if (held > forces.most) {
+    forces.most = held;
+    forces.main = index;
+  }
+  if (index >= felt.own) {
+    forces.of_parts += force;
+  } else if (felt.load_of[index] >= 0) {
+    loads_[static_cast<std::size_t>(felt.load_of[index])] = held;
+  }
+  countMode(felt.modes[index], held, proxy, memory, last);
+}
+
+void Felt::countMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
+                     Side& last) const noexcept {
   constexpr double kNewtons = 1e-3;  // the least that is felt
   constexpr double kPause = 0.05;    // [s]
   const std::int64_t now = durations_.count();
@@ -316,19 +367,18 @@ OrderedJson Felt::summary() const {
 Legible Felt::words() const {
   const OrderedJson s = summary();
   const double ticks = std::max(1.0, s["ticks"].get<double>());
+  const OrderedJson& per_tick = s["per_tick"];
   const auto us = [&](const char* key) { return rounded(1e-3 * s["tick_ns"][key].get<double>()); };
+  const auto mean = [&](const char* key) { return rounded(per_tick[key].get<double>()); };
   Legible text = cli::words(
       "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} along "
       "streams, {} cells on the way, {} primitives, {} sub-steps\n",
-      us("p50"), us("p99"), us("p99.9"), us("max"), rounded(s["per_tick"]["samples"].get<double>()),
-      rounded(s["per_tick"]["traced"].get<double>()),
-      rounded(s["per_tick"]["walked"].get<double>()),
-      rounded(s["per_tick"]["primitives"].get<double>()),
-      rounded(s["per_tick"]["substeps"].get<double>()));
+      us("p50"), us("p99"), us("p99.9"), us("max"), mean("samples"), mean("traced"), mean("walked"),
+      mean("primitives"), mean("substeps"));
   text +=
       cli::words("balance   {} % closed form, {} iterations a tick; within {} m of the exact one\n",
-                 rounded(100.0 * static_cast<double>(closed_form_) / ticks),
-                 rounded(s["per_tick"]["iterations"].get<double>()), rounded(bound_max_));
+                 rounded(100.0 * static_cast<double>(closed_form_) / ticks), mean("iterations"),
+                 rounded(bound_max_));
   text += cli::words(
       "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks; {} "
       "faults\n",
@@ -343,58 +393,41 @@ Legible Felt::words() const {
     text += cli::words("still     the arm did not move by a count: the force faded in {} ticks\n",
                        still_);
   }
-  std::string troubles;
-  for (const auto& [status, count] : s["status"].items()) {
-    if (status == wordFor(StepStatus::kConverged) || count.get<std::int64_t>() == 0) continue;
-    troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status,
-                            count.get<std::int64_t>());
-  }
+  const std::string troubles = troublesOf(s["status"]);
   if (!troubles.empty()) text += cli::words("status    {}\n", sentence(troubles));
-  if (s.contains("parts")) {
-    const OrderedJson& parts = s["parts"];
-    text += cli::words("parts     {} of {} near in the mean, {} at most\n",
-                       rounded(parts["near_mean"].get<double>()), parts["all"].get<std::int64_t>(),
-                       most_near_);
-    if (crowded_ > 0) {
-      text += cli::words(
-          "crowded   more than {} parts met in {} ticks: the strongest were felt, and the force "
-          "was "
-          "off by at most {} N\n",
-          kMaxNearParts, crowded_, rounded(missing_));
-    }
-  }
+  if (s.contains("parts")) text += partsWords(s["parts"]);
   text += cli::words("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
                      rounded(net_energy_), rounded(injected_));
-  if (tank_ != TankUse::kOff) {
-    const double share = 100.0 * static_cast<double>(drained_) / ticks;
-    const double lost = 100.0 * s["tank"]["force_lost"].get<double>();
-    text += tank_ == TankUse::kAct
-                ? cli::words(
-                      "tank      acted in {} % of ticks and took {} % of the force; {} J of "
-                      "debt, {} J let in\n",
-                      rounded(share), rounded(lost), rounded(debt_), rounded(refilled_))
-                : cli::words(
-                      "tank      looked on; --passive would have acted in {} % of ticks and "
-                      "taken {} % of the force\n",
-                      rounded(share), rounded(lost));
-  }
-  for (const auto& mode : s["felt"]) {
-    text += cli::words("felt      {}: ", mode["mode"].get<std::string>());
-    if (mode["touches"].get<int>() == 0) {
-      text += cli::words("not at all\n");
-      continue;
-    }
-    text += cli::words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
-                       mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
-    const OrderedJson& at = mode["at"];
-    text += cli::words(" at {}",
-                       placeWords({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()}));
-    if (mode["pushed_through"].get<int>() > 0) {
-      text += cli::words(", pushed through {} times", mode["pushed_through"].get<int>());
-    }
-    text += cli::words("\n");
+  if (tank_ != TankUse::kOff) text += tankWords(s["tank"], ticks);
+  for (const auto& mode : s["felt"]) text += modeWords(mode);
+  return text;
+}
+
+Legible Felt::partsWords(const OrderedJson& parts) const {
+  Legible text = cli::words("parts     {} of {} near in the mean, {} at most\n",
+                            rounded(parts["near_mean"].get<double>()),
+                            parts["all"].get<std::int64_t>(), most_near_);
+  if (crowded_ > 0) {
+    text += cli::words(
+        "crowded   more than {} parts met in {} ticks: the strongest were felt, and the force was "
+        "off by at most {} N\n",
+        kMaxNearParts, crowded_, rounded(missing_));
   }
   return text;
+}
+
+Legible Felt::tankWords(const OrderedJson& tank, double ticks) const {
+  const double share = 100.0 * static_cast<double>(drained_) / ticks;
+  const double lost = 100.0 * tank["force_lost"].get<double>();
+  if (tank_ != TankUse::kAct) {
+    return cli::words(
+        "tank      looked on; --passive would have acted in {} % of ticks and taken {} % of the "
+        "force\n",
+        rounded(share), rounded(lost));
+  }
+  return cli::words(
+      "tank      acted in {} % of ticks and took {} % of the force; {} J of debt, {} J let in\n",
+      rounded(share), rounded(lost), rounded(debt_), rounded(refilled_));
 }
 
 }  // namespace palpate::cli

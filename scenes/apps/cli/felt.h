@@ -128,8 +128,24 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::size_t mode = 0;
     Pose pose;
   };
-  void addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
-               Side& last) const noexcept;
+  /// Forces of a tick's modes while they are added.
+  struct TickForces {
+    std::span<const Vec3> left;    ///< Forces of the primitives of modes that are yet to come.
+    double most = 0.0;             ///< Largest force of a mode [N],
+    std::size_t main = 0;          ///< and the mode's index.
+    Vec3 of_parts = Vec3::Zero();  ///< Sum of the forces of all parts' modes [N].
+  };
+  void countTick(const Telemetry& tick) noexcept;
+  void addTank(const StepReport& r, const ProxyState& state) noexcept;
+  /// Returns the results for the scene of a tick; null if it was not announced.
+  [[nodiscard]] SceneFelt* enterScene(std::uint64_t id) noexcept;
+  TickForces addForces(SceneFelt& felt, const StepReport& r, const ProxyState& state) noexcept;
+  void addMode(SceneFelt& felt, std::size_t index, const Vec3& proxy, const ModeMemory& memory,
+               Side& last, TickForces& forces) noexcept;
+  void countMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
+                 Side& last) const noexcept;
+  [[nodiscard]] Legible partsWords(const OrderedJson& parts) const;
+  [[nodiscard]] Legible tankWords(const OrderedJson& tank, double ticks) const;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
   [[nodiscard]] std::vector<int> loadsOf(std::span<const std::string> modes) const;
 

@@ -31,7 +31,6 @@ void addImport(CLI::App& app, Body& body);
 void addBrick(CLI::App& app, Body& body);
 void addMake(CLI::App& app, Body& body);
 void addScene(CLI::App& app, Body& body);
-void addShatter(CLI::App& app, Body& body);
 void addSample(CLI::App& app, Body& body);
 void addSolve(CLI::App& app, Body& body);
 void addCheck(CLI::App& app, Body& body);
@@ -45,14 +44,13 @@ void addPlot(CLI::App& app, Body& body);
 void addStability(CLI::App& app, Body& body);
 void addDevices(CLI::App& app, Body& body);
 void addSchema(CLI::App& app, Body& body);
-void addCompletion(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,    addImport,    addBrick,   addScene,   addMake,
-                            addShatter, addSample,    addSolve,   addCheck,   addExplain,
-                            addPress,   addFeel,      addView,    addCompare, addConvert,
-                            addPlot,    addStability, addDevices, addSchema,  addCompletion};
+constexpr std::array kVerbs{addInfo,      addImport,  addBrick,   addScene,   addMake,
+                            addSample,    addSolve,   addCheck,   addExplain, addPress,
+                            addFeel,      addView,    addCompare, addConvert, addPlot,
+                            addStability, addDevices, addSchema};
 
 }  // namespace
 }  // namespace palpate::cli

@@ -42,7 +42,6 @@ struct StabilityOptions {
 
 constexpr double kLeastStiffness = 50.0;  // [N/m]
 constexpr double kMostDamping = 50.0;     // [N s/m]
-constexpr int kSlowSize = 17;             // cells along an axis for slow methods
 
 struct Setup {
   std::string name;
@@ -102,7 +101,7 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   if (options.scene.empty()) {
     setup.name = options.planes ? fmt::format("two planes, {} degrees", *options.planes) : "a wall";
     setup.contact = options.planes ? troughContact(*options.planes) : wallContact();
-    setup.methods = methodsOver(setup.contact);
+    setup.methods = {solverOver(setup.contact)};
     return setup;
   }
   std::optional<Touch> touch;
@@ -115,11 +114,10 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   checkOutputsApart(outputs, inputsOf(options.scene, opened.spec));
   setup.name = opened.spec.source;
   setup.contact = touch->contact;
-  setup.methods = methodsOver(setup.contact);
   constexpr double kFree = 5e-3;  // [m]
-  setup.methods.insert(
-      setup.methods.begin(),
-      wholeTick(opened.built.scene, setup.contact.place + kFree * setup.contact.outwards));
+  setup.methods = {
+      wholeTick(opened.built.scene, setup.contact.place + kFree * setup.contact.outwards),
+      solverOver(setup.contact)};
   return setup;
 }
 
@@ -255,25 +253,41 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
   return json;
 }
 
-int draw(const StabilityOptions& options) {
-  check(options);
-  // Check all input before anything runs.
-  std::vector<std::pair<std::string, std::unique_ptr<WholeFile>>> files;
-  std::vector<std::string> places;
+/// The files of --map. A script draws all but JSON.
+struct MapFiles {
+  std::vector<std::string> names;
+  std::vector<std::unique_ptr<WholeFile>> files;
   std::optional<Script> script;
-  if (!options.map.empty()) {
-    const std::filesystem::path out(options.map);
-    std::vector<std::string> endings{".json", ".png", ".svg"};
-    const bool one = std::find(endings.begin(), endings.end(), out.extension()) != endings.end();
-    if (one) endings = {out.extension()};
-    for (const std::string& ending : endings) {
-      const std::string name = one ? out.string() : out.string() + ending;
-      places.push_back(name);
-      files.emplace_back(name, std::make_unique<WholeFile>(name));
-      if (ending != ".json" && !script) script.emplace("stability_picture.py", "--map");
+};
+
+MapFiles openMapFiles(const std::string& map) {
+  MapFiles out;
+  if (map.empty()) return out;
+  const std::filesystem::path path(map);
+  std::vector<std::string> endings{".json", ".png", ".svg"};
+  const bool one = std::find(endings.begin(), endings.end(), path.extension()) != endings.end();
+  if (one) endings = {path.extension()};
+  for (const std::string& ending : endings) {
+    out.names.push_back(one ? path.string() : path.string() + ending);
+    out.files.push_back(std::make_unique<WholeFile>(out.names.back()));
+    if (ending != ".json" && !out.script) out.script.emplace("stability_picture.py", "--map");
+  }
+  return out;
+}
+
+void writeMapFiles(const MapFiles& out, const OrderedJson& json) {
+  for (std::size_t i = 0; i < out.files.size(); ++i) {
+    const std::filesystem::path path(out.names[i]);
+    if (path.extension() == ".json") {
+      out.files[i]->write(dump(json, 1) + "\n");
+    } else {
+      out.script->draw(json, *out.files[i], out.names[i], {path.extension().string().substr(1)});
     }
   }
-  const Setup setup = setupOf(options, places);
+  for (const auto& file : out.files) file->commit();
+}
+
+MapSetting settingOf(const StabilityOptions& options) {
   MapSetting setting;
   setting.arm.mass = options.mass;
   setting.arm.viscous = options.viscous;
@@ -283,36 +297,26 @@ int draw(const StabilityOptions& options) {
   setting.grip = {options.grip, options.grip_damping};
   setting.rate = options.rate;
   setting.load = options.load;
-  const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
-  constexpr double kMost = 1e5;  // [N/m]: for a loop that is always stable
-  const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
+  return setting;
+}
 
+/// Draws a map for each method, up to the stiffness `most`.
+std::vector<StabilityMap> drawMaps(const Setup& setup, const MapSetting& setting, int size,
+                                   double most) {
   std::vector<StabilityMap> maps;
-  {
-    const auto progress = showProgress("mapping");
-    for (const MapMethod& method : setup.methods) {
-      const int size = method.size < options.size ? kSlowSize : options.size;
-      maps.push_back(
-          drawMap(setting, setup.contact, method, size, kLeastStiffness, most, kMostDamping));
-      if (progress) {
-        progress(static_cast<double>(maps.size()) / static_cast<double>(setup.methods.size()));
-      }
+  const auto progress = showProgress("mapping");
+  for (const MapMethod& method : setup.methods) {
+    maps.push_back(
+        drawMap(setting, setup.contact, method, size, kLeastStiffness, most, kMostDamping));
+    if (progress) {
+      progress(static_cast<double>(maps.size()) / static_cast<double>(setup.methods.size()));
     }
   }
-  const OrderedJson json = report(options, setup, setting, most, maps);
-  for (auto& [name, file] : files) {
-    const std::filesystem::path path(name);
-    if (path.extension() == ".json") {
-      file->write(dump(json, 1) + "\n");
-    } else {
-      script->draw(json, *file, name, {path.extension().string().substr(1)});
-    }
-  }
-  for (auto& [name, file] : files) file->commit();
-  if (options.json) {
-    sayJson(json, 1);
-    return kDone;
-  }
+  return maps;
+}
+
+void sayMaps(const StabilityOptions& options, const Setup& setup, const MapSetting& setting,
+             double stable, const OrderedJson& methods) {
   say("{}{} at {} Hz, {} kg, {} N s/m, {} N, steps of {} um, delay {} ms; hand {} N/m, {} N s/m, "
       "pressing with {} N\n",
       setup.name, options.device.empty() ? "" : ", " + options.device, rounded(options.rate),
@@ -329,12 +333,31 @@ int draw(const StabilityOptions& options) {
       "{}\n",
       rounded(passiveStiffness(setting.arm, options.rate)),
       std::isfinite(stable) ? rounded(stable) : "any stiffness");
-  for (const auto& method : json["methods"]) {
+  for (const auto& method : methods) {
     say("{:22} rests {}; in {} % of the map ({} cells tried)\n", method["name"].get<std::string>(),
         method["rests_to"].is_null()
             ? "at no stiffness"
             : "without damping to " + rounded(method["rests_to"].get<double>()) + " N/m",
         rounded(100.0 * method["rests"].get<double>()), method["tried"].get<long>());
+  }
+}
+
+int draw(const StabilityOptions& options) {
+  check(options);
+  // Check all input before anything runs.
+  const MapFiles out = openMapFiles(options.map);
+  const Setup setup = setupOf(options, out.names);
+  const MapSetting setting = settingOf(options);
+  const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
+  constexpr double kMost = 1e5;  // [N/m]: for a loop that is always stable
+  const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
+  const std::vector<StabilityMap> maps = drawMaps(setup, setting, options.size, most);
+  const OrderedJson json = report(options, setup, setting, most, maps);
+  writeMapFiles(out, json);
+  if (options.json) {
+    sayJson(json, 1);
+  } else {
+    sayMaps(options, setup, setting, stable, json["methods"]);
   }
   return kDone;
 }
@@ -342,9 +365,7 @@ int draw(const StabilityOptions& options) {
 }  // namespace
 
 void addStability(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand(
-      "stability",
-      "Maps where couplings rest, swing or run away, for the engine and other methods");
+  CLI::App* verb = app.add_subcommand("stability", "Maps where couplings rest, swing or run away");
   auto o = std::make_shared<StabilityOptions>();
   verb->add_option("SCENE", o->scene, "A scene to press on (default: a wall)");
   verb->add_option("--planes", o->planes, "Two planes so many degrees apart instead of a wall");

@@ -48,26 +48,19 @@ def main():
         return
     data = json.load(sys.stdin)
     methods = data["methods"]
-    columns = 3 if len(methods) == 8 else 4
-    lines = -(-(len(methods) + 1) // columns)  # the last panel is the legend
-    figure, axes = plt.subplots(lines, columns, figsize=(3 * columns, 2.7 * lines + 1.0), sharex=True,
-                                squeeze=False, layout="constrained")
-    for ax in axes.flat[len(methods):]:
-        ax.set_axis_off()
-    for ax, method in zip(axes.flat, methods):
+    columns = len(methods) + 1  # the last panel is the legend
+    figure, axes = plt.subplots(1, columns, figsize=(3 * columns, 3.7), layout="constrained")
+    for ax, method in zip(axes, methods):
         draw_map(ax, method, data["boundaries"])
-    for ax in axes[:, 0]:
-        ax.set_ylabel("damping [N s/m]")
-    for i, ax in enumerate(axes.flat[:len(methods)]):
-        if i + columns >= len(methods):
-            ax.set_xlabel("stiffness [N/m]")
-            ax.tick_params(labelbottom=True)
+        ax.set_xlabel("stiffness [N/m]")
+    axes[0].set_ylabel("damping [N s/m]")
+    axes[-1].set_axis_off()
     handles = [Patch(color=COLOURS[k], label=WORDS[k]) for k in ORDER]
     handles += [plt.Line2D([], [], color="black", linestyle=s, label=w) for s, w in
                 (("-", "one wall: stable with this hand"), (":", "one wall: passive with any hand"))]
-    axes.flat[len(methods)].legend(handles=handles, loc="center", fontsize=8, frameon=False)
+    axes[-1].legend(handles=handles, loc="center", fontsize=8, frameon=False)
     arm = data["arm"]
-    figure.suptitle(f"{data['of']} at {data['rate']:g} Hz: {arm['mass']:g} kg, "
+    figure.suptitle(f"{data['of']} at {data['rate']:g} Hz\n{arm['mass']:g} kg, "
                     f"{arm['viscous']:g} N s/m, {arm['coulomb']:g} N, "
                     f"encoder {1e6 * arm['encoder']:g} um, delay {1e3 * arm['delay']:g} ms",
                     fontsize=10)

@@ -146,85 +146,96 @@ void Watcher::tellOfEdits(const Made& made) {
 }
 
 std::optional<BuiltScene> Watcher::look() {
-  // Each edit may start an engagement, which ends before the next one.
-  constexpr auto kBetweenEdits = std::chrono::seconds(2);
-  if (made_.valid()) {
-    if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
-    const std::shared_ptr<const IgtlImage> image =
-        std::exchange(making_image_, false) ? std::exchange(image_, nullptr) : nullptr;
-    try {
-      Made made = made_.get();
-      if (made.shared) {
-        tellOfEdits(made);
-        shared_->settle(*made.shared);
-      }
-      if (made.same) return std::nullopt;
-      replaced_ = std::move(made.replaced);
-      if (image != nullptr) {
-        news_ = image->name + ": the image is felt now";
-        sayAside("feel: {}\n", sentence(news_));
-      }
-      felt_ = tried_;
-      if (edited_) next_edits_ = std::chrono::steady_clock::now() + kBetweenEdits;
-      if (read_ || edited_) {
-        spec_ = std::move(made.spec);
-        ids_ = std::move(made.ids);
-        text_ = std::move(made.text);
-      }
-      if (read_) sayAside("feel: {} has changed: it is felt now\n", file_);
-      return std::move(made.built);
-    } catch (const std::bad_alloc&) {
-      if (image != nullptr) news_ = image->name + ": there is not enough memory for it";
-      complain(file_ +
-               ": there is not enough memory for a second scene: use smaller volumes; the "
-               "scene before it goes on");
-    } catch (const std::exception& error) {
-      if (image != nullptr) news_ = error.what();
-      complain(std::string(error.what()) + "; the scene before it goes on");
-    }
-    // A faulty file, edit or image does not mean that the gains are invalid: they are tried with
-    // the present scene.
-    if (read_ && edited_) shared_->renew();
-    if (read_ || edited_ || image != nullptr) return std::nullopt;
-    refused_ = trying_;
-    if (wanted_ == tried_) wanted_ = felt_;
+  if (!made_.valid()) {
+    startBuild();
     return std::nullopt;
   }
+  if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
+  return takeBuilt();
+}
+
+std::optional<BuiltScene> Watcher::takeBuilt() {
+  const std::shared_ptr<const IgtlImage> image =
+      std::exchange(making_image_, false) ? std::exchange(image_, nullptr) : nullptr;
+  try {
+    return adopt(made_.get(), image.get());
+  } catch (const std::bad_alloc&) {
+    if (image != nullptr) news_ = image->name + ": there is not enough memory for it";
+    complain(file_ +
+             ": there is not enough memory for a second scene: use smaller volumes; the "
+             "scene before it goes on");
+  } catch (const std::exception& error) {
+    if (image != nullptr) news_ = error.what();
+    complain(std::string(error.what()) + "; the scene before it goes on");
+  }
+  // A faulty file, edit or image does not mean that the gains are invalid: they are tried with
+  // the present scene.
+  if (read_ && edited_) shared_->renew();
+  if (read_ || edited_ || image != nullptr) return std::nullopt;
+  refused_ = trying_;
+  if (wanted_ == tried_) wanted_ = felt_;
+  return std::nullopt;
+}
+
+std::optional<BuiltScene> Watcher::adopt(Made made, const IgtlImage* image) {
+  if (made.shared) {
+    tellOfEdits(made);
+    shared_->settle(*made.shared);
+  }
+  if (made.same) return std::nullopt;
+  replaced_ = std::move(made.replaced);
+  if (image != nullptr) {
+    news_ = image->name + ": the image is felt now";
+    sayAside("feel: {}\n", sentence(news_));
+  }
+  felt_ = tried_;
+  if (edited_) next_edits_ = std::chrono::steady_clock::now() + kBetweenEdits;
+  if (read_ || edited_) {
+    spec_ = std::move(made.spec);
+    ids_ = std::move(made.ids);
+    text_ = std::move(made.text);
+  }
+  if (read_) sayAside("feel: {} has changed: it is felt now\n", file_);
+  return std::move(made.built);
+}
+
+void Watcher::startBuild() {
   read_ = changed();
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;
   // Gains come first: a user who reduces a strength must not wait for a client that streams images.
   making_image_ = !read_ && !edited_ && image_ != nullptr && wanted_ == felt_;
-  if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return std::nullopt;
+  if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return;
   const bool still = wanted_ == felt_ || making_image_;
   tried_ = making_image_ ? felt_ : wanted_;
   trying_ = request_;
-  made_ =
-      std::async(std::launch::async, [this, read = read_, edited = edited_, still, dials = tried_,
-                                      shared = shared_, image = making_image_ ? image_ : nullptr] {
-        Made made{spec_, ids_, {}, {}, replaced_, {}, {}, false};
-        if (image != nullptr) made.replaced[image->name] = volumeOf(*image);
-        if (shared && (read || edited)) {
-          made.shared = shared;
-          buildShared(made, read, still, dials);
-        } else if (read) {
-          SceneInput opened = openWithText(file_, {});
-          made.text = std::move(opened.text);
-          opened.spec.waits = spec_.waits;
-          (void)fitToAll(opened.spec, devices_);
-          build(made, std::move(opened.spec), dials);
-        } else {
-          build(made, spec_, dials);
-        }
-        if (made.same || !(read || edited || image != nullptr)) return made;
-        if (read || edited) {
-          for (const std::string& note : made.spec.notes) complain(note);
-        }
-        for (const std::string& note : made.built.notes) complain(note);
-        return made;
-      });
-  return std::nullopt;
+  made_ = std::async(std::launch::async,
+                     [this, task = Task{read_, edited_, still, tried_, shared_,
+                                        making_image_ ? image_ : nullptr}] { return make(task); });
+}
+
+Watcher::Made Watcher::make(const Task& task) const {
+  Made made{spec_, ids_, {}, {}, replaced_, {}, {}, false};
+  if (task.image != nullptr) made.replaced[task.image->name] = volumeOf(*task.image);
+  if (task.shared && (task.read || task.edited)) {
+    made.shared = task.shared;
+    buildShared(made, task.read, task.still, task.dials);
+  } else if (task.read) {
+    SceneInput opened = openWithText(file_, {});
+    made.text = std::move(opened.text);
+    opened.spec.waits = spec_.waits;
+    (void)fitToAll(opened.spec, devices_);
+    build(made, std::move(opened.spec), task.dials);
+  } else {
+    build(made, spec_, task.dials);
+  }
+  if (made.same || !(task.read || task.edited || task.image != nullptr)) return made;
+  if (task.read || task.edited) {
+    for (const std::string& note : made.spec.notes) complain(note);
+  }
+  for (const std::string& note : made.built.notes) complain(note);
+  return made;
 }
 
 }  // namespace palpate::cli

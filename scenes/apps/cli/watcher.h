@@ -90,7 +90,28 @@ class Watcher {
     std::vector<std::string> refused;  ///< Rejected edits of other sites, a line each.
     bool same = false;                 ///< The scene is unchanged.
   };
+  /// The present state for a thread that builds a scene.
+  struct Task {
+    bool read;    ///< Read the file again.
+    bool edited;  ///< Take over other sites' edits.
+    bool still;   ///< Gains are unchanged.
+    Dials dials;
+    std::optional<SharedScene> shared;
+    std::shared_ptr<const IgtlImage> image;  ///< Null: no new image.
+  };
+  /// Each edit may start an engagement, which ends before the next edit.
+  static constexpr auto kBetweenEdits = std::chrono::seconds(2);
+
   [[nodiscard]] bool changed();
+  /// Starts a thread that builds the scene, if the file, edits, the image or gains have changed.
+  void startBuild();
+  /// Returns the scene that a thread has built; unset if it is unchanged or has errors, which are
+  /// reported.
+  [[nodiscard]] std::optional<BuiltScene> takeBuilt();
+  /// Replaces the present scene; returns it, unset if it is unchanged. `image`: null if not new.
+  [[nodiscard]] std::optional<BuiltScene> adopt(Made made, const IgtlImage* image);
+  /// Builds the scene of a task, on the building thread.
+  [[nodiscard]] Made make(const Task& task) const;
   /// Builds `spec` with gains and images. Leaves `made` unchanged if it throws.
   void build(Made& made, SceneSpec spec, const Dials& dials) const;
   /// Builds the file, read again or not, with as many of the other sites' edits as are valid.

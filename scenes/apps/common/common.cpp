@@ -243,37 +243,6 @@ void WholeFile::commit() {
   }
 }
 
-WholeFolder::WholeFolder(const std::filesystem::path& path)
-    : path_(path.has_filename() ? path : path.parent_path()) {  // "rubble/"
-  if (path_.empty()) throw Error("the folder", "it has no name", "name one");
-  std::error_code error;
-  if (std::filesystem::exists(std::filesystem::symlink_status(path_, error))) {
-    throw Error(path.string(), "it is there already", "remove it, or name another folder");
-  }
-  partial_ = partialOf(path_);
-  std::filesystem::create_directory(partial_, error);
-  if (error) {
-    partial_.clear();
-    throw Error(path.string(), "the folder cannot be made (" + error.message() + ")",
-                "choose another place");
-  }
-}
-
-WholeFolder::~WholeFolder() {
-  std::error_code error;
-  if (!partial_.empty()) std::filesystem::remove_all(partial_, error);
-}
-
-void WholeFolder::commit() {
-  std::error_code error;
-  std::filesystem::rename(partial_, path_, error);
-  if (error) {
-    throw Error(path_.string(), "it could not be finished (" + error.message() + ")",
-                "choose another place");
-  }
-  partial_.clear();
-}
-
 bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b) {
   if (a == "-" || b == "-") return a == b;
   const auto place = [](const std::filesystem::path& path) {

@@ -87,26 +87,6 @@ class WholeFile {
   std::FILE* file_ = nullptr;
 };
 
-/// Makes a folder that appears complete or not at all. It is filled beside its place; commit()
-/// renames it.
-class WholeFolder {
- public:
-  /// Throws Error if the name exists, or if the folder cannot be made.
-  explicit WholeFolder(const std::filesystem::path& path);
-  WholeFolder(const WholeFolder&) = delete;
-  WholeFolder& operator=(const WholeFolder&) = delete;
-  ~WholeFolder();
-
-  /// Returns the path until commit().
-  [[nodiscard]] const std::filesystem::path& place() const noexcept { return partial_; }
-  /// Throws Error if the name was taken in the meantime.
-  void commit();
-
- private:
-  std::filesystem::path path_;
-  std::filesystem::path partial_;
-};
-
 /// Returns true if two paths, however written, lead to the same file. The file need not exist.
 [[nodiscard]] bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b);
 

@@ -107,7 +107,6 @@ const std::array kFormats = {
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},
     Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
            openCgns},
-    Format{"GRIB", [](const std::string& b) { return has(b, 0, "GRIB"); }, openGrib},
     // Other common formats.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
            "it can be felt as it is: palpate feel"},
@@ -142,6 +141,12 @@ const std::array kFormats = {
     Format{"a PDF", [](const std::string& b) { return has(b, 0, "%PDF"); }, nullptr,
            "give a volume"},
 };
+
+/// Recognises GRIB by its first bytes, or by its name: a bulletin's heading may come first.
+bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
+  const std::string end = file.extension().string();
+  return has(bytes, 0, "GRIB") || end == ".grib" || end == ".grib2" || end == ".grb";
+}
 
 /// PLOT3D can only be recognised by its name.
 bool isPlot3d(const Request& request) {
@@ -212,6 +217,10 @@ std::unique_ptr<Reader> openAny(const Request& given) {
     throw VolumeError(request.file.string(),
                       fmt::format("it looks like {}, which is not imported", format.name),
                       format.remedy);
+  }
+  if (isGrib(request.file, bytes)) {
+    throw VolumeError(request.file.string(), "it looks like GRIB, which is not imported",
+                      "convert it to netCDF, as with ecCodes' grib_to_netcdf or cdo -f nc copy");
   }
   if (isPlot3d(request)) {
     refuseUnused(request, "taken as PLOT3D", "--solution");

@@ -1,4 +1,4 @@
-/// Lays out grids of the earth as volumes for haptics. NetCDF and GRIB share this code.
+/// Lays out grids of the earth as volumes for haptics.
 #pragma once
 
 #include <array>
@@ -34,7 +34,7 @@ struct EarthGrid {
   std::vector<std::string> standard;  ///< The CF standard_name of each array, or empty.
 };
 
-/// Returns how many hPa one unit is, for the names that GRIB and CF use; 0: not a pressure.
+/// Returns how many hPa one unit is, for the names that CF uses; 0: not a pressure.
 [[nodiscard]] double hectopascals(const std::string& unit);
 
 /// Converts one grid to pieces: an image if its points lie on an image's lattice, else a mesh.

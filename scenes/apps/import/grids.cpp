@@ -87,7 +87,7 @@ Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, cons
       }
     }
   }
-  faces = gatherAll(shared.crew(), faces);
+  faces = gatherAll(shared.group(), faces);
   Surroundings out;
   out.middle = quantile(faces, 0.5);
   for (float& value : faces) value = std::abs(value - out.middle);
@@ -223,7 +223,7 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
 
 template <class GridT, class Voxels, class Value>
 Gridded build(const Voxels& voxels, const Made& slices, const Value& background, double tolerance,
-              double spread, const Progress& progress, ProcessGroup& crew) {
+              double spread, const Progress& progress, ProcessGroup& group) {
   using Leaf = typename GridT::TreeType::LeafNodeType;
   // One task makes a row of leaves along y.
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
@@ -256,7 +256,7 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
     row.clear();
   }
   const Counts mine = std::exchange(counts, {});
-  for (const Counts& one : gatherOne(crew, mine)) counts.add(one);
+  for (const Counts& one : gatherOne(group, mine)) counts.add(one);
   Gridded out;
   out.voxels = counts.voxels;
   out.active = counts.active;
@@ -297,11 +297,11 @@ Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, 
     const Slab all{0, lattice.size[2]};
     return build<GridT>(Cubes<T, C>{image, values, lattice.size, lattice.index_from_cube},
                         {all, all}, background, tolerance, surroundings.spread, progress,
-                        shared.crew());
+                        shared.group());
   }
   const int slices = image.size[2];
   return build<GridT>(OwnVoxels<T, C>{image, values}, {shared.inBricks(slices), shared.own(slices)},
-                      background, tolerance, surroundings.spread, progress, shared.crew());
+                      background, tolerance, surroundings.spread, progress, shared.group());
 }
 
 template <int C>

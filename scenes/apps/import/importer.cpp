@@ -78,8 +78,8 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
 }
 
 /// Returns whether an image is gridded in parts: only if its voxels become bricks.
-bool isInParts(const Options& options, ProcessGroup& crew) {
-  return crew.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
+bool isInParts(const Options& options, ProcessGroup& group) {
+  return group.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
 }
 
 /// Returns the slices that a rank needs: its own, those in its bricks' aprons, and the filter's
@@ -230,12 +230,12 @@ void checkAsked(const Request& request, const Content& content) {
 }  // namespace
 
 std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
-                                ProcessGroup& crew) {
+                                ProcessGroup& group) {
   Request request = options.request;
   request.progress = telling.progress;
-  if (isInParts(options, crew)) {
-    request.slices = [&options, shared = Shared(crew)](const std::array<int, 3>& size,
-                                                       const Affine& map) {
+  if (isInParts(options, group)) {
+    request.slices = [&options, shared = Shared(group)](const std::array<int, 3>& size,
+                                                        const Affine& map) {
       return neededOf(options, shared, size[2], map);
     };
   }
@@ -243,9 +243,9 @@ std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
 }
 
 Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
-                ProcessGroup& crew) {
+                ProcessGroup& group) {
   SingleProcess alone;
-  const Shared shared(isInParts(options, crew) ? crew : alone);
+  const Shared shared(isInParts(options, group) ? group : alone);
   const std::string in = options.request.file.string();
   telling.stage("reading");
   Content content = reader.read(step);
@@ -319,7 +319,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
 }
 
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
-                   ProcessGroup& crew) {
+                   ProcessGroup& group) {
   if (step.grids.size() != 1) {
     std::vector<std::string> names;
     names.reserve(step.grids.size());
@@ -330,18 +330,18 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
   }
   BrickOptions options;
   options.progress = progress;
-  options.crew = &crew;
+  options.group = &group;
   openvdb::GridBase::Ptr grid = step.grids.front().made.grid;
   const std::optional<Share> share = step.grids.front().share;
   step.grids.clear();
   if (share) {
-    (void)writeBricks(folder, brickInput(grid, crew, *share), options);
+    (void)writeBricks(folder, brickInput(grid, group, *share), options);
     return;
   }
   BrickInput input = brickInput(makeVolume(*grid));
   grid.reset();
   // Measured values may differ in the last digit between machines.
-  const ProcessGroup::Bytes text = crew.gather(std::as_bytes(std::span(input.metadata))).front();
+  const ProcessGroup::Bytes text = group.gather(std::as_bytes(std::span(input.metadata))).front();
   input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
   (void)writeBricks(folder, input, options);
 }

@@ -63,14 +63,15 @@ struct Telling {
 /// Opens the file. In a process group, a rank reads only its own part if the format stores it
 /// separately.
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
-                                              ProcessGroup& crew);
+                                              ProcessGroup& group);
 
 /// Reads a step and makes its grids, with their metadata. A step without anything to feel has no
 /// grids, and its notes give the reason. Throws Error.
-/// @param crew  Process group; each rank has its part of an image's grid, by Imported::share. Every
+/// @param group  Process group; each rank has its part of an image's grid, by Imported::share.
+/// Every
 ///              rank has all of a grid that comes from a mesh, from cubes or from --iso.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
-                              const Telling& telling, ProcessGroup& crew);
+                              const Telling& telling, ProcessGroup& group);
 
 /// Writes the grids with Blosc, frees them, and reads them back as a scene would. Throws Error if a
 /// grid is rejected; the file then stays.
@@ -80,7 +81,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
 /// Writes the one grid as bricks (samplers/bricks/write_bricks.h), and frees it. Throws Error if
 /// there are several grids. All ranks of the process group have to call it.
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
-                   ProcessGroup& crew);
+                   ProcessGroup& group);
 
 /// Returns a first scene for a .vdb with these grids; `vdb` is its path in the scene. Throws
 /// VolumeError if no grid varies.

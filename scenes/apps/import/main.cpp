@@ -19,7 +19,6 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/scenes/apps/common/common.h"
-#include "palpate/scenes/apps/common/options.h"
 #include "palpate/scenes/apps/import/guard.h"
 #include "palpate/scenes/apps/import/importer.h"
 #include "palpate/scenes/apps/import/mpi_group.h"
@@ -105,14 +104,14 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
                     .text();
 }
 
-int importAll(const Options& options, Teller& teller, ProcessGroup& crew) {
+int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
   // Only rank 0 reports.
   Telling telling{[](const std::string& /*what*/) {}, nullptr};
-  if (crew.rank() == 0) {
+  if (group.rank() == 0) {
     telling = {[&](const std::string& what) { teller.stage(what); },
                [&](double done) { teller.progress(done); }};
   }
-  const std::unique_ptr<Reader> reader = openFor(options, telling, crew);
+  const std::unique_ptr<Reader> reader = openFor(options, telling, group);
   const std::size_t count = std::max<std::size_t>(reader->times().size(), 1);
   const std::vector<std::size_t> steps = stepsOf(options.time, count);
   openvdb::initialize();
@@ -122,7 +121,7 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& crew) {
   fs::path first;
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
-    Step step = importStep(options, *reader, number, telling, crew);
+    Step step = importStep(options, *reader, number, telling, group);
     fs::path out = options.out;
     if (options.time == "all") {
       const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
@@ -151,17 +150,17 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& crew) {
       telling.stage("writing");
       if (options.bricks) {
         // The folder itself shows whether it is complete, and an interrupted export resumes.
-        writeAsBricks(out, step, telling.progress, crew);
+        writeAsBricks(out, step, telling.progress, group);
       } else {
         const fs::path partial = partialOf(out);
         teller.file(partial, out);
         writeVdb(partial, step, options.request.file.string());
       }
     }
-    const std::vector<std::uint64_t> peaks = gatherOne(crew, peakMemory());
+    const std::vector<std::uint64_t> peaks = gatherOne(group, peakMemory());
     reports.back()["memory"]["peak"] = *std::max_element(peaks.begin(), peaks.end());
   }
-  if (crew.rank() != 0) return cli::kDone;
+  if (group.rank() != 0) return cli::kDone;
   if (options.scene == "-") {
     teller.out(scene);
   } else if (options.json) {
@@ -208,9 +207,9 @@ void check(const Options& options) {
 }
 
 /// OpenVDB's exceptions mean that the file is at fault: its maps and places should be valid.
-int import(const Options& options, Teller& teller, ProcessGroup& crew) {
+int import(const Options& options, Teller& teller, ProcessGroup& group) {
   try {
-    return importAll(options, teller, crew);
+    return importAll(options, teller, group);
   } catch (const openvdb::Exception& e) {
     throw VolumeError(options.request.file.string(),
                       fmt::format("OpenVDB cannot hold what it becomes ({})", e.what()),
@@ -239,14 +238,14 @@ int importTogether(const Options& options) {
   return runGuarded(
       options.request.file.string(),
       [&](Teller& teller) {
-        const std::unique_ptr<ProcessGroup> crew = joinGroup();
-        if (crew->size() == 1 && ranksByEnvironment() > 1) {
+        const std::unique_ptr<ProcessGroup> group = joinGroup();
+        if (group->size() == 1 && ranksByEnvironment() > 1) {
           throw Error("mpirun", "it is of another MPI than this palpate's: each would be alone",
                       "use the one that palpate was built with");
         }
-        return workTogether(*crew, [&] {
+        return workTogether(*group, [&] {
           check(options);
-          return import(options, teller, *crew);
+          return import(options, teller, *group);
         });
       },
       silent.what());
@@ -273,7 +272,7 @@ int main(int argc, char** argv) {
   importer::Request& request = options.request;
   app.add_option("IN", request.file,
                  "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy or XML), Exodus II, "
-                 "CGNS, an OpenFOAM case, netCDF (CF), GRIB, PLOT3D with --solution, or anything "
+                 "CGNS, an OpenFOAM case, netCDF (CF), PLOT3D with --solution, or anything "
                  "with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write, or the folder")->required();
@@ -306,14 +305,6 @@ int main(int argc, char** argv) {
   app.add_flag("--bricks", options.bricks,
                "Write a folder of bricks, for volumes larger than memory");
   app.add_flag("--json", options.json, "Report as JSON");
-  app.add_flag_callback(
-         cli::kOptionsOption,
-         [&] {
-           cli::sayJson(cli::optionsOf(app));
-           throw CLI::Success();
-         },
-         "For palpate completion")
-      ->group("");
   app.footer(
       "Examples:\n"
       "  palpate import head.nii.gz head.vdb --smooth 1 --scene head.json\n"

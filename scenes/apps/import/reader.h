@@ -155,7 +155,6 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openDicom(const Request& request);
 /// The older form of CGNS, ADF.
 [[nodiscard]] std::unique_ptr<Reader> openCgns(const Request& request);
-[[nodiscard]] std::unique_ptr<Reader> openGrib(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);
 /// NetCDF or HDF5: CF conventions, Exodus II, CGNS.

@@ -16,9 +16,9 @@ namespace palpate::importer {
 /// operations that do not depend on the order. They are therefore the same for any number of ranks.
 class Shared {
  public:
-  explicit Shared(ProcessGroup& crew) : group_(&crew) {}
+  explicit Shared(ProcessGroup& group) : group_(&group) {}
 
-  [[nodiscard]] ProcessGroup& crew() const { return *group_; }
+  [[nodiscard]] ProcessGroup& group() const { return *group_; }
   [[nodiscard]] bool isAlone() const { return group_->size() == 1; }
 
   /// Returns this rank's bricks along k, of an image with so many slices.

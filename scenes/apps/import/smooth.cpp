@@ -141,10 +141,10 @@ Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
   }
 
   double squares = 0.0;
-  for (const double sum : gatherAll(shared.crew(), sums)) squares += sum;
+  for (const double sum : gatherAll(shared.group(), sums)) squares += sum;
   double low = kEndless;
   double high = -kEndless;
-  for (const auto& one : gatherOne(shared.crew(), std::array{low_high.first, low_high.second})) {
+  for (const auto& one : gatherOne(shared.group(), std::array{low_high.first, low_high.second})) {
     low = std::min(low, one[0]);
     high = std::max(high, one[1]);
   }

@@ -877,24 +877,24 @@ py::dict solve(double stiffness, const Doubles& probe, const std::vector<Primiti
   return dict;
 }
 
-}  // namespace
-}  // namespace palpate::python
+// The module.
 
-PYBIND11_MODULE(palpate, m) {
-  using namespace palpate;
-  using namespace palpate::python;
-
-  m.doc() = "palpate: feel a volume. Metres, newtons and seconds, in the right-handed world W.";
-  m.attr("__version__") = kVersion;
-  m.attr("__commit__") = commit();
+void bindErrors(py::module_& m) {
   py::exec(kErrors, m.attr("__dict__"));
   if (py::hasattr(m, "each")) py::delattr(m, "each");
   py::register_exception_translator(translate);
+}
+
+/// Registers what waits for threads when Python ends.
+void registerEnd() {
   py::module_::import("atexit").attr("register")(py::cpp_function(&awaitAbandoned));
   begun_in = getpid();
   if (Py_AtExit(&awaitThreads) != 0) {
     throw std::runtime_error("palpate: Python takes no more functions to call at its end");
   }
+}
+
+void bindField(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(ScalarRow, inside, value, gradient);
   PYBIND11_NUMPY_DTYPE(VectorRow, inside, value, jacobian);
 
@@ -913,7 +913,9 @@ PYBIND11_MODULE(palpate, m) {
       .def_property_readonly("voxel", [](const NamedField& f) { return f.frame().voxel; })
       .def_property_readonly("bounds",
                              [](const NamedField& f) { return tupleOf(f.frame().bounds); });
+}
 
+void bindVolume(py::module_& m) {
   py::class_<Volume, std::shared_ptr<Volume>>(m, "Volume", "One grid in memory; never changes.")
       .def_static(
           "load",
@@ -937,7 +939,9 @@ PYBIND11_MODULE(palpate, m) {
           "the values, as an array's end, disturbs a quadratic or cubic one within eight voxels.")
       .def_property_readonly("name", [](const Volume& v) { return v.info().name; })
       .def_property_readonly("info", &infoOf, "What `palpate info` prints, as a dict.");
+}
 
+void bindArrayVolume(py::module_& m) {
   m.def(
       "volume",
       [](const py::object& values, const py::object& spacing, const Doubles& origin,
@@ -955,7 +959,9 @@ PYBIND11_MODULE(palpate, m) {
       "the faces, of vectors zero. level_set: signed distances, negative within. "
       "Where the values end at other than the background, a quadratic or cubic field is off "
       "within eight voxels of that edge: give more of the array, or trilinear.");
+}
 
+void bindHand(py::module_& m) {
   py::class_<Hand>(m, "Hand", "A hand in a scene, from Scene.hand(rate).")
       .def("step", &Hand::step, "x"_a, "y"_a, "z"_a, "play"_a = py::none(),
            "One tick with the probe at x, y, z [m]: the force (fx, fy, fz) [N]. Sequences are "
@@ -964,7 +970,9 @@ PYBIND11_MODULE(palpate, m) {
       .def_property_readonly("proxy", &Hand::proxy, "The proxy after the last tick [m].")
       .def_property_readonly("fault", &Hand::fault, "Why the force is cut; empty: it is not.")
       .def_property_readonly("report", &Hand::report, "What the last tick did.");
+}
 
+void bindScene(py::module_& m) {
   py::class_<PyScene>(m, "Scene", "Volumes and what is felt of them.")
       .def_static("load", &PyScene::load, "path"_a,
                   "A scene file, a .vdb, or a folder of .vdb or bricks.")
@@ -994,7 +1002,9 @@ PYBIND11_MODULE(palpate, m) {
         }
         return volumes;
       });
+}
 
+void bindBalance(py::module_& m) {
   py::class_<Primitive>(m, "Primitive", "A haptic primitive of the paper, section 4.1.")
       .def(py::init(&primitiveOf), "kind"_a, "position"_a = std::array<double, 3>{0.0, 0.0, 0.0},
            "direction"_a = std::array<double, 3>{1.0, 0.0, 0.0}, "strength"_a = 1.0,
@@ -1007,4 +1017,24 @@ PYBIND11_MODULE(palpate, m) {
   m.def("solve", &solve, "stiffness"_a, "probe"_a, "primitives"_a, "start"_a = py::none(),
         "Where the primitives balance a spring of this stiffness [N/m] to the probe [m]: a dict of "
         "proxy, force on the hand, error_bound, iterations, solver and status.");
+}
+
+}  // namespace
+}  // namespace palpate::python
+
+PYBIND11_MODULE(palpate, m) {
+  using namespace palpate;
+  using namespace palpate::python;
+
+  m.doc() = "palpate: feel a volume. Metres, newtons and seconds, in the right-handed world W.";
+  m.attr("__version__") = kVersion;
+  m.attr("__commit__") = commit();
+  bindErrors(m);
+  registerEnd();
+  bindField(m);
+  bindVolume(m);
+  bindArrayVolume(m);
+  bindHand(m);
+  bindScene(m);
+  bindBalance(m);
 }

@@ -148,6 +148,90 @@ std::shared_ptr<const Volume> make(const IgtlImage& image) {
   return makeVolume(array);
 }
 
+/// Header of an IMAGE, as sent.
+struct ImageHead {
+  std::uint8_t components = 0;
+  std::uint8_t scalar = 0;
+  std::uint8_t endian = 0;
+  std::uint8_t space = 0;
+  std::array<std::int64_t, 3> size{};
+  std::array<double, 12> matrix{};  ///< Columns: steps along i, j, k, and the middle of the image.
+  std::array<std::int64_t, 3> offset{};
+  std::array<std::int64_t, 3> part{};
+};
+
+ImageHead readImageHead(ByteView content) {
+  In in(content);
+  ImageHead head;
+  (void)in.take<std::uint16_t>();  // version: all known ones have this header
+  head.components = in.take<std::uint8_t>();
+  head.scalar = in.take<std::uint8_t>();
+  head.endian = in.take<std::uint8_t>();
+  head.space = in.take<std::uint8_t>();
+  for (std::int64_t& side : head.size) side = in.take<std::uint16_t>();
+  for (double& number : head.matrix) number = in.take<float>();
+  for (std::int64_t& side : head.offset) side = in.take<std::uint16_t>();
+  for (std::int64_t& side : head.part) side = in.take<std::uint16_t>();
+  return head;
+}
+
+void checkImageHead(const std::string& what, const ImageHead& head) {
+  if (bytesOf(head.scalar) == 0) {
+    refuse(what, fmt::format("its scalars are of type {}", head.scalar),
+           "send int8 to uint32, float32 or float64: 2 to 7, 10, 11");
+  }
+  if (head.components != 1 && head.components != 3) {
+    refuse(what, fmt::format("it has {} components", head.components),
+           "send scalars, or vectors of three");
+  }
+  if (head.endian != 1 && head.endian != 2) {
+    refuse(what, fmt::format("its byte order is {}", head.endian), "send 1 (big) or 2 (little)");
+  }
+  if (head.space != 1 && head.space != 2) {
+    refuse(what, fmt::format("its coordinates are {}", head.space), "send 1 (RAS) or 2 (LPS)");
+  }
+  if (head.part != head.size || head.offset != std::array<std::int64_t, 3>{}) {
+    refuse(what, "it is a part of an image", "send all of it at once");
+  }
+}
+
+/// Returns the number of values of an image, within the limit.
+std::uint64_t countValues(const std::string& what, const ImageHead& head) {
+  const auto& size = head.size;
+  // Sides are below 2^16: their product is below 2^48.
+  const auto values = static_cast<std::uint64_t>(size[0] * size[1] * size[2] * head.components);
+  if (values == 0 || values > kIgtlMostValues) {
+    refuse(what, fmt::format("it is {} x {} x {} voxels", size[0], size[1], size[2]),
+           fmt::format("send 1 to {} values", kIgtlMostValues));
+  }
+  return values;
+}
+
+/// Sets the axes and the origin of an image, in RAS.
+void placeImage(const std::string& what, const ImageHead& head, IgtlImage& image) {
+  Vec3 middle(head.matrix[9], head.matrix[10], head.matrix[11]);
+  for (Eigen::Index column = 0; column < 3; ++column) {
+    for (Eigen::Index row = 0; row < 3; ++row) {
+      image.axes(row, column) = head.matrix[static_cast<std::size_t>(3 * column + row)];
+    }
+  }
+  const double room =
+      image.axes.col(0).norm() * image.axes.col(1).norm() * image.axes.col(2).norm();
+  constexpr double kFlat = 1e-6;
+  if (!image.axes.allFinite() || !middle.allFinite() ||
+      !(std::abs(image.axes.determinant()) > kFlat * room)) {
+    refuse(what, "its matrix is not finite, or has no volume", "send three axes and a place");
+  }
+  if (head.space == 2) {
+    image.axes.topRows<2>() *= -1.0;
+    middle.head<2>() *= -1.0;
+  }
+  const Vec3 half =
+      0.5 * Vec3(static_cast<double>(head.size[0] - 1), static_cast<double>(head.size[1] - 1),
+                 static_cast<double>(head.size[2] - 1));
+  image.origin = middle - image.axes * half;
+}
+
 }  // namespace
 
 IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes) {
@@ -259,80 +343,22 @@ IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
   const std::string what = "IMAGE " + head.name;
   const ByteView content = igtlContent(head, body);
   if (content.size() < kImageHead) refuse(what, "its header is cut", "send all of it");
-  In in(content);
+  const ImageHead sent = readImageHead(content);
+  checkImageHead(what, sent);
+  const std::uint64_t size = countValues(what, sent) * bytesOf(sent.scalar);
+  if (content.size() - kImageHead != size) {
+    refuse(what, fmt::format("its values are {} bytes, not {}", content.size() - kImageHead, size),
+           "send sizes as they are");
+  }
   IgtlImage image;
   image.name = head.name;
-  (void)in.take<std::uint16_t>();  // version: all known ones have this header
-  image.components = in.take<std::uint8_t>();
-  image.scalar = in.take<std::uint8_t>();
-  const auto endian = in.take<std::uint8_t>();
-  const auto space = in.take<std::uint8_t>();
-  for (std::int64_t& side : image.size) side = in.take<std::uint16_t>();
-  std::array<double, 12> matrix{};
-  for (double& number : matrix) number = in.take<float>();
-  std::array<std::int64_t, 3> offset{};
-  std::array<std::int64_t, 3> part{};
-  for (std::int64_t& side : offset) side = in.take<std::uint16_t>();
-  for (std::int64_t& side : part) side = in.take<std::uint16_t>();
-
-  const std::size_t bytes = bytesOf(image.scalar);
-  if (bytes == 0) {
-    refuse(what, fmt::format("its scalars are of type {}", image.scalar),
-           "send int8 to uint32, float32 or float64: 2 to 7, 10, 11");
-  }
-  if (image.components != 1 && image.components != 3) {
-    refuse(what, fmt::format("it has {} components", image.components),
-           "send scalars, or vectors of three");
-  }
-  if (endian != 1 && endian != 2) {
-    refuse(what, fmt::format("its byte order is {}", endian), "send 1 (big) or 2 (little)");
-  }
-  image.big_endian = endian == 1;
-  if (space != 1 && space != 2) {
-    refuse(what, fmt::format("its coordinates are {}", space), "send 1 (RAS) or 2 (LPS)");
-  }
-  if (part != image.size || offset != std::array<std::int64_t, 3>{}) {
-    refuse(what, "it is a part of an image", "send all of it at once");
-  }
-  // Sides are below 2^16: their product is below 2^48.
-  const auto values =
-      static_cast<std::uint64_t>(image.size[0] * image.size[1] * image.size[2] * image.components);
-  if (values == 0 || values > kIgtlMostValues) {
-    refuse(what,
-           fmt::format("it is {} x {} x {} voxels", image.size[0], image.size[1], image.size[2]),
-           fmt::format("send 1 to {} values", kIgtlMostValues));
-  }
-  if (content.size() - kImageHead != values * bytes) {
-    refuse(
-        what,
-        fmt::format("its values are {} bytes, not {}", content.size() - kImageHead, values * bytes),
-        "send sizes as they are");
-  }
-
-  // Columns: steps along i, j, k, and the middle of the image.
-  Vec3 middle(matrix[9], matrix[10], matrix[11]);
-  for (Eigen::Index column = 0; column < 3; ++column) {
-    for (Eigen::Index row = 0; row < 3; ++row) {
-      image.axes(row, column) = matrix[static_cast<std::size_t>(3 * column + row)];
-    }
-  }
-  const double room =
-      image.axes.col(0).norm() * image.axes.col(1).norm() * image.axes.col(2).norm();
-  constexpr double kFlat = 1e-6;
-  if (!image.axes.allFinite() || !middle.allFinite() ||
-      !(std::abs(image.axes.determinant()) > kFlat * room)) {
-    refuse(what, "its matrix is not finite, or has no volume", "send three axes and a place");
-  }
-  if (space == 2) {
-    image.axes.topRows<2>() *= -1.0;
-    middle.head<2>() *= -1.0;
-  }
-  const Vec3 half =
-      0.5 * Vec3(static_cast<double>(image.size[0] - 1), static_cast<double>(image.size[1] - 1),
-                 static_cast<double>(image.size[2] - 1));
-  image.origin = middle - image.axes * half;
+  image.size = sent.size;
+  image.components = sent.components;
+  image.scalar = sent.scalar;
+  image.big_endian = sent.endian == 1;
+  placeImage(what, sent, image);
   image.first = static_cast<std::size_t>(content.data() - body.data()) + kImageHead;
-  body.resize(image.first + values * bytes);
+  body.resize(image.first + size);
   image.bytes = std::move(body);
   return image;
 }

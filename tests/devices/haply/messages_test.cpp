@@ -17,7 +17,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// As on docs.haply.co (values are this test's own).
+/// The format of docs.haply.co, with values of this test.
 const std::string k35Text = R"({"session_id":7,"inverse3":[{"device_id":"049D","config":{
   "type":"inverse3","handedness":"left","preset":"arm_front_centered",
   "basis":{"permutation":"XYZ"}},"state":{"cursor_position":{"x":0.01,"y":-0.02,"z":0.03},
@@ -48,7 +48,7 @@ std::string withX(const std::string& x) {
 
 }  // namespace
 
-TEST_CASE("each generation of Haply's service is known by its message", "[haply]") {
+TEST_CASE("state messages of each generation of Haply's service are decoded", "[haply]") {
   const Message newer = readState(k35Text);
   CHECK(newer.generation == Generation::k35);
   REQUIRE(newer.arm_count == 1);
@@ -90,7 +90,7 @@ TEST_CASE("each generation of Haply's service is known by its message", "[haply]
   CHECK(oldest.arms[0].position_D == Triple{0.0, -0.1, 0.1});
 }
 
-TEST_CASE("a handle's buttons by number are bits as those by letter", "[haply]") {
+TEST_CASE("numbered handle buttons are decoded like lettered ones", "[haply]") {
   std::string text = k35Text;
   text.replace(text.find(R"({"a":true,"b":false,"c":true})"), 29,
                R"({"button_0":false,"button_3":true})");
@@ -99,7 +99,7 @@ TEST_CASE("a handle's buttons by number are bits as those by letter", "[haply]")
   CHECK(message.grips[0].button_count == 4);
 }
 
-TEST_CASE("what is no number within reach is no position", "[haply]") {
+TEST_CASE("an invalid or out-of-reach coordinate gives no position", "[haply]") {
   for (const char* x : {"1e300", "-2.1", "\"0.078\"", "null", "true", "[0.078]", "{}"}) {
     CAPTURE(x);
     const Message message = readState(withX(x));
@@ -116,7 +116,7 @@ TEST_CASE("what is no number within reach is no position", "[haply]") {
   CHECK(readState(withX("2")).arms[0].placed);
 }
 
-TEST_CASE("a message too long or too deep is refused before it is read", "[haply]") {
+TEST_CASE("messages that are too long, too deeply nested or not a state are refused", "[haply]") {
   Message message;
   std::string longest = k31Text;
   longest.resize(kMessageLimit, ' ');
@@ -139,7 +139,7 @@ TEST_CASE("a message too long or too deep is refused before it is read", "[haply
   CHECK(readMessage(R"({"inverse3":7})", message) == Verdict::kOther);
 }
 
-TEST_CASE("ids that are not fit to be sent back are left out", "[haply]") {
+TEST_CASE("arms with malformed ids are ignored", "[haply]") {
   for (const char* id : {"04\\\"9D", "", "0 4", "04\\u00009D", "\\u00e9",
                          "0123456789012345678901234567890123456789012345678"}) {
     CAPTURE(id);
@@ -148,7 +148,7 @@ TEST_CASE("ids that are not fit to be sent back are left out", "[haply]") {
   }
 }
 
-TEST_CASE("an arm that is mounted, turned or scaled by others is told", "[haply]") {
+TEST_CASE("the configuration reports another origin, basis, model or transform", "[haply]") {
   const auto with = [](const std::string& from, const std::string& to) {
     std::string text = k35Text;
     return readState(text.replace(text.find(from), from.size(), to)).arms[0];
@@ -167,7 +167,7 @@ TEST_CASE("an arm that is mounted, turned or scaled by others is told", "[haply]
       with(R"("transform":{"position":{"x":0)", R"("transform":{"position":{"x":"0")").transformed);
 }
 
-TEST_CASE("forces are written as their generation wants them, to the last bit", "[haply]") {
+TEST_CASE("force messages have their generation's format and the exact values", "[haply]") {
   Random random(1);
   std::array<char, kRoom> room{};
   for (int i = 0; i < 1000; ++i) {
@@ -317,7 +317,7 @@ std::string mutateValues(Random& random, const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("mutated messages are read or refused, and nothing else", "[haply]") {
+TEST_CASE("mutated messages are either decoded or refused", "[haply]") {
   const std::vector<std::string> seeds{k35Text, k31Text, k30Text};
   Random random(2);
   const long count = cases(20'000);

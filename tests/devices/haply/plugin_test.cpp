@@ -39,7 +39,7 @@ using Catch::Contains;
 namespace {
 
 using Vec = std::array<double, 3>;
-constexpr Vec kMiddle{0.0, -0.12, 0.15};  ///< Of the workspace, from the arm's base [m].
+constexpr Vec kMiddle{0.0, -0.12, 0.15};  ///< Middle of the workspace, from the arm's base [m].
 constexpr std::int64_t kMs = 1'000'000;   ///< [ns]
 
 std::atomic<std::int64_t> clock_ns{1'000'000'000};
@@ -190,7 +190,7 @@ void checkNear(const Vec& a, const Vec& b) {
 
 }  // namespace
 
-TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
+TEST_CASE("haply.so fulfils the plug-in contract", "[haply][plugin]") {
   const palpate_plugin_entry& one = entry();
   CHECK(one.size == sizeof(palpate_plugin_entry));
   CHECK(one.major == PALPATE_PLUGIN_MAJOR);
@@ -205,7 +205,7 @@ TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
   Hand hand(plugin, "");
   INFO(hand.error.data());
   REQUIRE(hand.device != nullptr);
-  // Before the first answer prepare() asks the user for nothing.
+  // Before the first answer prepare() does not ask the user for an action.
   std::array<char, 64> why{};
   CHECK(hand.device->prepare(hand.device, why.data(), why.size()) == PALPATE_PLUGIN_OK);
   CHECK(said().empty());
@@ -236,7 +236,8 @@ TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
                     [](unsigned char c) { return c == 0x5a; }));
 }
 
-TEST_CASE("both arms are found with their serials, in either generation", "[haply][plugin]") {
+TEST_CASE("both arms are listed with their serial numbers, in either generation",
+          "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   MockService service(speaks);
   const Plugin plugin(service.url());
@@ -253,7 +254,8 @@ TEST_CASE("both arms are found with their serials, in either generation", "[hapl
   CHECK(found[1].serial[0] == '!');
 }
 
-TEST_CASE("positions and forces of both arms are theirs, in either generation", "[haply][plugin]") {
+TEST_CASE("each of two arms has its own readings and forces, in either generation",
+          "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   CAPTURE(speaks == Speaks::k35);
   MockService service(speaks);
@@ -321,7 +323,8 @@ TEST_CASE("positions and forces of both arms are theirs, in either generation", 
   CHECK(heard.introduced == (speaks == Speaks::k35 ? 1 : 0));
 }
 
-TEST_CASE("where the service puts the origin in the middle it stays there", "[haply][plugin]") {
+TEST_CASE("an origin that the service puts in the middle of the workspace is kept",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   MockArm arm = service.arm(0);
   arm.preset = "arm_front_centered";
@@ -338,7 +341,7 @@ TEST_CASE("where the service puts the origin in the middle it stays there", "[ha
   checkNear(hand.position(), {0.01, 0.02, 0.03});
 }
 
-TEST_CASE("a service that does not say what it has is asked", "[haply][plugin]") {
+TEST_CASE("a service that does not list its arms is asked for them", "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.shy(true);
   const Plugin plugin(service.url());
@@ -348,7 +351,7 @@ TEST_CASE("a service that does not say what it has is asked", "[haply][plugin]")
   CHECK(service.heard().asked_for_all >= 1);
 }
 
-TEST_CASE("an arm that has not been heard of has no force", "[haply][plugin]") {
+TEST_CASE("an arm without a reading gets no force", "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.lie(Lie::kNoPosition);
   const Plugin plugin(service.url());
@@ -363,7 +366,7 @@ TEST_CASE("an arm that has not been heard of has no force", "[haply][plugin]") {
   CHECK(newest(service, "049D") == Vec{});
 }
 
-TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plugin]") {
+TEST_CASE("an unusable arm or service is refused in one line", "[haply][plugin]") {
   const auto refused = [](MockService& service, const char* serial) {
     const Plugin plugin(service.url());
     const Hand hand(plugin, serial);
@@ -372,7 +375,7 @@ TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plu
     CHECK(words.find('\n') == std::string::npos);
     return words;
   };
-  SECTION("what it is or how it stands") {
+  SECTION("wrong serial number, preset, basis or model") {
     MockService service(Speaks::k35);
     CHECK_THAT(refused(service, "FFFF"), Contains("no Inverse3 FFFF") && Contains("049D 04BA"));
     MockArm arm = service.arm(0);
@@ -390,7 +393,7 @@ TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plu
     service.lie(Lie::kEmptyLists);
     CHECK_THAT(refused(service, ""), Contains("plug one in"));
   }
-  SECTION("a service of 3.0") {
+  SECTION("a service of version 3.0") {
     MockService service(Speaks::k30);
     CHECK_THAT(refused(service, ""), Contains("3.0") && Contains("3.1 or newer"));
     const Plugin plugin(service.url());
@@ -406,12 +409,12 @@ TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plu
     const Plugin plugin(service.url());
     CHECK(plugin.arms->find(nullptr, 0) < 0);
   }
-  SECTION("what says nothing") {
+  SECTION("a service that does not answer") {
     MockService service(Speaks::k35);
     service.mute(true);
     CHECK_THAT(refused(service, ""), Contains("restart the Haply Hub"));
   }
-  SECTION("what takes a connection and says nothing") {
+  SECTION("a port that accepts a connection but never answers") {
     const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
     sockaddr_in at{};
     at.sin_family = AF_INET;
@@ -426,7 +429,7 @@ TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plu
     CHECK_THAT(std::string(hand.error.data()), Contains("restart the Haply Hub"));
     ::close(listener);
   }
-  SECTION("more than can be") {
+  SECTION("more open hands than the limit") {
     MockService service(Speaks::k35);
     const Plugin plugin(service.url());
     const Hand a(plugin, "");
@@ -440,7 +443,7 @@ TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plu
   }
 }
 
-TEST_CASE("forces go over no network unless that is asked for", "[haply][plugin]") {
+TEST_CASE("only a local service is used unless PALPATE_HAPLY_ANYWHERE is set", "[haply][plugin]") {
   for (const char* url :
        {"ws://192.168.1.7:10001", "ws://haply.example", "ws://127.0.0.1.example:1",
         "ws://localhost.example:1", "ws://[::2]:10001", "http://localhost:10001",
@@ -463,7 +466,8 @@ TEST_CASE("forces go over no network unless that is asked for", "[haply][plugin]
   unsetenv("PALPATE_HAPLY_ANYWHERE");
 }
 
-TEST_CASE("a reading that is read again is none, and keeps its time", "[haply][plugin]") {
+TEST_CASE("without a new message a read gives no reading, and the last one keeps its time",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
@@ -485,7 +489,7 @@ TEST_CASE("a reading that is read again is none, and keeps its time", "[haply][p
   CHECK(hand.reading.taken == clock_ns);
 }
 
-TEST_CASE("a force ends with stop() until zero has been written", "[haply][plugin]") {
+TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plugin]") {
   const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
   MockService service(speaks);
   const Plugin plugin(service.url());
@@ -519,7 +523,7 @@ TEST_CASE("a force ends with stop() until zero has been written", "[haply][plugi
   CHECK(driven(service, "049D", again) == 0);
 }
 
-TEST_CASE("a program that is stopped and ends at once", "[.victim]") {
+TEST_CASE("victim process: calls stop() and exits at once", "[.victim]") {
   real_clock = true;
   const Plugin plugin(std::getenv("PALPATE_HAPLY_URL"));
   Hand hand(plugin, "049D");
@@ -533,7 +537,7 @@ TEST_CASE("a program that is stopped and ends at once", "[.victim]") {
   _exit(0);
 }
 
-TEST_CASE("when stop() has returned the program may end", "[haply][plugin]") {
+TEST_CASE("a program that exits right after stop() leaves no force", "[haply][plugin]") {
   MockService service(Speaks::k35);
   setenv("PALPATE_HAPLY_URL", service.url().c_str(), 1);
   const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
@@ -546,7 +550,7 @@ TEST_CASE("when stop() has returned the program may end", "[haply][plugin]") {
   }
 }
 
-TEST_CASE("a force that is not written again ends", "[haply][plugin]") {
+TEST_CASE("a force that is not written again ends after 40 ms", "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
@@ -569,7 +573,8 @@ TEST_CASE("a force that is not written again ends", "[haply][plugin]") {
   CHECK(drives(hand, service, "049D", {0.0, 0.0, 1.0}));
 }
 
-TEST_CASE("what is no force is none, and none is larger than the arm's", "[haply][plugin]") {
+TEST_CASE("an invalid force becomes zero, and a force above the arm's limit is scaled to it",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
@@ -591,7 +596,8 @@ TEST_CASE("what is no force is none, and none is larger than the arm's", "[haply
   checkNear(newest(service, "049D"), {0.0, 2.4, 3.2});
 }
 
-TEST_CASE("a service that lies gives no reading, and takes the force with it", "[haply][plugin]") {
+TEST_CASE("without valid messages no reading arrives, and the force ends after 30 ms",
+          "[haply][plugin]") {
   const Lie lie =
       GENERATE(Lie::kDrops, Lie::kNaN, Lie::kHuge, Lie::kOverflows, Lie::kStrings, Lie::kNoPosition,
                Lie::kNoState, Lie::kOtherIds, Lie::kBadIds, Lie::kDeep, Lie::kLong, Lie::kBinary,
@@ -635,7 +641,8 @@ TEST_CASE("a service that lies gives no reading, and takes the force with it", "
   CHECK(service.heard().connections == 1);
 }
 
-TEST_CASE("a service that restarts finds no force until zero was written", "[haply][plugin]") {
+TEST_CASE("after the service restarts forces are withheld until a zero is written",
+          "[haply][plugin]") {
   const bool hangs_up = GENERATE(false, true);
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -670,7 +677,8 @@ TEST_CASE("a service that restarts finds no force until zero was written", "[hap
   CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
 }
 
-TEST_CASE("an arm that is closed has zero force first", "[haply][plugin]") {
+TEST_CASE("closing an arm leaves it at zero force, and the other arm keeps its force",
+          "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
@@ -701,7 +709,7 @@ TEST_CASE("an arm that is closed has zero force first", "[haply][plugin]") {
   CHECK(service.heard().connections == 2);
 }
 
-TEST_CASE("answers that come late are waited for, one at a time", "[haply][plugin]") {
+TEST_CASE("with late answers forces, stops and the final zero still arrive", "[haply][plugin]") {
   MockService service(Speaks::k35);
   service.delay(3 * kMs);
   const Plugin plugin(service.url());
@@ -728,7 +736,7 @@ TEST_CASE("answers that come late are waited for, one at a time", "[haply][plugi
   CHECK(service.heard().cut_off == 0);
 }
 
-TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[haply][plugin]") {
+TEST_CASE("prepare() waits until the arm is ready, and reports the reason", "[haply][plugin]") {
   MockService service(Speaks::k35);
   MockArm arm = service.arm(0);
   arm.calibrated = false;
@@ -792,7 +800,7 @@ TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[h
   CHECK_THAT(std::string(error.data()), Contains("inkwell"));
 }
 
-TEST_CASE("reading and writing an arm allocates nothing and takes no lock",
+TEST_CASE("reading and writing a Haply arm neither allocates, locks nor throws",
           "[haply][plugin][realtime]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -816,7 +824,7 @@ TEST_CASE("reading and writing an arm allocates nothing and takes no lock",
   CHECK(counts.exceptions == 0);
 }
 
-TEST_CASE("no reading of a busy arm is torn, and no force is another's", "[haply][host]") {
+TEST_CASE("readings and forces of a busy arm are never torn", "[haply][host]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");
@@ -860,7 +868,7 @@ TEST_CASE("no reading of a busy arm is torn, and no force is another's", "[haply
   CHECK(torn == 0);
 }
 
-TEST_CASE("how long a force takes, by the machine's clock", "[.measure]") {
+TEST_CASE("measurement: latencies of forces and zeros by the machine's clock", "[.measure]") {
   real_clock = true;
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""kill_test.py PALPATE PLUGINS: whatever ends or stops a program that feels with a plug-in, the arm has no force
+"""kill_test.py PALPATE PLUGINS: if a program with a plug-in's arm ends or is stopped, the arm has no force
 within 20 ms, and the plug-in's process ends with the program. Prints the table."""
 import contextlib
 import ctypes
@@ -128,14 +128,14 @@ class Kill(unittest.TestCase):
             self.assertTrue(until(lambda: not ours & processes(), 20), "its process stays")
             return 1e-9 * (arm.zero_at - arm.trouble_at)
 
-    def test_motors_that_give_less_are_told_of(self):
+    def test_weak_motors_are_reported(self):
         with self.pressed("warm") as (arm, program, _):
             arm.trouble = 1
             time.sleep(0.5)
             os.kill(program.pid, signal.SIGTERM)
             self.assertIn(b"its motors give less than half", program.communicate(timeout=20)[1])
 
-    def test_devices_lists_them_but_does_not_open_what_is_felt(self):
+    def test_devices_lists_plugins_without_opening_the_arm_in_use(self):
         with self.felt("good") as (arm, _, _):
             opens = arm.opens
             listed = subprocess.run([PALPATE, "devices", "--json"], capture_output=True, check=True,
@@ -159,7 +159,7 @@ class Kill(unittest.TestCase):
         print(f"{name:8} no force after {1e3 * took:6.2f} ms", flush=True)
         self.assertLessEqual(took, LIMIT + SLICE)
 
-    def test_a_plugins_process_that_is_stopped_goes_on(self):
+    def test_a_stopped_plugin_process_is_resumed(self):
         with self.pressed("good") as (arm, program, ours):
             (process,) = ours
             for _ in range(5):

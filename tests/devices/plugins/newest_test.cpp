@@ -57,7 +57,7 @@ bool whole(const Large& value) {
 
 }  // namespace
 
-TEST_CASE("a value that is written between any two steps of a reader is not torn", "[plugin]") {
+TEST_CASE("a write between any two steps of a reader does not tear the value", "[plugin]") {
   for (int step = 1; step <= 12; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -74,7 +74,7 @@ TEST_CASE("a value that is written between any two steps of a reader is not torn
   }
 }
 
-TEST_CASE("a reader between any two steps of a writer has the value before, or none", "[plugin]") {
+TEST_CASE("a read between any two steps of a writer gets a whole value or no value", "[plugin]") {
   // The first step of the reader is a load.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
@@ -95,7 +95,7 @@ TEST_CASE("a reader between any two steps of a writer has the value before, or n
   }
 }
 
-TEST_CASE("the newest value is taken once, whole, and never an older one", "[plugin]") {
+TEST_CASE("values are taken whole, once, and in rising order", "[plugin]") {
   Newest<Large> slot;
   Large value{};
   CHECK_FALSE(slot.take(value));
@@ -123,7 +123,7 @@ TEST_CASE("the newest value is taken once, whole, and never an older one", "[plu
   CHECK(before == 300000U);
 }
 
-TEST_CASE("a stop at any moment lets no force through before a zero has come", "[plugin]") {
+TEST_CASE("after a stop no force passes until a zero has been written", "[plugin]") {
   Orders orders;
   std::atomic<int> turn{0};
   std::atomic<bool> stopped{false};
@@ -151,7 +151,7 @@ TEST_CASE("a stop at any moment lets no force through before a zero has come", "
   CHECK(wrong == 0);
 }
 
-TEST_CASE("a stop returns when a zero has been sent, or nobody sends", "[plugin]") {
+TEST_CASE("stop() returns when zero has been sent, or if no thread sends", "[plugin]") {
   Orders orders;
   orders.stop(1'000'000);  // no thread sends
   CHECK(orders.write(forceOf(0.0), 0.0, 0) == PALPATE_PLUGIN_OK);
@@ -182,7 +182,7 @@ TEST_CASE("a stop returns when a zero has been sent, or nobody sends", "[plugin]
   orders.stop(kForEver);
 }
 
-TEST_CASE("a force that is no number stops", "[plugin]") {
+TEST_CASE("a non-finite force fails and becomes zero", "[plugin]") {
   Orders orders;
   CHECK(orders.write(forceOf(1.0), 0.5, 7) == PALPATE_PLUGIN_OK);
   const Order order = orders.now(7);

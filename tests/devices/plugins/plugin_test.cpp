@@ -120,7 +120,7 @@ bool refused(const palpate_plugin_facts& facts, const std::string& words) {
 
 }  // namespace
 
-TEST_CASE("a plug-in's facts are an arm's limits", "[plugin]") {
+TEST_CASE("a plug-in's facts become the arm's limits", "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   const DeviceInfo info = infoFor(facts, "plugin:fake", true);
   CHECK(info.limits.peak == 5.0);
@@ -142,7 +142,7 @@ TEST_CASE("a plug-in's facts are an arm's limits", "[plugin]") {
   CHECK_FALSE(infoFor(facts, "plugin:fake", false).hand);
 }
 
-TEST_CASE("facts that are none are refused in a line", "[plugin]") {
+TEST_CASE("invalid facts are refused in one line that names them", "[plugin]") {
   const auto with = [](double palpate_plugin_facts::*member, double value) {
     palpate_plugin_facts facts = goodFacts();
     facts.*member = value;
@@ -174,7 +174,7 @@ TEST_CASE("facts that are none are refused in a line", "[plugin]") {
   CHECK(refused(facts, "33 buttons"));
 }
 
-TEST_CASE("what a test has passed is this plug-in's arm as it was described", "[plugin]") {
+TEST_CASE("a plug-in arm's fingerprint depends on version, facts and carried weight", "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   const ArmIdentity arm = identityOf(facts, 2.0, "plugin:fake", "1", "S");
   CHECK(identityOf(facts, 2.0, "plugin:fake", "1", "S").fingerprint == arm.fingerprint);
@@ -184,7 +184,7 @@ TEST_CASE("what a test has passed is this plug-in's arm as it was described", "[
   CHECK(identityOf(facts, 2.0, "plugin:fake", "1", "S").fingerprint != arm.fingerprint);
 }
 
-TEST_CASE("a plug-in's reading is a hand", "[plugin]") {
+TEST_CASE("a plug-in's reading becomes the hand's state", "[plugin]") {
   Fake fake;
   CHECK_FALSE(fake.arm->read().ready);
   CHECK_FALSE(fake.arm->whyNotReady().empty());
@@ -218,7 +218,7 @@ TEST_CASE("a plug-in's reading is a hand", "[plugin]") {
   CHECK(fake.fresh(0.01).handle.orientation[0] == Approx(0.6));
 }
 
-TEST_CASE("what a device says of its velocity moves no force", "[plugin]") {
+TEST_CASE("the speed watch uses positions, not the velocity that a device reports", "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   facts.has |= PALPATE_PLUGIN_VELOCITY;
   Fake fake(facts);
@@ -250,7 +250,7 @@ TEST_CASE("what a device says of its velocity moves no force", "[plugin]") {
   CHECK(fault == Fault::kOverSpeed);
 }
 
-TEST_CASE("a plug-in that lies of the time grows stale all the same", "[plugin]") {
+TEST_CASE("a reading with a wrong time still becomes stale", "[plugin]") {
   const std::int64_t last = std::numeric_limits<std::int64_t>::max();
   const std::int64_t first = std::numeric_limits<std::int64_t>::min();
   for (const std::int64_t taken : {last, first, std::int64_t{-5}, std::int64_t{0}}) {
@@ -265,7 +265,7 @@ TEST_CASE("a plug-in that lies of the time grows stale all the same", "[plugin]"
   }
 }
 
-TEST_CASE("the same position as new for ever stands still", "[plugin]") {
+TEST_CASE("a position that is repeated as new counts as still", "[plugin]") {
   Fake fake;
   (void)fake.fresh(0.01);
   HandState hand;
@@ -274,7 +274,7 @@ TEST_CASE("the same position as new for ever stands still", "[plugin]") {
   CHECK(fake.fresh(0.011).still == 0.0);
 }
 
-TEST_CASE("what an arm says of itself cuts the force", "[plugin]") {
+TEST_CASE("an arm's reported state makes it not ready or a fault", "[plugin]") {
   palpate_plugin_facts facts = goodFacts();
   facts.has |= PALPATE_PLUGIN_DEADMAN;
   Fake fake(facts);
@@ -307,7 +307,7 @@ TEST_CASE("what an arm says of itself cuts the force", "[plugin]") {
   CHECK(with(kGood).fault == Fault::kWrite);
 }
 
-TEST_CASE("a force that is not taken in time is a fault", "[plugin]") {
+TEST_CASE("a force that the plug-in does not take within 20 ms is a fault", "[plugin]") {
   Fake fake;
   (void)fake.fresh();
   fake.arm->write(Vec3(1.0, 2.0, 3.0));
@@ -328,7 +328,7 @@ TEST_CASE("a force that is not taken in time is a fault", "[plugin]") {
   CHECK(fake.port->orders.back().force.force[0] == 0.0);
 }
 
-TEST_CASE("a force that a plug-in's process took off stays off", "[plugin]") {
+TEST_CASE("a force that a plug-in's process withheld is reported once as late", "[plugin]") {
   Fake fake;
   CHECK(fake.fresh().fault == Fault::kNone);
   fake.port->next.withheld = 1;
@@ -336,7 +336,7 @@ TEST_CASE("a force that a plug-in's process took off stays off", "[plugin]") {
   CHECK(fake.fresh().fault == Fault::kNone);  // a loop has latched it
 }
 
-TEST_CASE("a plug-in's weight comes in slowly and goes at once", "[plugin]") {
+TEST_CASE("a plug-in's gravity compensation ramps up slowly and ends at once", "[plugin]") {
   Fake fake;
   (void)fake.fresh();
   fake.arm->carry(true);
@@ -358,7 +358,7 @@ TEST_CASE("a plug-in's weight comes in slowly and goes at once", "[plugin]") {
   CHECK(carried() == 0.0);
 }
 
-TEST_CASE("an arm that is not tested carries a newton of its weight", "[plugin]") {
+TEST_CASE("an untested plug-in arm compensates at most 1 N of its weight", "[plugin]") {
   Fake fake(goodFacts(), false);
   (void)fake.fresh();
   fake.arm->carry(true);
@@ -367,7 +367,7 @@ TEST_CASE("an arm that is not tested carries a newton of its weight", "[plugin]"
   CHECK(fake.port->orders.back().carry == Approx(0.2));  // of 5 N
 }
 
-TEST_CASE("what a plug-in's motors could not give is told", "[plugin]") {
+TEST_CASE("the given share of a plug-in's force is limited to 0 to 1", "[plugin]") {
   Fake fake;
   for (const auto& [said, taken] : std::vector<std::pair<double, double>>{
            {1.0, 1.0}, {0.4, 0.4}, {2.0, 1.0}, {-1.0, 0.0}, {kNan, 0.0}}) {
@@ -377,7 +377,7 @@ TEST_CASE("what a plug-in's motors could not give is told", "[plugin]") {
   }
 }
 
-TEST_CASE("whatever a plug-in says a hand is finite or a fault", "[plugin]") {
+TEST_CASE("mutated news of a plug-in gives a finite hand or a fault", "[plugin]") {
   const long count = cases(20000);
   Random random(7);
   palpate_plugin_facts facts = goodFacts();
@@ -403,7 +403,7 @@ TEST_CASE("whatever a plug-in says a hand is finite or a fault", "[plugin]") {
   CHECK(fuzz.passed() > count / 10);
 }
 
-TEST_CASE("mutated facts of a plug-in are limits or refused", "[plugin]") {
+TEST_CASE("mutated facts of a plug-in give valid limits or are refused", "[plugin]") {
   const long count = cases(20000);
   Random random(13);
   long taken = 0;
@@ -433,7 +433,7 @@ TEST_CASE("mutated facts of a plug-in are limits or refused", "[plugin]") {
   CHECK(taken > count / 10);
 }
 
-TEST_CASE("mutated messages of a plug-in's process are messages or none", "[plugin]") {
+TEST_CASE("mutated messages of a plug-in's process are decoded or refused", "[plugin]") {
   const long count = cases(20000);
   Random random(11);
   long taken = 0;
@@ -458,7 +458,7 @@ TEST_CASE("mutated messages of a plug-in's process are messages or none", "[plug
   CHECK_FALSE(pluginMessageOf({}).has_value());
 }
 
-TEST_CASE("a value between two processes is whole or the last", "[plugin]") {
+TEST_CASE("a seqlock's value is read whole and never goes back", "[plugin]") {
   struct Value {
     std::array<std::uint64_t, 16> all{};
   };

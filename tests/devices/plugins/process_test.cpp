@@ -100,7 +100,7 @@ HandState tick(PluginArm& arm, const Vec3& force) {
 
 }  // namespace
 
-TEST_CASE("what is no plug-in of this version is refused in a line", "[plugin]") {
+TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[plugin]") {
   CHECK(refusal([] { PluginLibrary library(kNone, {}); }).find("no symbol palpate_plugin") !=
         std::string::npos);
   CHECK(refusal([] { PluginLibrary library(kOther, {}); }).find("of version 2.0") !=
@@ -123,7 +123,8 @@ TEST_CASE("what is no plug-in of this version is refused in a line", "[plugin]")
   CHECK(bench->closes == 1);
 }
 
-TEST_CASE("plug-ins are loaded from their folders alone", "[plugin]") {
+TEST_CASE("plug-ins load only from their folders, and only if others cannot write there",
+          "[plugin]") {
   const Bench bench;
   const std::filesystem::path folder =
       std::filesystem::temp_directory_path() / ("palpate_plugins_" + std::to_string(getpid()));
@@ -184,7 +185,7 @@ TEST_CASE("an arm of a plug-in's process is read and driven", "[plugin]") {
   CHECK(bench->closes == 1);
 }
 
-TEST_CASE("a program that stops giving orders has no force", "[plugin]") {
+TEST_CASE("the force ends if the program stops sending orders", "[plugin]") {
   Bench bench;
   auto arm = openOdd("good");
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
@@ -202,7 +203,7 @@ TEST_CASE("a program that stops giving orders has no force", "[plugin]") {
   }));
 }
 
-TEST_CASE("a guardian's zero takes a plug-in's force off", "[plugin]") {
+TEST_CASE("a guardian's zero message ends a plug-in's force", "[plugin]") {
   Bench bench;
   auto arm = openOdd("good");
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
@@ -222,8 +223,8 @@ TEST_CASE("a guardian's zero takes a plug-in's force off", "[plugin]") {
   haptic.join();
 }
 
-TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
-  // An arm whose stop comes during carry, as from another thread.
+TEST_CASE("a stop during an order leaves neither force nor gravity compensation", "[plugin]") {
+  // During carry this arm receives a stop, as from another thread.
   static struct {
     double force, share, next;
     bool stopped, trips;
@@ -298,7 +299,7 @@ TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
   CHECK(arm.force == 0.0);
 }
 
-TEST_CASE("what no gate can have let through is not handed to a plug-in's arm", "[plugin]") {
+TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plugin]") {
   // The plug-in's own code, which lies between, may have overwritten an order.
   static struct {
     std::vector<double> forces;
@@ -376,7 +377,7 @@ TEST_CASE("what no gate can have let through is not handed to a plug-in's arm", 
   }
 }
 
-TEST_CASE("a plug-in that hangs is not taken for a late machine", "[plugin]") {
+TEST_CASE("a plug-in that hangs is distinguished from a stalled machine", "[plugin]") {
   static struct {
     std::atomic<bool> hangs;
     std::atomic<bool> hung;
@@ -463,7 +464,7 @@ TEST_CASE("a plug-in that hangs is not taken for a late machine", "[plugin]") {
   }
 }
 
-TEST_CASE("what goes wrong while a plug-in is opened is said in a line", "[plugin]") {
+TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]") {
   Bench bench;
   const auto said = [](const std::string& serial) {
     return refusal([&] { (void)openOdd(serial); });
@@ -476,7 +477,7 @@ TEST_CASE("what goes wrong while a plug-in is opened is said in a line", "[plugi
   CHECK(refusal([] {
           (void)openPluginProcess(kOdd, "good", {}, "/nowhere/palpate-plugin");
         }).find("check the installation") != std::string::npos);
-  // A user who waits for a button may end the program.
+  // The user may end the program while it waits for a button.
   std::atomic<bool> ends{false};
   ArmHost host;
   std::string words;
@@ -490,7 +491,7 @@ TEST_CASE("what goes wrong while a plug-in is opened is said in a line", "[plugi
   CHECK(words.find("press its button") != std::string::npos);
 }
 
-TEST_CASE("a plug-in in this process needs an arm with a watchdog", "[plugin]") {
+TEST_CASE("an in-process plug-in needs an arm with a watchdog", "[plugin]") {
   Bench bench;
   CHECK(refusal([] { (void)openPluginInside(kOdd, "good", {}); }).find("watchdog of its own") !=
         std::string::npos);
@@ -504,7 +505,7 @@ TEST_CASE("a plug-in in this process needs an arm with a watchdog", "[plugin]") 
   CHECK(bench->force[1] == 0.75);
 }
 
-TEST_CASE("a plug-in's process that ends is started again", "[plugin]") {
+TEST_CASE("a plug-in's process that exits is started again", "[plugin]") {
   Bench bench;
   std::atomic<int> said{0};
   ArmHost host;
@@ -574,9 +575,9 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
 
 // Limits of docs/loop.md: 50 ms for a stale arm, 20 ms for a process that hangs, else one tick.
 constexpr double kTick = 0.002;
-#define PALPATE_TROUBLE(kind, limit, ...)                                           \
-  TEST_CASE("force ends after the trouble of a plug-in: " kind, "[plugin][host]") { \
-    checkTrouble(kind, limit, {__VA_ARGS__});                                       \
+#define PALPATE_TROUBLE(kind, limit, ...)                                              \
+  TEST_CASE("the force ends in time after plug-in trouble: " kind, "[plugin][host]") { \
+    checkTrouble(kind, limit, {__VA_ARGS__});                                          \
   }
 PALPATE_TROUBLE("crash", 0.020, Fault::kGone, Fault::kStale)
 PALPATE_TROUBLE("abort", 0.020, Fault::kGone, Fault::kStale)

@@ -32,7 +32,7 @@ double pushed(const PluginHost& host) {
 
 }  // namespace
 
-TEST_CASE("the sample has two arms, each open once, and none of another name", "[plugin]") {
+TEST_CASE("the sample has two arms, opens each once, and refuses other names", "[plugin]") {
   PluginHost host(kSample);
   CHECK(host.entry->size == sizeof(palpate_plugin_entry));
   CHECK(host.entry->major == PALPATE_PLUGIN_MAJOR);
@@ -61,7 +61,7 @@ TEST_CASE("the sample has two arms, each open once, and none of another name", "
   first->close(first);
 }
 
-TEST_CASE("the sample reads a thousand times a second of the host's time", "[plugin]") {
+TEST_CASE("the sample gives 1000 readings per second of the host's clock", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   CHECK(host.read() == PALPATE_PLUGIN_NOTHING);
@@ -83,7 +83,8 @@ TEST_CASE("the sample reads a thousand times a second of the host's time", "[plu
   CHECK(std::abs(pushed(host)) > 1e-4);
 }
 
-TEST_CASE("the sample's velocity is its position's, its handle and buttons move", "[plugin]") {
+TEST_CASE("the sample's velocity matches its positions, and its handle and buttons change",
+          "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -106,7 +107,7 @@ TEST_CASE("the sample's velocity is its position's, its handle and buttons move"
   CHECK(host.reading.buttons == 2U);
 }
 
-TEST_CASE("the sample goes where it is pushed, until it is stopped", "[plugin]") {
+TEST_CASE("the sample follows the force until it is stopped", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -120,7 +121,7 @@ TEST_CASE("the sample goes where it is pushed, until it is stopped", "[plugin]")
   CHECK(pushed(host) == Approx(0.02).margin(1e-4));
 }
 
-TEST_CASE("the sample's watchdog takes the force off where none has come", "[plugin]") {
+TEST_CASE("the sample's watchdog ends a force that is not renewed for 50 ms", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -138,7 +139,7 @@ TEST_CASE("the sample's watchdog takes the force off where none has come", "[plu
   CHECK(pushed(host) == Approx(0.0).margin(1e-4));
 }
 
-TEST_CASE("the sample carries its weight from the next write on", "[plugin]") {
+TEST_CASE("the sample's gravity compensation starts with the next write", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -160,7 +161,7 @@ TEST_CASE("the sample carries its weight from the next write on", "[plugin]") {
   CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));
 }
 
-TEST_CASE("the sample's motors grow hot and give what they can hold", "[plugin]") {
+TEST_CASE("the sample's hot motors give only their continuous force", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -176,7 +177,7 @@ TEST_CASE("the sample's motors grow hot and give what they can hold", "[plugin]"
   CHECK(pushed(host) < 0.099);
 }
 
-TEST_CASE("the sample lives with older and newer hosts", "[plugin]") {
+TEST_CASE("the sample handles structs of older and newer hosts", "[plugin]") {
   PluginHost host(kSample);
   palpate_plugin_host old = PluginHost::whole();
   old.size = offsetof(palpate_plugin_host, now);
@@ -202,7 +203,7 @@ TEST_CASE("the sample lives with older and newer hosts", "[plugin]") {
   CHECK(newer.untouchedFrom(sizeof(palpate_plugin_reading)));
 }
 
-TEST_CASE("the sample's tick allocates nothing and takes no lock", "[plugin][realtime]") {
+TEST_CASE("the sample's tick neither allocates nor locks", "[plugin][realtime]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
@@ -221,7 +222,7 @@ TEST_CASE("the sample's tick allocates nothing and takes no lock", "[plugin][rea
   CHECK(well == 1000);
 }
 
-TEST_CASE("the sample is not made ready where the program ends", "[plugin]") {
+TEST_CASE("preparing the sample fails if the program ends", "[plugin]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   PluginHost::ends() = true;

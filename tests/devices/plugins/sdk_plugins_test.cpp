@@ -1,4 +1,4 @@
-/// The plug-ins for makers' libraries, by the ABI alone, against stubs of those libraries.
+/// Tests the plug-ins for makers' SDKs through the ABI, against stubs of the SDKs.
 #include <HD/hd.h>
 #include <array>
 #include <chrono>
@@ -170,7 +170,7 @@ Vec positionOf(const palpate_plugin_reading& r) {
 
 }  // namespace
 
-TEST_CASE("an SDK's plug-in has this version, whole structs and one factory", "[plugin]") {
+TEST_CASE("an SDK's plug-in has the current version, full structs and one factory", "[plugin]") {
   Bench bench(anySdk());
   const palpate_plugin_entry& entry = *bench.host.entry;
   CHECK(entry.size == sizeof entry);
@@ -185,7 +185,7 @@ TEST_CASE("an SDK's plug-in has this version, whole structs and one factory", "[
   CHECK(bench.host.arm->extension(bench.host.arm, "palpate.other/1") == nullptr);
 }
 
-TEST_CASE("an SDK's plug-in finds the arm, and leaves it as it was", "[plugin]") {
+TEST_CASE("an SDK's plug-in lists the arm, and neither opens nor closes it", "[plugin]") {
   Bench bench(anySdk());
   bench.host.begin();
   palpate_plugin_found found{};
@@ -205,7 +205,8 @@ TEST_CASE("an SDK's plug-in finds the arm, and leaves it as it was", "[plugin]")
   CHECK(bench.sdk.open() == 1);
 }
 
-TEST_CASE("an SDK's plug-in opens an arm by its number, once, and no other", "[plugin]") {
+TEST_CASE("an SDK's plug-in opens an arm only by its own serial number, and only once",
+          "[plugin]") {
   Bench bench(anySdk());
   CHECK_FALSE(bench.host.open(bench.sdk.no_serial));
   CAPTURE(bench.host.error);
@@ -222,7 +223,7 @@ TEST_CASE("an SDK's plug-in opens an arm by its number, once, and no other", "[p
   REQUIRE(bench.host.open(""));
 }
 
-TEST_CASE("an SDK's plug-in says what is known of the arm, and whence", "[plugin]") {
+TEST_CASE("an SDK's plug-in reports the arm's limits and their source", "[plugin]") {
   Bench bench(anySdk());
   bench.open();
   const palpate_plugin_facts facts = bench.host.facts();
@@ -235,8 +236,7 @@ TEST_CASE("an SDK's plug-in says what is known of the arm, and whence", "[plugin
   CHECK(std::string(facts.source).find("CHAI3D 3.3.0") != std::string::npos);
 }
 
-TEST_CASE("an SDK's position comes in metres of W about the middle, once, with its time",
-          "[plugin]") {
+TEST_CASE("each SDK position is read once, in metres in W, with its time", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   const Vec p = {0.01, 0.02, -0.03};
@@ -252,7 +252,7 @@ TEST_CASE("an SDK's position comes in metres of W about the middle, once, with i
   CHECK(bench.host.reading.position[0] == 7.0);
 }
 
-TEST_CASE("a force of W arrives in the SDK's axes, and a stop holds until a zero", "[plugin]") {
+TEST_CASE("a force in W arrives in the SDK's axes, and a stop holds until a zero", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   const Vec f = {1.0, -2.0, 0.5};
@@ -267,13 +267,13 @@ TEST_CASE("a force of W arrives in the SDK's axes, and a stop holds until a zero
   same(bench.given(), {0.0, 0.0, 0.0});
   CHECK(bench.host.write(f[0], f[1], f[2]) == PALPATE_PLUGIN_OK);
   same(bench.given(), f);
-  // A zero right after the stop lets none of the older force through.
+  // A zero right after the stop does not let the older force through.
   bench.host.arm->stop(bench.host.arm);
   CHECK(bench.host.write(0.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
   same(bench.given(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("an SDK's thread does not go on with a force that nobody renews", "[plugin]") {
+TEST_CASE("an SDK's thread ends a force that is not renewed for 50 ms", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -285,7 +285,7 @@ TEST_CASE("an SDK's thread does not go on with a force that nobody renews", "[pl
   same(bench.given(), {1.0, 0.0, 0.0});
 }
 
-TEST_CASE("an SDK's arm that is lost is gone, and can be stopped and closed", "[plugin]") {
+TEST_CASE("a lost SDK arm is reported as gone, and can be stopped and closed", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -299,7 +299,7 @@ TEST_CASE("an SDK's arm that is lost is gone, and can be stopped and closed", "[
   CHECK(bench.sdk.open() == 0);
 }
 
-TEST_CASE("a position that is no number is passed on, and no such force", "[plugin]") {
+TEST_CASE("an SDK's NaN position is passed on, a NaN force becomes zero", "[plugin]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Bench bench(anySdk());
   bench.ready();
@@ -320,7 +320,7 @@ TEST_CASE("a position that is no number is passed on, and no such force", "[plug
   same(bench.given(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("an SDK's plug-in closes with no force left", "[plugin]") {
+TEST_CASE("closing an SDK's arm leaves zero force", "[plugin]") {
   Bench bench(anySdk());
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -332,7 +332,7 @@ TEST_CASE("an SDK's plug-in closes with no force left", "[plugin]") {
   CHECK(bench.sdk.open() == 0);
 }
 
-TEST_CASE("an SDK's plug-in lives with older and newer hosts", "[plugin]") {
+TEST_CASE("an SDK's plug-in handles structs of older and newer hosts", "[plugin]") {
   Bench bench(anySdk());
   palpate_plugin_host old = PluginHost::whole();
   old.size = offsetof(palpate_plugin_host, now);
@@ -373,7 +373,7 @@ TEST_CASE("an SDK's plug-in lives with older and newer hosts", "[plugin]") {
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));
 }
 
-TEST_CASE("an SDK's plug-in allocates nothing and takes no lock in a tick", "[plugin][realtime]") {
+TEST_CASE("an SDK plug-in's tick neither allocates nor locks", "[plugin][realtime]") {
   Bench bench(anySdk());
   bench.ready();
   int well = 0;
@@ -390,7 +390,7 @@ TEST_CASE("an SDK's plug-in allocates nothing and takes no lock in a tick", "[pl
   CHECK(well >= 19);
 }
 
-TEST_CASE("an SDK's arm that is never ready is waited for until the program ends", "[plugin]") {
+TEST_CASE("preparing an SDK's arm that is never ready ends with the program", "[plugin]") {
   Bench bench(anySdk());
   bench.sdk.never_ready();
   bench.open();
@@ -405,7 +405,7 @@ TEST_CASE("an SDK's arm that is never ready is waited for until the program ends
   REQUIRE(PluginHost::said().size() == 1U);
 }
 
-TEST_CASE("OpenHaptics: the handle, the velocity and the buttons come in W", "[plugin]") {
+TEST_CASE("OpenHaptics: orientation, velocity and buttons are read in W", "[plugin]") {
   Bench bench(kOpenHaptics);
   bench.ready();
   stub_hd::Arm& arm = stub_hd::arm();
@@ -426,7 +426,7 @@ TEST_CASE("OpenHaptics: the handle, the velocity and the buttons come in W", "[p
   CHECK(arm.outside == 0);
 }
 
-TEST_CASE("OpenHaptics: the stack of errors is emptied, and told by its kind", "[plugin]") {
+TEST_CASE("OpenHaptics: all queued errors are read and reported by their kind", "[plugin]") {
   Bench bench(kOpenHaptics);
   bench.ready();
   CHECK(bench.host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -445,7 +445,7 @@ TEST_CASE("OpenHaptics: the stack of errors is emptied, and told by its kind", "
   same(bench.sdk.force_W(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("OpenHaptics: a stylus is waited for until it is in its inkwell", "[plugin]") {
+TEST_CASE("OpenHaptics: preparing waits until the stylus is in its inkwell", "[plugin]") {
   Bench bench(kOpenHaptics);
   stub_hd::arm().calibration = HD_CALIBRATION_NEEDS_MANUAL_INPUT;
   stub_hd::arm().style = HD_CALIBRATION_INKWELL;
@@ -461,7 +461,7 @@ TEST_CASE("OpenHaptics: a stylus is waited for until it is in its inkwell", "[pl
   CHECK(PluginHost::said()[0].find("inkwell") != std::string::npos);
 }
 
-TEST_CASE("OpenHaptics: a model that nobody knows has what the API calls nominal", "[plugin]") {
+TEST_CASE("OpenHaptics: an unknown model gets the API's nominal limits", "[plugin]") {
   Bench bench(kOpenHaptics);
   stub_hd::arm().model = "Touch X";
   bench.open();
@@ -473,14 +473,13 @@ TEST_CASE("OpenHaptics: a model that nobody knows has what the API calls nominal
   CHECK(std::string(facts.source).find("NOMINAL") != std::string::npos);
 }
 
-TEST_CASE("OpenHaptics: other arms are opened by the name that their set-up gives them",
-          "[plugin]") {
+TEST_CASE("OpenHaptics: other arms are opened by their configured name", "[plugin]") {
   Bench bench(kOpenHaptics);
   REQUIRE(bench.host.open("Left"));
   CHECK(stub_hd::arm().open == 1);
 }
 
-TEST_CASE("DHD: a reading that the SDK repeats is none", "[plugin]") {
+TEST_CASE("DHD: a reading that the SDK marks as old is not a new reading", "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
   bench.turn();
@@ -495,7 +494,8 @@ TEST_CASE("DHD: a reading that the SDK repeats is none", "[plugin]") {
   CHECK(bench.host.reading.taken == PluginHost::now());
 }
 
-TEST_CASE("DHD: handle, velocity, gripper and buttons come in W, torques stay zero", "[plugin]") {
+TEST_CASE("DHD: handle, velocity, gripper and buttons are read in W, torques stay zero",
+          "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
   stub_dhd::Arm& arm = stub_dhd::arm();
@@ -524,7 +524,7 @@ TEST_CASE("DHD: handle, velocity, gripper and buttons come in W, torques stay ze
   CHECK((has & PALPATE_PLUGIN_GRIPPER) != 0U);
 }
 
-TEST_CASE("DHD: an arm without a wrist has no orientation, and it is said", "[plugin]") {
+TEST_CASE("DHD: an arm without a wrist reports no orientation", "[plugin]") {
   Bench bench(kDhd);
   stub_dhd::arm().type = DHD_DEVICE_OMEGA3;
   bench.ready();
@@ -535,7 +535,7 @@ TEST_CASE("DHD: an arm without a wrist has no orientation, and it is said", "[pl
   CHECK(bench.host.reading.orientation[0] == 1.0);
 }
 
-TEST_CASE("DHD: a model whose limits nobody has said is refused", "[plugin]") {
+TEST_CASE("DHD: a model with unknown limits is refused", "[plugin]") {
   Bench bench(kDhd);
   stub_dhd::arm().type = DHD_DEVICE_SIGMA331;
   CHECK_FALSE(bench.host.open(""));
@@ -544,7 +544,7 @@ TEST_CASE("DHD: a model whose limits nobody has said is refused", "[plugin]") {
   CHECK(stub_dhd::arm().open == 0);
 }
 
-TEST_CASE("DHD: its own watchdog is set, in the mode for experts alone, and stated", "[plugin]") {
+TEST_CASE("DHD: opening sets the watchdog, leaves expert mode and reports the time", "[plugin]") {
   Bench bench(kDhd);
   bench.open();
   CHECK(stub_dhd::arm().watchdog == 240);
@@ -552,7 +552,7 @@ TEST_CASE("DHD: its own watchdog is set, in the mode for experts alone, and stat
   CHECK(bench.host.facts().watchdog == Approx(0.03));
 }
 
-TEST_CASE("DHD: no power, an open switch and a lost home are told", "[plugin]") {
+TEST_CASE("DHD: lost power, an open switch and a lost home are reported", "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
   stub_dhd::arm().power = false;
@@ -563,7 +563,7 @@ TEST_CASE("DHD: no power, an open switch and a lost home are told", "[plugin]") 
   CHECK(bench.host.reading.state == (PALPATE_PLUGIN_UNPOWERED | PALPATE_PLUGIN_OPEN));
 }
 
-TEST_CASE("DHD: its weight is carried by shares, from the next write on, and not once stopped",
+TEST_CASE("DHD: gravity compensation changes with the next write and ends with a stop",
           "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
@@ -587,7 +587,7 @@ TEST_CASE("DHD: its weight is carried by shares, from the next write on, and not
   CHECK_FALSE(arm.carries);
 }
 
-TEST_CASE("DHD: an arm that answers badly once is gone, with neither force nor weight carried",
+TEST_CASE("DHD: one failed call makes the arm gone, without force or gravity compensation",
           "[plugin]") {
   Bench bench(kDhd);
   bench.ready();
@@ -604,7 +604,7 @@ TEST_CASE("DHD: an arm that answers badly once is gone, with neither force nor w
   CHECK_FALSE(stub_dhd::arm().carries);
 }
 
-TEST_CASE("several arms are found, in an array as the host's compiler lays it out", "[plugin]") {
+TEST_CASE("several arms are listed in an array of the host's struct size", "[plugin]") {
   struct Newer {
     palpate_plugin_found found;
     char more[24];
@@ -627,7 +627,7 @@ TEST_CASE("several arms are found, in an array as the host's compiler lays it ou
   }
 }
 
-TEST_CASE("nifalcon: firmware is sent until it is taken, and not where it is", "[plugin]") {
+TEST_CASE("nifalcon: firmware is loaded again until it is accepted", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().bad_loads = 3;
   bench.open();
@@ -635,7 +635,7 @@ TEST_CASE("nifalcon: firmware is sent until it is taken, and not where it is", "
   CHECK(stub_nifalcon::arm().loads == 4);
 }
 
-TEST_CASE("nifalcon: firmware that is never taken is said", "[plugin]") {
+TEST_CASE("nifalcon: firmware that is never accepted is reported", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().bad_loads = 1000;
   bench.open();
@@ -643,7 +643,7 @@ TEST_CASE("nifalcon: firmware that is never taken is said", "[plugin]") {
   CHECK(bench.host.errorIsALine("nifalcon"));
 }
 
-TEST_CASE("nifalcon: homed is an arm of which all three motors are", "[plugin]") {
+TEST_CASE("nifalcon: an arm is ready only if all three motors are homed", "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   stub_nifalcon::arm().homed = 3;
@@ -652,7 +652,7 @@ TEST_CASE("nifalcon: homed is an arm of which all three motors are", "[plugin]")
   CHECK(bench.host.reading.state == 0U);
 }
 
-TEST_CASE("nifalcon: a turn in which nothing has come is no reading and no loss", "[plugin]") {
+TEST_CASE("nifalcon: a cycle without data gives no reading and keeps the arm", "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   bench.turn();
@@ -666,7 +666,7 @@ TEST_CASE("nifalcon: a turn in which nothing has come is no reading and no loss"
   CHECK(bench.host.read() == PALPATE_PLUGIN_OK);
 }
 
-TEST_CASE("nifalcon: a stop counts also where its kinematics fails", "[plugin]") {
+TEST_CASE("nifalcon: a stop holds also if the kinematics fails", "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
@@ -676,14 +676,14 @@ TEST_CASE("nifalcon: a stop counts also where its kinematics fails", "[plugin]")
   same(bench.given(), {0.0, 0.0, 0.0});
 }
 
-TEST_CASE("nifalcon: an arm that may not be opened is said", "[plugin]") {
+TEST_CASE("nifalcon: an arm that cannot be opened is reported", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().refuses = true;
   CHECK_FALSE(bench.host.open(""));
   CHECK(bench.host.errorIsALine("nifalcon"));
 }
 
-TEST_CASE("nifalcon: what the library throws is said, and in a tick is a lost arm", "[plugin]") {
+TEST_CASE("nifalcon: an exception is reported, and in a tick the arm is gone", "[plugin]") {
   Bench bench(kNifalcon);
   stub_nifalcon::arm().throws = true;
   CHECK_FALSE(bench.host.open(""));
@@ -701,8 +701,7 @@ TEST_CASE("nifalcon: what the library throws is said, and in a tick is a lost ar
   CHECK(bench.gone());
 }
 
-TEST_CASE("nifalcon: how many are plugged in is said where there is none of that number",
-          "[plugin]") {
+TEST_CASE("nifalcon: an unknown number is refused with the count of arms", "[plugin]") {
   Bench bench(kNifalcon);
   CHECK_FALSE(bench.host.open("1"));
   CHECK(bench.host.error.find("1 are plugged in") != std::string::npos);

@@ -261,7 +261,7 @@ class Usb final : public Wire {
   }
 
   int socket_ = -1;
-  std::uint32_t in_ = 0;  ///< The request that waits for a report; 0: none.
+  std::uint32_t in_ = 0;  ///< The request that waits for a report, or 0.
   std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;  ///< Requests that wait for a frame.
 };
 

@@ -1,6 +1,6 @@
 /// Checks an arm on a real kernel's HID: vm_check uhid|usb|pid|ruler|chain VOLUME PROFILE. Runs in
-/// a virtual machine whose time counts instructions, so that limits may be tight. Returns 1 if a
-/// check failed, and 3 if the machine stood still and the run must be repeated.
+/// a virtual machine with a clock that counts instructions, so that limits may be tight. Returns 1
+/// if a check failed, and 3 if the machine stood still and the run must be repeated.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -271,10 +271,10 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   check(quantile(periods, 0.99) <= 1050.0,
         "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
             text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
-  // Beside a crowded host the machine stands still for 3 to 5 ms, some times a minute. Ticks that
-  // are due by then come at once, and of their forces the newest is sent. The machine is the cause
-  // of a late tick that was waited for in time, and of those due before that tick came. The machine
-  // also stands while ticks compute.
+  // On a crowded host the machine stands still for 3 to 5 ms, some times a minute. Ticks that are
+  // due by then come at once, and the newest force is sent. If the loop waited for a late tick in
+  // time, the machine caused its lateness, and that of all ticks due before it came. The machine
+  // also stands still while ticks compute.
   check(late - excused <= ticks / 1000,
         "no tick late but where the machine slept on, or one of a thousand: " +
             text(late - excused) + ", and the machine's " + text(excused));

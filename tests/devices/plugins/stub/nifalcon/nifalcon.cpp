@@ -47,8 +47,8 @@ bool FalconDevice::isFirmwareLoaded() {
   return the_arm->firmware;
 }
 
-// As in the library: the motors get the forces that the exchange before has left. Position and
-// forces are then updated if the kinematics has a solution; else they stay.
+// Behaves as the library does: the motors get the forces of the previous exchange. Position and
+// forces are then updated if the kinematics has a solution; otherwise they stay.
 bool FalconDevice::runIOLoop(unsigned) {
   the_arm->gate.arrive();
   if (the_arm->throws) throw std::runtime_error("no USB");

@@ -1,5 +1,7 @@
-/// Tests rehearsed ticks, which no hand feels: they are close to the coming tick and leave no
+/// Tests warm-up ticks, which no hand feels: they are close to the coming tick and leave no
 /// trace.
+#include "palpate/engine/loop/cache_warmup.h"
+
 #include <cmath>
 #include <cstring>
 #include <map>
@@ -10,13 +12,12 @@
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/loop/cache_warmup.h"
 #include "palpate/engine/loop/haptic_loop.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
-namespace palpate::rehearsal_test {
+namespace palpate::cache_warmup_test {
 using palpate::test::ballField;
 using palpate::test::ballScene;
 using palpate::test::ballSpec;
@@ -61,7 +62,7 @@ bool same(const StepReport& a, const StepReport& b) {
 
 }  // namespace
 
-TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
+TEST_CASE("a warm-up changes neither reports nor writes", "[loop][warmup]") {
   const std::shared_ptr<const Scene> scene = richScene();
   TestDevice plain_device;
   TestDevice device;
@@ -75,7 +76,7 @@ TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
   loop.prepareWarmup();
   plain.publish(scene);
   loop.publish(scene);
-  int rehearsals = 0;
+  int warmups = 0;
   int held = 0;
   TickTime time;
   time.dt = kDt;
@@ -84,7 +85,7 @@ TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
     plain_device.hand.position = device.hand.position = handAt(time.now);
     {
       const test::CountScope scope;
-      rehearsals += loop.warmUp(kDt, kLead) ? 1 : 0;
+      warmups += loop.warmUp(kDt, kLead) ? 1 : 0;
       loop.tick(time);
       REQUIRE(test::CountScope::counts().allocations == 0);
       REQUIRE(test::CountScope::counts().locks == 0);
@@ -95,16 +96,16 @@ TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
     held += report.primitives > 0 ? 1 : 0;
   }
   CHECK(device.writes == plain_device.writes);
-  CHECK(rehearsals > 4900);
+  CHECK(warmups > 4900);
   CHECK(held > 1000);
 }
 
-TEST_CASE("what is rehearsed is what comes", "[loop][rehearsal]") {
+TEST_CASE("a warm-up predicts the next tick's proxy and contacts", "[loop][warmup]") {
   const std::shared_ptr<const Scene> scene = richScene();
   Reader reader;
   ProxyState state;
   CacheWarmup warmup(state.limits());
-  int rehearsals = 0;
+  int warmups = 0;
   int alike = 0;
   int alike_in_contact = 0;
   int in_contact = 0;
@@ -118,22 +119,22 @@ TEST_CASE("what is rehearsed is what comes", "[loop][rehearsal]") {
     yields += report.primitives < before ? 1 : 0;
     before = report.primitives;
     if (!did) continue;
-    ++rehearsals;
-    const StepReport& rehearsed = warmup.warmed();
+    ++warmups;
+    const StepReport& warmed = warmup.warmed();
     const bool about =
-        rehearsed.primitives == report.primitives && (rehearsed.proxy - report.proxy).norm() < 1e-5;
+        warmed.primitives == report.primitives && (warmed.proxy - report.proxy).norm() < 1e-5;
     alike += about ? 1 : 0;
     in_contact += report.primitives > 0 ? 1 : 0;
     alike_in_contact += about && report.primitives > 0 ? 1 : 0;
   }
-  CHECK(rehearsals == 4998);
+  CHECK(warmups == 4998);
   CHECK(yields > 5);
   CHECK(in_contact > 1000);
-  CHECK(alike > 0.99 * rehearsals);
+  CHECK(alike > 0.99 * warmups);
   CHECK(alike_in_contact > 0.98 * in_contact);
 }
 
-TEST_CASE("a twin that has strayed comes back to the proxy", "[loop][rehearsal]") {
+TEST_CASE("a mispredicted warm-up returns to the proxy", "[loop][warmup]") {
   // A wall holds the hand's proxy. The predicted hand went through the wall.
   GraphSpec spec = ballSpec(1.0);
   spec.modes[0].depth_voxels = 0.01;  // a proxy that is through is inside
@@ -157,7 +158,7 @@ TEST_CASE("a twin that has strayed comes back to the proxy", "[loop][rehearsal]"
   CHECK(state.primitives().size() == 1);
 }
 
-TEST_CASE("a user's mode is not called by a rehearsal", "[loop][rehearsal]") {
+TEST_CASE("a warm-up does not call a user's mode", "[loop][warmup]") {
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kUser;
@@ -181,7 +182,7 @@ TEST_CASE("a user's mode is not called by a rehearsal", "[loop][rehearsal]") {
   CHECK(*calls == before);
 }
 
-TEST_CASE("where a tick is too slow, or the force is cut, none is rehearsed", "[loop][rehearsal]") {
+TEST_CASE("no warm-up runs without a scene, without enough time or after a cut", "[loop][warmup]") {
   TestDevice device;
   device.hand.position = {0, 0, 0.04};
   HapticLoop loop(device, 1.0 / kDt);
@@ -204,4 +205,4 @@ TEST_CASE("where a tick is too slow, or the force is cut, none is rehearsed", "[
   CHECK(loop.warmUp(kDt, kLead));
 }
 
-}  // namespace palpate::rehearsal_test
+}  // namespace palpate::cache_warmup_test

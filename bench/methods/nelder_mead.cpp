@@ -1,7 +1,7 @@
-#include "palpate/devices/methods/nelder_mead.h"
+#include "palpate/bench/methods/nelder_mead.h"
 
-#include "palpate/devices/methods/residual.h"
-#include "palpate/devices/methods/simplex.h"
+#include "palpate/bench/methods/residual.h"
+#include "palpate/bench/methods/simplex.h"
 
 namespace palpate::methods {
 

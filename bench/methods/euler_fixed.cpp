@@ -1,6 +1,6 @@
-#include "palpate/devices/methods/euler_fixed.h"
+#include "palpate/bench/methods/euler_fixed.h"
 
-#include "palpate/devices/methods/residual.h"
+#include "palpate/bench/methods/residual.h"
 
 namespace palpate::methods {
 

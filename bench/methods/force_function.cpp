@@ -1,6 +1,6 @@
-#include "palpate/devices/methods/force_function.h"
+#include "palpate/bench/methods/force_function.h"
 
-#include "palpate/devices/methods/residual.h"
+#include "palpate/bench/methods/residual.h"
 
 namespace palpate::methods {
 

@@ -1,11 +1,11 @@
-#include "palpate/devices/methods/constraint_approach.h"
+#include "palpate/bench/methods/constraint_approach.h"
 
 #include <array>
 #include <cstddef>
 
 #include <Eigen/Geometry>
 
-#include "palpate/devices/methods/residual.h"
+#include "palpate/bench/methods/residual.h"
 
 namespace palpate::methods {
 namespace {

@@ -1,5 +1,5 @@
-/// Input and result of the methods from the literature. They serve maps, charts and tests of where
-/// they fail; the engine has one solver of its own.
+/// Input and result of the methods from the literature. Benchmarks and tests compare them with the
+/// engine, which has one solver of its own. The shipped program does not link them.
 #pragma once
 
 #include <span>

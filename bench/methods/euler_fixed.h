@@ -3,7 +3,7 @@
 
 #include <span>
 
-#include "palpate/devices/methods/method.h"
+#include "palpate/bench/methods/method.h"
 
 namespace palpate::methods {
 

@@ -1,5 +1,7 @@
 // Tests bricks by several ranks, here threads. The bytes are those of one rank, and a rank that
 // fails ends all.
+#include "palpate/samplers/process_group.h"
+
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -17,13 +19,12 @@
 #include "palpate/samplers/bricks/brick_grid.h"
 #include "palpate/samplers/bricks/write_bricks.h"
 #include "palpate/samplers/grid/make_volume.h"
-#include "palpate/samplers/process_group.h"
 #include "tests/support/random.h"
 #include "tests/support/thinned.h"
 #include "tests/support/thread_group.h"
 #include "tests/support/vdb_grids.h"
 
-namespace palpate::crew_test {
+namespace palpate::process_group_test {
 using namespace palpate::test;
 using Catch::Contains;
 using openvdb::Coord;
@@ -113,14 +114,14 @@ std::string errorOf(const std::function<void()>& call) {
 
 }  // namespace
 
-TEST_CASE("the shares of a crew are the whole, in order", "[crew]") {
+TEST_CASE("the shares of a process group make up the whole, in order", "[process_group]") {
   for (const int size : {1, 2, 3, 7}) {
     for (const int count : {0, 1, 5, 64}) {
       std::mutex mutex;
       std::map<int, Share> shares;
-      CHECK(byThreads(size, [&](ProcessGroup& crew) {
+      CHECK(byThreads(size, [&](ProcessGroup& group) {
               const std::lock_guard lock(mutex);
-              shares[crew.rank()] = shareOf(crew, count);
+              shares[group.rank()] = shareOf(group, count);
             }) == 0);
       std::int64_t end = 0;
       for (const auto& [rank, share] : shares) {
@@ -134,16 +135,16 @@ TEST_CASE("the shares of a crew are the whole, in order", "[crew]") {
   }
 }
 
-TEST_CASE("a crew gathers by its ranks, and lists one behind the other", "[crew]") {
-  CHECK(byThreads(3, [](ProcessGroup& crew) {
-          const std::vector<int> own(static_cast<std::size_t>(2 * crew.rank()), crew.rank());
-          const bool right = gatherAll(crew, own) == std::vector<int>{1, 1, 2, 2, 2, 2} &&
-                             gatherOne(crew, 10 * crew.rank()) == std::vector<int>{0, 10, 20};
+TEST_CASE("a process group gathers values and lists in the order of its ranks", "[process_group]") {
+  CHECK(byThreads(3, [](ProcessGroup& group) {
+          const std::vector<int> own(static_cast<std::size_t>(2 * group.rank()), group.rank());
+          const bool right = gatherAll(group, own) == std::vector<int>{1, 1, 2, 2, 2, 2} &&
+                             gatherOne(group, 10 * group.rank()) == std::vector<int>{0, 10, 20};
           if (!right) throw Error("the test", "it gathers something else", "mend it");
         }) == 0);
 }
 
-TEST_CASE("bricks have the same bytes by any crew", "[bricks][crew]") {
+TEST_CASE("bricks have the same bytes by any process group", "[bricks][process_group]") {
   const TemporaryFolder folder;
   const BrickReport alone = writeBricks(folder / "alone", ball());
   const auto whole = allIn(folder / "alone");
@@ -152,9 +153,9 @@ TEST_CASE("bricks have the same bytes by any crew", "[bricks][crew]") {
     const fs::path out = folder / std::to_string(size);
     std::mutex mutex;
     std::set<std::uint64_t> written;
-    CHECK(byThreads(size, [&](ProcessGroup& crew) {
+    CHECK(byThreads(size, [&](ProcessGroup& group) {
             BrickOptions options;
-            options.crew = &crew;
+            options.group = &group;
             const BrickReport report = writeBricks(out, ball(), options);
             const std::lock_guard lock(mutex);
             written.insert(report.written);
@@ -164,7 +165,8 @@ TEST_CASE("bricks have the same bytes by any crew", "[bricks][crew]") {
   }
 }
 
-TEST_CASE("a grid in parts is told of as a whole", "[bricks][crew]") {
+TEST_CASE("a grid split among ranks gives the same bricks as the whole grid",
+          "[bricks][process_group]") {
   const TemporaryFolder folder;
   const auto grid = scattered();
   (void)writeBricks(folder / "alone", brickInput(makeVolume(*grid)));
@@ -173,19 +175,20 @@ TEST_CASE("a grid in parts is told of as a whole", "[bricks][crew]") {
   for (const int size : {9, 2, 5}) {
     if (!sizes.runs()) continue;
     const fs::path out = folder / std::to_string(size);
-    CHECK(byThreads(size, [&](ProcessGroup& crew) {
+    CHECK(byThreads(size, [&](ProcessGroup& group) {
             // Three slabs of bricks are below 0 and four above it. The last ranks have no slab.
-            const Share of_seven = shareOf(crew, 7);
+            const Share of_seven = shareOf(group, 7);
             const Share share{of_seven.first - 3, of_seven.end - 3};
             BrickOptions options;
-            options.crew = &crew;
-            (void)writeBricks(out, brickInput(partOf(*grid, share), crew, share), options);
+            options.group = &group;
+            (void)writeBricks(out, brickInput(partOf(*grid, share), group, share), options);
           }) == 0);
     CHECK(allIn(out) == whole);
   }
 }
 
-TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[bricks][crew]") {
+TEST_CASE("a failing rank ends all ranks with one message, and the next process group resumes",
+          "[bricks][process_group]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "alone", ball());
   const fs::path out = folder / "out";
@@ -193,13 +196,13 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
                       const std::function<void(ProcessGroup&, BrickInput&, BrickOptions&)>& but) {
     std::uint64_t kept = 0;
     const std::string why = errorOf([&] {
-      const int told = byThreads(size, [&](ProcessGroup& crew) {
+      const int told = byThreads(size, [&](ProcessGroup& group) {
         BrickInput input = ball();
         BrickOptions options;
-        options.crew = &crew;
-        but(crew, input, options);
+        options.group = &group;
+        but(group, input, options);
         const BrickReport report = writeBricks(out, input, options);
-        if (crew.rank() == 0) kept = report.kept;
+        if (group.rank() == 0) kept = report.kept;
       });
       CHECK(told == 0);
     });
@@ -210,11 +213,11 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
   for (const bool all : {false, true}) {
     for (const double when : {0.1, 0.95}) {
       const std::string why =
-          by(3, [&](ProcessGroup& crew, BrickInput&, BrickOptions& options) {
-            if (!all && crew.rank() != 2) return;
-            options.progress = [=, &crew](double done) {
+          by(3, [&](ProcessGroup& group, BrickInput&, BrickOptions& options) {
+            if (!all && group.rank() != 2) return;
+            options.progress = [=, &group](double done) {
               if (done < when) return;
-              throw Error("rank " + std::to_string(crew.rank()), "it ends", "go on");
+              throw Error("rank " + std::to_string(group.rank()), "it ends", "go on");
             };
           }).first;
       CHECK(why == (all ? "rank 0: it ends: go on" : "rank 2: it ends: go on"));
@@ -223,8 +226,8 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
   }
   // One rank has another input than the others.
   CHECK_THAT(by(2,
-                [](ProcessGroup& crew, BrickInput& input, BrickOptions&) {
-                  if (crew.rank() == 1) input.identity = "another";
+                [](ProcessGroup& group, BrickInput& input, BrickOptions&) {
+                  if (group.rank() == 1) input.identity = "another";
                 })
                  .first,
              Contains("another than that of rank 0"));
@@ -238,4 +241,4 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
         std::pair(why, std::uint64_t{0}));
 }
 
-}  // namespace palpate::crew_test
+}  // namespace palpate::process_group_test

@@ -1,8 +1,8 @@
-#include "palpate/devices/methods/euler_adaptive.h"
+#include "palpate/bench/methods/euler_adaptive.h"
 
 #include <algorithm>
 
-#include "palpate/devices/methods/residual.h"
+#include "palpate/bench/methods/residual.h"
 
 namespace palpate::methods {
 

@@ -1,9 +1,9 @@
-#include "palpate/devices/methods/smallest_residual.h"
+#include "palpate/bench/methods/smallest_residual.h"
 
 #include <limits>
 
-#include "palpate/devices/methods/residual.h"
-#include "palpate/devices/methods/simplex.h"
+#include "palpate/bench/methods/residual.h"
+#include "palpate/bench/methods/simplex.h"
 
 namespace palpate::methods {
 

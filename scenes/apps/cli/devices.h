@@ -1,0 +1,21 @@
+/// The options of `palpate devices`.
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace palpate::cli {
+
+/// Options of `palpate devices`.
+struct DevicesOptions {
+  std::string profile;
+  std::string test;
+  std::string watch;
+  double seconds = 0.0;
+  double force = 0.5;
+  std::optional<double> ruler;
+  bool verbose = false;
+  bool json = false;
+};
+
+}  // namespace palpate::cli
