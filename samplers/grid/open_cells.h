@@ -12,7 +12,7 @@ namespace palpate {
 
 /// Result of findOpenCells.
 struct OpenCells {
-  std::uint64_t count = 0;
+  std::uint64_t count = 0;      ///< Number of open cells.
   Vec3 first_F = Vec3::Zero();  ///< Lowest corner of the first open cell; file space.
 };
 
