@@ -28,7 +28,7 @@ constexpr double kArrives = 10e6;
 /// Filter time of a hand's velocity [s]: its encoder counts in steps.
 constexpr double kSmooth = 0.02;
 /// Longest wait in virtual time [s].
-constexpr double kPatience = 60.0;
+constexpr double kLongestWait = 60.0;
 
 /// Gives the voxels of one level of a window to a LatticeReader.
 template <int C>
@@ -176,7 +176,7 @@ class BrickField : public Base {
     window_->aim(cache.hand, {map(at.proxy), map(at.probe),
                               detail::times(map.index_from_world, cache.velocity)});
     if (window_->params().waits) {
-      (void)window_->settle(kPatience);
+      (void)window_->settle(kLongestWait);
     } else {
       cache.now = std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
       if (!cache.side) cache.side = window_->enter();
