@@ -109,6 +109,10 @@ class Structure(unittest.TestCase):
         self.assertIn("stand apart", fault("scenes/apps/cli/feel.cpp", "scenes/apps/import/reader.h"))
         self.assertIn("has no place", fault("engine/new/one.cpp", "engine/types.h"))
 
+    def test_functions_are_measured_from_their_signature_to_their_end(self):
+        text = "void one() {\n  if (a) {\n  }\n}\n\nint two(int first,\n        int second) {\n  three([&] {\n  });\n}\n"
+        self.assertEqual(list(structure.functions(text)), [(1, 4), (6, 5)])
+
 
 class Prose(unittest.TestCase):
     def hits(self, name, text):

@@ -30,4 +30,4 @@ mapfile -t sources < <(cat <(git diff HEAD --name-only -- '*.cpp') <(git log --n
     awk '!seen[$0]++' | grep -v '^tests/' | while read -r file; do [ ! -f "$file" ] || echo "$file"; done)
 tests/tidy_test.py
 tests/tidy.py ${@:---most 60} build/lint "${sources[@]}"
-echo "lint: ${#files[@]} files formatted, ${#sources[@]} sources tidy"
+echo "lint: ${#files[@]} files formatted"

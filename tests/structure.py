@@ -55,11 +55,19 @@ def fault_of(source, header):
 def functions(text):
     """Yields (first line, lines) of each function body that clang-format's layout shows."""
     lines = text.splitlines()
-    for first, line in enumerate(lines):
-        if not re.match(r"^ {0,2}\S.*[)a-z] \{$", line) or re.match(r"^ *(namespace|struct|class|enum|union)\b", line):
+    for opens, line in enumerate(lines):
+        if not re.match(r"^ *\S.*[)a-z] \{$", line):
             continue
-        indent = re.match(r" *", line)[0]
-        for last in range(first + 1, len(lines)):
+        # A signature may go over several lines, up to the one that opens its parentheses.
+        first, signature = opens, line
+        while signature.count(")") > signature.count("(") and first > 0 and not re.search(r"[;{}]", lines[first - 1]):
+            first -= 1
+            signature = lines[first] + signature
+        if signature.count("(") != signature.count(")") or not re.match(r" {0,2}\S", signature) or \
+                re.match(r" *(namespace|struct|class|enum|union|if|for|while|switch|else|do|try)\b", signature):
+            continue
+        indent = re.match(r" *", lines[first])[0]
+        for last in range(opens + 1, len(lines)):
             if lines[last].startswith(indent + "}"):
                 yield first + 1, last - first + 1
                 break

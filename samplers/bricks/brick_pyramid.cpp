@@ -69,6 +69,79 @@ std::uint64_t mortonOf(const VoxelAt& at) noexcept {
   return code;
 }
 
+constexpr std::size_t kBlockVoxels = std::size_t{kBlock} * kBlock * kBlock;
+
+/// Copies a finer halved brick into the block around the coarser brick.
+/// @param step  Which of the 4 x 4 x 4 finer bricks of the block it is.
+void copyIntoBlock(const HalvedBrick& halved, const std::array<int, 3>& step,
+                   std::size_t components, CoarserSpace& space) {
+  // Position of the finer brick's first voxel in the block, and its voxels that are in the block.
+  std::array<int, 3> begin{};
+  std::array<int, 3> low{};
+  std::array<int, 3> high{};
+  for (std::size_t a = 0; a < 3; ++a) {
+    begin[a] = (step[a] - 1) * kHalf + kAround;
+    low[a] = std::max(0, -begin[a]);
+    high[a] = std::min(kHalf, kBlock - begin[a]);
+  }
+  const auto count = static_cast<std::size_t>(high[2] - low[2]);
+  for (int i = low[0]; i < high[0]; ++i) {
+    for (int j = low[1]; j < high[1]; ++j) {
+      const std::size_t to = blockNumber(begin[0] + i, begin[1] + j, begin[2] + low[2]);
+      if (halved.kind == BrickKind::kStored) {
+        const std::size_t from =
+            (static_cast<std::size_t>(i) * kHalf + static_cast<std::size_t>(j)) * kHalf +
+            static_cast<std::size_t>(low[2]);
+        std::copy_n(halved.values.data() + from * components, count * components,
+                    space.values.data() + to * components);
+        std::copy_n(halved.active.data() + from, count, space.active.data() + to);
+      } else {
+        for (std::size_t n = 0; n < count; ++n) {
+          std::copy_n(halved.value.data(), components, space.values.data() + (to + n) * components);
+        }
+        std::fill_n(space.active.data() + to, count,
+                    static_cast<std::uint8_t>(halved.kind == BrickKind::kActive));
+      }
+    }
+  }
+}
+
+/// Activates the band of a level set: the block's voxels near both signs.
+void activateBand(CoarserSpace& space) {
+  space.signs.resize(kBlockVoxels);
+  space.other.resize(kBlockVoxels);
+  std::uint8_t all = 0;
+  for (std::size_t n = 0; n < kBlockVoxels; ++n) {
+    space.signs[n] = space.values[n] < 0.0F ? 1 : 2;
+    all |= space.signs[n];
+  }
+  if (all != 3) return;
+  for (const std::size_t stride :
+       {std::size_t{1}, std::size_t{kBlock}, std::size_t{kBlock} * kBlock}) {
+    spread(space.signs, space.other, stride);
+  }
+  for (std::size_t n = 0; n < kBlockVoxels; ++n) {
+    space.active[n] |= static_cast<std::uint8_t>(space.signs[n] == 3);
+  }
+}
+
+/// Copies the brick and its apron out of the block.
+void cutBrick(const CoarserSpace& space, std::size_t components, std::span<float> values,
+              std::span<std::uint8_t> active) {
+  std::fill(active.begin(), active.end(), std::uint8_t{0});
+  for (int i = -kBrickApron; i < kBrickSide + kBrickApron; ++i) {
+    for (int j = -kBrickApron; j < kBrickSide + kBrickApron; ++j) {
+      const std::size_t from = blockNumber(i + kAround, j + kAround, kPyramidReach);
+      const std::size_t to = BrickView::numberOf(i, j, -kBrickApron);
+      std::copy_n(space.values.data() + from * components, kBrickEdge * components,
+                  values.data() + to * components);
+      for (std::size_t n = 0; n < kBrickEdge; ++n) {
+        active[(to + n) / 8] |= static_cast<std::uint8_t>(space.active[from + n] << ((to + n) % 8));
+      }
+    }
+  }
+}
+
 }  // namespace
 
 HalvedBricks::HalvedBricks(BrickSource& source, std::int32_t level)
@@ -139,8 +212,7 @@ std::shared_ptr<const HalvedBrick> HalvedBricks::make(const BrickEntry& entry) {
 
 bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, CoarserSpace& space,
                   std::span<float> values, std::span<std::uint8_t> active) {
-  const BrickFormat& format = finer.manifest().format();
-  const std::size_t components = format.components();
+  const std::size_t components = finer.manifest().format().components();
   const auto places = placesBelow(finer.manifest(), finer.level(), at);
 
   // One value everywhere: most of a sparse volume.
@@ -155,78 +227,15 @@ bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, Coarse
     return true;
   }
 
-  // Assemble the block around the brick from the finer halved bricks.
-  constexpr std::size_t kAll = std::size_t{kBlock} * kBlock * kBlock;
-  space.values.resize(kAll * components);
-  space.active.resize(kAll);
+  space.values.resize(kBlockVoxels * components);
+  space.active.resize(kBlockVoxels);
   for (std::size_t p = 0; p < places.size(); ++p) {
-    const auto halved = finer.of(places[p]);
     const std::array<int, 3> step{static_cast<int>(p / 16), static_cast<int>(p / 4 % 4),
                                   static_cast<int>(p % 4)};
-    // Position of the finer brick's first voxel in the block, and its voxels that are in the block.
-    std::array<int, 3> begin{};
-    std::array<int, 3> low{};
-    std::array<int, 3> high{};
-    for (std::size_t a = 0; a < 3; ++a) {
-      begin[a] = (step[a] - 1) * kHalf + kAround;
-      low[a] = std::max(0, -begin[a]);
-      high[a] = std::min(kHalf, kBlock - begin[a]);
-    }
-    for (int i = low[0]; i < high[0]; ++i) {
-      for (int j = low[1]; j < high[1]; ++j) {
-        const std::size_t to = blockNumber(begin[0] + i, begin[1] + j, begin[2] + low[2]);
-        const auto count = static_cast<std::size_t>(high[2] - low[2]);
-        if (halved->kind == BrickKind::kStored) {
-          const std::size_t from =
-              (static_cast<std::size_t>(i) * kHalf + static_cast<std::size_t>(j)) * kHalf +
-              static_cast<std::size_t>(low[2]);
-          std::copy_n(halved->values.data() + from * components, count * components,
-                      space.values.data() + to * components);
-          std::copy_n(halved->active.data() + from, count, space.active.data() + to);
-        } else {
-          for (std::size_t n = 0; n < count; ++n) {
-            std::copy_n(halved->value.data(), components,
-                        space.values.data() + (to + n) * components);
-          }
-          std::fill_n(space.active.data() + to, count,
-                      static_cast<std::uint8_t>(halved->kind == BrickKind::kActive));
-        }
-      }
-    }
+    copyIntoBlock(*finer.of(places[p]), step, components, space);
   }
-
-  // The active band of a level set: voxels near both signs.
-  if (level_set) {
-    space.signs.resize(kAll);
-    space.other.resize(kAll);
-    std::uint8_t all = 0;
-    for (std::size_t n = 0; n < kAll; ++n) {
-      space.signs[n] = space.values[n] < 0.0F ? 1 : 2;
-      all |= space.signs[n];
-    }
-    if (all == 3) {
-      for (const std::size_t stride :
-           {std::size_t{1}, std::size_t{kBlock}, std::size_t{kBlock} * kBlock}) {
-        spread(space.signs, space.other, stride);
-      }
-      for (std::size_t n = 0; n < kAll; ++n) {
-        space.active[n] |= static_cast<std::uint8_t>(space.signs[n] == 3);
-      }
-    }
-  }
-
-  std::fill(active.begin(), active.end(), std::uint8_t{0});
-  for (int i = -kBrickApron; i < kBrickSide + kBrickApron; ++i) {
-    for (int j = -kBrickApron; j < kBrickSide + kBrickApron; ++j) {
-      const std::size_t from = blockNumber(i + kAround, j + kAround, kPyramidReach);
-      const std::size_t to = BrickView::numberOf(i, j, -kBrickApron);
-      std::copy_n(space.values.data() + from * components, kBrickEdge * components,
-                  values.data() + to * components);
-      for (std::size_t n = 0; n < kBrickEdge; ++n) {
-        active[(to + n) / 8] |= static_cast<std::uint8_t>(space.active[from + n] << ((to + n) % 8));
-      }
-    }
-  }
+  if (level_set) activateBand(space);
+  cutBrick(space, components, values, active);
   return false;
 }
 

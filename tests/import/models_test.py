@@ -548,8 +548,8 @@ class Others(Case):
 
     @suite.smoke
     def test_grib_is_to_be_converted(self):
-        for name, begin in (("a.bin", b"GRIB"), ("a.grib", b"\1"), ("a.grib2", b"\1"),
-                            ("a.grb", b"\1")):
+        for name, begin in (("a.bin", b"GRIB"), ("a.grib", b"\1"), ("a.GRIB2", b"\1"), ("a.grb", b"\1"),
+                            ("a.grb2", b"\1")):
             source = self.dir / name
             source.write_bytes(begin + bytes(100))
             self.refused(source, "convert it to netCDF, as with ecCodes' grib_to_netcdf or cdo -f nc copy")

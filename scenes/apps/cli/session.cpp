@@ -287,7 +287,7 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   // The link's limits leave room for the scene's own coupling.
   link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
   link.peak = std::min(link.peak, 0.5 * device.limits.peak);
-  // The readings of a recorded path are exact.
+  // The readings of a recorded path are exact. Without motors no force does work on a hand.
   const double step = device.limits.tank.arm.step;
   if (step > 0.0 || !device.hand) link.step = step;
   links_.emplace(static_cast<std::uint64_t>(life), link);

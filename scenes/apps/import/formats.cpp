@@ -144,8 +144,10 @@ const std::array kFormats = {
 
 /// Recognises GRIB by its first bytes, or by its name: a bulletin's heading may come first.
 bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
-  const std::string end = file.extension().string();
-  return has(bytes, 0, "GRIB") || end == ".grib" || end == ".grib2" || end == ".grb";
+  std::string end = file.extension().string();
+  for (char& c : end) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  constexpr std::array<std::string_view, 4> kNames{".grib", ".grib2", ".grb", ".grb2"};
+  return has(bytes, 0, "GRIB") || std::find(kNames.begin(), kNames.end(), end) != kNames.end();
 }
 
 /// PLOT3D can only be recognised by its name.

@@ -320,14 +320,8 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   return out;
 }
 
-/// Takes memory for VTK's cell locator and the grids.
-std::vector<Resampled> resampled(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
-                                 const std::string& file, const Progress& progress) {
-  // The first call prepares data that later calls, from any thread, only read.
-  mesh->ComputeBounds();
-  mesh->GetCell(0, vtkNew<vtkGenericCell>());
-  double bounds[6];
-  mesh->GetBounds(bounds);
+/// Returns how many voxels of edge `voxel` the bounds need along each axis.
+std::array<int, 3> countVoxels(const double bounds[6], double voxel, const std::string& file) {
   std::array<int, 3> size{};
   double voxels = 1.0;
   for (std::size_t a = 0; a < 3; ++a) {
@@ -343,119 +337,159 @@ std::vector<Resampled> resampled(vtkDataSet* mesh, const std::vector<Array>& arr
     throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
                       "give a smaller --voxel");
   }
-  const auto transform = cubes(voxel, Vec3d(bounds[0], bounds[2], bounds[4]), file);
+  return size;
+}
 
-  vtkNew<vtkStaticCellLocator> locator;
-  locator->SetDataSet(mesh);
-  locator->CacheCellBoundsOn();
-  locator->BuildLocator();
+/// Resamples arrays of a mesh on cubic voxels. Takes memory for VTK's cell locator and the grids.
+class MeshResampler {
+ public:
+  MeshResampler(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
+                const std::string& file)
+      : mesh_(mesh), file_(file), voxel_(voxel), holes_(arrays.size()) {
+    // The first call prepares data that later calls, from any thread, only read.
+    mesh->ComputeBounds();
+    mesh->GetCell(0, vtkNew<vtkGenericCell>());
+    mesh->GetBounds(bounds_);
+    size_ = countVoxels(bounds_, voxel, file);
+    transform_ = cubes(voxel, Vec3d(bounds_[0], bounds_[2], bounds_[4]), file);
+    locator_->SetDataSet(mesh);
+    locator_->CacheCellBoundsOn();
+    locator_->BuildLocator();
+    sheets_.reserve(arrays.size());
+    for (const Array& array : arrays) sheets_.emplace_back(array);
+  }
 
-  std::vector<Sheet> sheets;
-  sheets.reserve(arrays.size());
-  for (const Array& array : arrays) sheets.emplace_back(array);
-  constexpr int kEdge = 8;
-  const std::array<int, 3> leaves{(size[0] + kEdge - 1) / kEdge, (size[1] + kEdge - 1) / kEdge,
-                                  (size[2] + kEdge - 1) / kEdge};
-  const int rows = leaves[1] * leaves[2];
-  /// Leaves of a row along x: leaf by leaf, sheet by sheet.
-  std::vector<std::vector<std::vector<Sheet::Leaf>>> made(static_cast<std::size_t>(rows));
-  std::vector<std::atomic<std::uint64_t>> holes(sheets.size());
-  std::atomic<std::uint64_t> inside{0};
-  SharedProgress shared(progress, rows);
-  tbb::enumerable_thread_specific<Worker> workers;
-  tbb::parallel_for(0, rows, [&](int row) {
-    Worker& worker = workers.local();
-    for (int x = 0; x < leaves[0]; ++x) {
-      const Coord origin(x * kEdge, (row % leaves[1]) * kEdge, (row / leaves[1]) * kEdge);
-      const Vec3d lower = transform->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
-      const Vec3d upper = transform->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
-      double box[6] = {lower.x(), upper.x(), lower.y(), upper.y(), lower.z(), upper.z()};
-      locator->FindCellsWithinBounds(box, worker.candidates);
-      if (worker.candidates->GetNumberOfIds() == 0) continue;
-      worker.candidates->Sort();  // the lowest cell wins, independent of the locator's order
+  std::vector<Resampled> run(const Progress& progress) {
+    fillLeaves(progress);
+    const std::vector<Place> places = somePlaces(mesh_, locator_);
+    std::vector<Resampled> out;
+    for (std::size_t s = 0; s < sheets_.size(); ++s) {
+      out.push_back(sheets_[s].isVector()
+                        ? finish(
+                              openvdb::Vec3SGrid::create(), s, places,
+                              [](Sheet::Leaf & leaf) -> auto& { return leaf.vector; })
+                        : finish(
+                              openvdb::FloatGrid::create(), s, places,
+                              [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; }));
+    }
+    return out;
+  }
 
-      std::vector<Sheet::Leaf> here;
-      openvdb::util::NodeMask<3> taken;
-      for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
-        mesh->GetCell(worker.candidates->GetId(c), worker.cell);
-        double cell[6];
-        worker.cell->GetBounds(cell);
-        // Voxels of this leaf within the cell's bounds.
-        Coord first;
-        Coord last;
-        for (int a = 0; a < 3; ++a) {
-          const double from = (low(cell, a) - low(bounds, a)) / voxel;
-          const double to = (high(cell, a) - low(bounds, a)) / voxel;
-          first[a] = std::max(origin[a], static_cast<int>(std::ceil(from - kOutside)));
-          last[a] = std::min({origin[a] + kEdge - 1, size[static_cast<std::size_t>(a)] - 1,
-                              static_cast<int>(std::floor(to + kOutside))});
+ private:
+  static constexpr int kEdge = 8;
+
+  /// Fills the leaves of all sheets, row by row on all cores.
+  void fillLeaves(const Progress& progress) {
+    const std::array<int, 3> leaves{(size_[0] + kEdge - 1) / kEdge, (size_[1] + kEdge - 1) / kEdge,
+                                    (size_[2] + kEdge - 1) / kEdge};
+    const int rows = leaves[1] * leaves[2];
+    made_.resize(static_cast<std::size_t>(rows));
+    SharedProgress shared(progress, rows);
+    tbb::enumerable_thread_specific<Worker> workers;
+    tbb::parallel_for(0, rows, [&](int row) {
+      Worker& worker = workers.local();
+      for (int x = 0; x < leaves[0]; ++x) {
+        const Coord origin(x * kEdge, (row % leaves[1]) * kEdge, (row / leaves[1]) * kEdge);
+        std::vector<Sheet::Leaf> here = fillLeaf(origin, worker);
+        if (!here.empty()) made_[static_cast<std::size_t>(row)].push_back(std::move(here));
+      }
+      shared.step();
+    });
+  }
+
+  /// Returns a leaf of each sheet, or nothing if no cell reaches the leaf's voxels.
+  std::vector<Sheet::Leaf> fillLeaf(const Coord& origin, Worker& worker) {
+    const Vec3d lower = transform_->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
+    const Vec3d upper = transform_->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
+    double box[6] = {lower.x(), upper.x(), lower.y(), upper.y(), lower.z(), upper.z()};
+    locator_->FindCellsWithinBounds(box, worker.candidates);
+    std::vector<Sheet::Leaf> here;
+    if (worker.candidates->GetNumberOfIds() == 0) return here;
+    worker.candidates->Sort();  // the lowest cell wins, independent of the locator's order
+
+    openvdb::util::NodeMask<3> taken;
+    for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
+      mesh_->GetCell(worker.candidates->GetId(c), worker.cell);
+      const openvdb::CoordBBox box = voxelsOf(worker, origin);
+      if (box.empty()) continue;
+      for (auto at = box.begin(); at; ++at) {
+        const unsigned offset = ScalarTree::LeafNodeType::coordToOffset(*at);
+        if (taken.isOn(offset)) continue;
+        if (!weighAt(transform_->indexToWorld(*at), worker)) continue;
+        taken.setOn(offset);
+        if (here.empty()) {
+          for (const Sheet& sheet : sheets_) here.push_back(sheet.makeLeaf(origin));
         }
-        for (int i = first.x(); i <= last.x(); ++i) {
-          for (int j = first.y(); j <= last.y(); ++j) {
-            for (int k = first.z(); k <= last.z(); ++k) {
-              const unsigned offset = ScalarTree::LeafNodeType::coordToOffset(Coord(i, j, k));
-              if (taken.isOn(offset)) continue;
-              if (!weighAt(transform->indexToWorld(Coord(i, j, k)), worker)) continue;
-              taken.setOn(offset);
-              if (here.empty()) {
-                for (const Sheet& sheet : sheets) here.push_back(sheet.makeLeaf(origin));
-              }
-              for (std::size_t s = 0; s < sheets.size(); ++s) {
-                if (!sheets[s].set(here[s], offset, worker)) ++holes[s];
-              }
-            }
-          }
+        for (std::size_t s = 0; s < sheets_.size(); ++s) {
+          if (!sheets_[s].set(here[s], offset, worker)) ++holes_[s];
         }
       }
-      inside += taken.countOn();
-      if (!here.empty()) made[static_cast<std::size_t>(row)].push_back(std::move(here));
     }
-    shared.step();
-  });
+    inside_ += taken.countOn();
+    return here;
+  }
 
-  const std::vector<Place> places = somePlaces(mesh, locator);
-  std::vector<Resampled> out;
-  for (std::size_t s = 0; s < sheets.size(); ++s) {
+  /// Returns the voxels of a leaf within the bounds of the worker's cell.
+  [[nodiscard]] openvdb::CoordBBox voxelsOf(Worker& worker, const Coord& origin) const {
+    double cell[6];
+    worker.cell->GetBounds(cell);
+    openvdb::CoordBBox box;
+    for (int a = 0; a < 3; ++a) {
+      const double from = (low(cell, a) - low(bounds_, a)) / voxel_;
+      const double to = (high(cell, a) - low(bounds_, a)) / voxel_;
+      box.min()[a] = std::max(origin[a], static_cast<int>(std::ceil(from - kOutside)));
+      box.max()[a] = std::min({origin[a] + kEdge - 1, size_[static_cast<std::size_t>(a)] - 1,
+                               static_cast<int>(std::floor(to + kOutside))});
+    }
+    return box;
+  }
+
+  /// Makes the grid of sheet s from its leaves, and measures its error at `places`.
+  template <class GridPtr, class LeafOf>
+  Resampled finish(const GridPtr& grid, std::size_t s, const std::vector<Place>& places,
+                   LeafOf leaf_of) {
+    const Sheet& sheet = sheets_[s];
     Resampled one;
-    one.made.voxels = inside;
-    one.made.holes = holes[s];
-    const auto finish = [&](const auto& grid, auto leaf_of) {
-      for (auto& row : made) {
-        for (auto& leaf : row) {
-          if (auto& own = leaf_of(leaf[s]); !own->isEmpty()) grid->tree().addLeaf(own.release());
-        }
+    one.made.voxels = inside_;
+    one.made.holes = holes_[s];
+    for (auto& row : made_) {
+      for (auto& leaf : row) {
+        if (auto& own = leaf_of(leaf[s]); !own->isEmpty()) grid->tree().addLeaf(own.release());
       }
-      grid->setTransform(transform->copy());
-      takeRange(*grid, one.made);
-      // The background is read beside voxels without data.
-      if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
-        one.made.background = edgeValue(*grid);
-        openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
-      }
-      const Differences differences = compare(places, sheets[s].array().values, *grid);
-      const double range =
-          sheets[s].isVector() ? one.made.highest : one.made.highest - one.made.lowest;
-      one.error = differences.relativeTo(range);
-      grid->setName(sheets[s].array().name);
-      one.made.grid = grid;
-    };
-    if (sheets[s].isVector()) {
-      finish(
-          openvdb::Vec3SGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.vector; });
-    } else {
-      finish(
-          openvdb::FloatGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; });
     }
-    if (one.made.grid->empty()) {
-      throw VolumeError(file,
+    grid->setTransform(transform_->copy());
+    takeRange(*grid, one.made);
+    // The background is read beside voxels without data.
+    if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
+      one.made.background = edgeValue(*grid);
+      openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
+    }
+    const Differences differences = compare(places, sheet.array().values, *grid);
+    const double range = sheet.isVector() ? one.made.highest : one.made.highest - one.made.lowest;
+    one.error = differences.relativeTo(range);
+    grid->setName(sheet.array().name);
+    one.made.grid = grid;
+    if (grid->empty()) {
+      throw VolumeError(file_,
                         fmt::format("no voxel of {:g} has its centre in the mesh where {} has data",
-                                    voxel, sheets[s].array().name),
+                                    voxel_, sheet.array().name),
                         "give a smaller --voxel");
     }
-    out.push_back(std::move(one));
+    return one;
   }
-  return out;
-}
+
+  vtkDataSet* mesh_;
+  const std::string& file_;
+  double voxel_;
+  double bounds_[6] = {};
+  std::array<int, 3> size_{};
+  openvdb::math::Transform::Ptr transform_;
+  vtkNew<vtkStaticCellLocator> locator_;
+  std::vector<Sheet> sheets_;
+  std::vector<std::vector<std::vector<Sheet::Leaf>>> made_;  ///< By row along x, leaf and sheet.
+  std::vector<std::atomic<std::uint64_t>> holes_;            ///< Values that are no numbers.
+  std::atomic<std::uint64_t> inside_{0};                     ///< Voxels in the mesh.
+};
 
 class VtkMesh final : public Mesh {
  public:
@@ -465,7 +499,7 @@ class VtkMesh final : public Mesh {
   [[nodiscard]] std::vector<Resampled> resample(const std::vector<Array>& arrays, double voxel,
                                                 const std::string& file,
                                                 const Progress& progress) const override {
-    return resampled(mesh_, arrays, voxel, file, progress);
+    return MeshResampler(mesh_, arrays, voxel, file).run(progress);
   }
 
  private:
