@@ -150,8 +150,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
 }
 
 StabilityMap drawMap(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
-                     int size, double least_stiffness, double most_stiffness, double most_damping,
-                     std::atomic<long>* progress) {
+                     int size, double least_stiffness, double most_stiffness, double most_damping) {
   StabilityMap map;
   map.method = method.name;
   const auto n = static_cast<std::size_t>(size);
@@ -168,7 +167,6 @@ StabilityMap drawMap(const MapSetting& setting, const MapContact& contact, const
       const double k = map.stiffness[at % n];
       const double b = map.damping[at / n];
       cells[at] = tryCoupling(setting, contact, method.make(k, b, 1.0 / setting.rate));
-      if (progress != nullptr) ++*progress;
     });
     map.tried += static_cast<long>(wanted.size());
     wanted.clear();

@@ -2,7 +2,6 @@
 /// or run away, one map per method.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -93,11 +92,9 @@ struct StabilityMap {
 
 /// Computes coarse cells first, then finer ones where neighbours differ; on all cores.
 ///
-/// @param size      A multiple of 8, plus one.
-/// @param progress  Counts finished cells; may be null.
+/// @param size  A multiple of 8, plus one.
 [[nodiscard]] StabilityMap drawMap(const MapSetting& setting, const MapContact& contact,
                                    const MapMethod& method, int size, double least_stiffness,
-                                   double most_stiffness, double most_damping,
-                                   std::atomic<long>* progress = nullptr);
+                                   double most_stiffness, double most_damping);
 
 }  // namespace palpate
