@@ -1,7 +1,7 @@
-/// Measures how late ticks are, and the machine's share of that. Runs the haptic thread, asleep
-/// until a tick's time and awake before it (LoopParams::early), and a bare loop that only sleeps
-/// and reads the clock. They take turns, with the same priority. The bare loop's delay is the
-/// machine's.
+/// Measures the delay of ticks, and the machine's share of the delay. Runs the haptic thread,
+/// asleep until a tick's time and awake before it (LoopParams::early), and a bare loop that only
+/// sleeps and reads the clock. They take turns, with the same priority. The bare loop's delay is
+/// the machine's.
 ///
 ///     palpate_bench_clock [--rate HZ] [--seconds S] [--turns N] [--load THREADS]
 #include <algorithm>

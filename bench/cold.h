@@ -39,7 +39,7 @@ struct LoopTimes {
 void printHead();
 void printRow(const std::string& loop, const LoopTimes& times);
 
-/// Places of a Neighbour: the loop's own core, another core, or none.
+/// Places of a Neighbour: "own" core of the loop, "other" core, or "none".
 inline constexpr std::array kNeighbours{"own", "other", "none"};
 
 /// Returns the core for a loop beside a Neighbour: the last core.

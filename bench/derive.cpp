@@ -3,7 +3,7 @@
 ///
 ///     palpate_bench_derive [--quick] > derive.md
 ///
-/// The flow is Arnold, Beltrami and Childress's, whose properties are known, with 8, 16 and 32
+/// The flow is that of Arnold, Beltrami and Childress with known properties, and with 8, 16 and 32
 /// voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random points.
 #include "palpate/samplers/grid/derive.h"
 
@@ -175,7 +175,7 @@ struct Cost {
 };
 using Timed = std::function<double(const std::vector<Vec3>&)>;
 
-/// Times all contenders in turns. Another one begins each round.
+/// Times all contenders in turns. Another contender begins each round.
 std::vector<Cost> measureCosts(const std::vector<Timed>& contenders, const Options& options) {
   const std::vector<Vec3> walk = makeWalk(options.block(), options.calls());
   test::Random random(4);

@@ -140,7 +140,7 @@ std::string compressionOf(const path& file, const std::string& grid, const Optio
         metadata->getMetadata<openvdb::StringMetadata>(openvdb::GridBase::META_FILE_COMPRESSION);
     const std::string said_so = codec == nullptr ? "" : codec->value();
     const auto says = [&](const char* name) { return said_so.find(name) != std::string::npos; };
-    const std::string word = codec == nullptr ? "not said"
+    const std::string word = codec == nullptr ? "unknown"
                              : says("blosc")  ? "blosc"
                              : says("zip")    ? "zip"
                                               : "none";

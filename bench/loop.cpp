@@ -30,7 +30,7 @@ struct Options {
   std::string neighbour = bench::kNeighbours.front();
 };
 
-/// A kind of haptic thread with its times. It feels its hand's whole path, turn by turn.
+/// A kind of haptic thread with its times. It runs the hand's whole path, turn by turn.
 struct Loop {
   std::string name;
   LoopParams params;

@@ -40,7 +40,7 @@ class MemorylessSurface {
 
  private:
   /// Balances the spring with a plane through the proxy. The normal is read at `at`. Returns false
-  /// if there is no normal, or if the probe is in front of the plane.
+  /// if the normal is zero, or if the probe is in front of the plane.
   bool balance(const Vec3& at, const Vec3& probe, Vec3& end, Moved& moved) noexcept;
   void move(const Vec3& probe, Moved& moved) noexcept;
 

@@ -1,6 +1,6 @@
 /// Measures whether energy comes out of the hand's port: palpate_bench_passivity [RUNS [HANDS]].
 /// Makes runs by the million: without a keeper, with Hannaford and Ryu's observer, and with the
-/// tank. RUNS (default 20000) is the number of the tank's runs "at random" and "begun anew"; other
+/// tank. RUNS (default 20000) is the number of the tank's runs "at random" and "restarted"; other
 /// rows have a tenth. HANDS: only rows whose name contains it. active: runs in which energy came
 /// out, more than rounding; broken: more than the tank promises, or the tank claims more energy
 /// than there is; acts, takes: share of ticks in which the keeper changed the force, and share of
@@ -46,7 +46,7 @@ void showThose(const char* what, Keeper keeper, long count, Play play) {
   for (std::thread& thread : threads) thread = std::thread(work);
   for (std::thread& thread : threads) thread.join();
   const double n = static_cast<double>(sum.runs);
-  const char* const names[] = {"nobody", "observer", "tank"};
+  const char* const names[] = {"none", "observer", "tank"};
   std::printf("%-22s %-9s %9ld %9.3f %9.3f %9ld %9ld %11.2e %9.2f %9.2f\n", what,
               names[static_cast<int>(keeper)], sum.runs,
               100.0 * static_cast<double>(sum.active) / n,
@@ -104,9 +104,10 @@ int main(int argc, char** argv) {
   char* end = nullptr;
   if (argc > 1) runs = std::strtol(argv[1], &end, 10);
   if (argc > 3 || runs < 1 || (end != nullptr && *end != '\0')) {
-    std::fprintf(stderr,
-                 "palpate_bench_passivity: %s: it is no number of runs: give one, as 20000\n",
-                 argv[argc > 3 ? 3 : 1]);
+    std::fprintf(
+        stderr,
+        "palpate_bench_passivity: %s: it is not a number of runs: give one, such as 20000\n",
+        argv[argc > 3 ? 3 : 1]);
     return 2;
   }
   if (argc == 3) asked_hands = argv[2];
@@ -165,9 +166,9 @@ int main(int argc, char** argv) {
   show("adversary", Keeper::kTank, std::max(1L, runs / 10), wicked);
   show("amplifiers that lag", Keeper::kTank, std::max(1L, runs / 10), lagging);
   show("delays in doubt", Keeper::kTank, std::max(1L, runs / 10), doubtful);
-  show("positions as well", Keeper::kTank, std::max(1L, runs / 10), shaken);
-  show("... and not told", Keeper::kTank, std::max(1L, runs / 10), untold);
-  show("begun anew", Keeper::kTank, runs, forgetful);
+  show("... and positions", Keeper::kTank, std::max(1L, runs / 10), shaken);
+  show("... and not reported", Keeper::kTank, std::max(1L, runs / 10), untold);
+  show("restarted", Keeper::kTank, runs, forgetful);
   constexpr long kPlays = 1000;
   showThose(
       "... and searched", Keeper::kTank, std::max(1L, runs / 10 / kPlays),

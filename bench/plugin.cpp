@@ -51,7 +51,7 @@ void run(const char* where, std::unique_ptr<PluginPort> port, const test::OddArm
   std::int64_t wrote_at = 0;
   for (std::size_t i = 0; i < count; ++i) {
     sleepUntil(begin + static_cast<std::int64_t>(period * static_cast<double>(i)));
-    // By now the last force has reached the plug-in.
+    // The last force has reached the plug-in before this line.
     if (wrote_at != 0) late.push_back(us(odd.wrote_at - wrote_at));
     const std::int64_t before = nowNs();
     const HandState hand = arm.read();

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Measures the figures of README.md anew: readme_figures.py BUILD_DIR [--write README.md].
+"""Measures the figures of README.md again: readme_figures.py BUILD_DIR [--write README.md].
 
-Builds what there is to build, runs the command of every figure, and prints the table and which cells
-change. With --write the part of the page between its two marks becomes what was measured, with
-commit and machine. What was measured stays in BUILD_DIR/readme_figures/, so that it can be done in parts
-(--only 2,8, then --only 3) or gone on with (--resume); only figures of one commit and one machine are
-written. Times are worth something on a quiet machine only."""
+Builds the programs, runs the command of each figure, and prints the table and the changed cells.
+With --write the table replaces the part of the page between its two marks, with commit and machine. The
+results stay in BUILD_DIR/readme_figures/. So the figures can be measured in parts (--only 2,8, then
+--only 3), and an interrupted run continues with --resume. Only figures of one commit and one machine are
+written. Times are valid only on a quiet machine."""
 import argparse
 import datetime
 import json
@@ -50,7 +50,7 @@ def parsed(text):
     try:
         return json.loads(text)
     except json.JSONDecodeError as e:
-        raise Unmeasured("its output is no JSON") from e
+        raise Unmeasured("its output is not JSON") from e
 
 
 # Functions that extract the cells of a figure's rows from the output of its command.
@@ -273,7 +273,7 @@ def measure(arguments):
         raise Unmeasured(f"{arguments.data}/head.json: no file; run ./demo.sh, or give --data")
     build = Build(arguments.build, arguments.data)
     if arguments.write and build.commit.endswith("+"):
-        raise Unmeasured(f"{build.commit} is no commit: commit what is changed, or leave out --write")
+        raise Unmeasured(f"{build.commit} is not a commit: commit the changes, or remove --write")
     for number in arguments.only:
         if not arguments.resume or build.measured(number) is None:
             build.measure(number)

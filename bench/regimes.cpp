@@ -9,7 +9,8 @@ using palpate::bench::Regime;
 
 int main(int argc, char** argv) {
   if (argc > 1) {
-    std::fprintf(stderr, "palpate_bench_regimes: %s: it takes nothing: leave it out\n", argv[1]);
+    std::fprintf(stderr, "palpate_bench_regimes: %s: the program takes no arguments: remove it\n",
+                 argv[1]);
     return 2;
   }
   bool all = true;

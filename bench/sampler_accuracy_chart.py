@@ -203,7 +203,7 @@ def write_tables(data, load):
         f"{options['evicted_bytes'] / 2**20:.0f} MB of something else." +
         ("" if options["nanovdb"] else " NanoVDB was not found."),
         "; ".join(notes) + ".",
-        "### What was asked, and what is reached", asked_table(data),
+        "### Requested and reached accuracy", asked_table(data),
         f"### Times, a scalar in a ball's band of {millions:.1f} million voxels "
         f"({grids['scalar']['memory'] / 2**20:.0f} MB)",
         "Per call, median of the rounds (10th to 90th percentile); first calls p50 / p90 / p99.",

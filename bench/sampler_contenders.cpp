@@ -34,7 +34,7 @@ Vec3d asVec3d(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-// Results as numbers, and their sum: the optimiser cannot leave out any of these.
+// Results as numbers, and their sum, which keeps the optimiser from removing a result.
 Sampled asSampled(double value) noexcept {
   return {value, Vec3::Zero()};
 }
@@ -184,7 +184,7 @@ auto nanoVdb(const FloatGrid::Ptr& grid) {
 }
 #endif
 
-/// Makes palpate's field. No other function makes one.
+/// Makes palpate's field. Only this function makes a field.
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, Interpolation interpolation) {
   return makeVdbField(volume, Placement{}, {interpolation});
 }

@@ -283,13 +283,13 @@ void freeSpace(const Scene& scene, ordered_json& row) {
   }
   const Ride free = ride(scene, way);
   for (const StepReport& r : free.reports) {
-    if (r.wanted != Vec3::Zero()) throw std::runtime_error("something is felt in free space");
+    if (r.wanted != Vec3::Zero()) throw std::runtime_error("a force acts in free space");
   }
   row["free_tick"] = timesOf(free.ns);
 }
 
 /// Returns the memory of four hands in addition to the scene [bytes]: readers and proxies, after
-/// they have felt it.
+/// their first ticks in it.
 double memoryOfHands(const Scene& scene, const std::vector<Vec3>& way) {
   const double before = residentMemory();
   std::vector<Reader> readers(4);
@@ -334,7 +334,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
       // If the forces differ, the comparison is useless.
       for (std::size_t i = 0; i < way.size() && count >= 2; ++i) {
         if ((all.reports[i].wanted - alone.reports[i].wanted).norm() > 1e-9) {
-          throw std::runtime_error("others are felt, too: the comparison means nothing");
+          throw std::runtime_error("other volumes act on the hand too: the comparison is useless");
         }
       }
     }

@@ -1,8 +1,8 @@
 /// Compares the speed and the accuracy of methods. Measures time per balance against error of the
 /// proxy, for the methods of the literature and the engine's solver. Each method has several
 /// settings; problems and motions are of several families. Also measures the solvers' iterations
-/// over a recorded exploration (the paper's figure 7), and the force that non-orthogonal
-/// constraints make up (its section 3.1).
+/// over a recorded exploration (the paper's figure 7), and the spurious force of non-orthogonal
+/// constraints (its section 3.1).
 ///
 ///     palpate_bench_speed_accuracy > speed_accuracy.json
 ///     bench/speed_accuracy_chart.py speed_accuracy.json docs/charts
@@ -350,11 +350,11 @@ std::size_t bestSetting(const Settings& settings, const Row& row, const std::vec
 }
 
 /// Compares the engine's solver, asked for a target, with every other method at its best setting,
-/// over the cases that both reach. Also writes how many cases each misses. Two more ratios stand
-/// beside it. One takes, case by case, the setting that reaches the target at the least cost. No
-/// program could make this choice, and it favours the other method. The other ratio covers all
-/// cases, whether the other method reached the target or gave up, because the cases that it misses
-/// are seldom easy.
+/// over the cases that both reach. Also writes how many cases each misses. Two more ratios are
+/// written beside it. One takes, case by case, the cheapest setting that reaches the target. No
+/// program can make this choice, and it favours the other method. The other ratio covers all cases,
+/// whether the other method reached the target or gave up, because the cases that it misses are
+/// seldom easy.
 void addRatios(const std::vector<Contender>& contenders, const Row& row,
                const std::vector<Score>& scores, ordered_json& ratios) {
   for (std::size_t o = 0; o < contenders.size(); ++o) {

@@ -200,7 +200,7 @@ def draw_figure7(data):
     bottom.set_ylabel("probe speed [m/s]")
     bottom.set_xlabel("time [s]")
     bottom.set_xlim(0, count * size / rate)
-    figure.suptitle("Figure 7 of the paper anew: a hand explores a ball with a surface and a drag "
+    figure.suptitle("Figure 7 of the paper, repeated: a hand explores a ball with a surface and a drag "
                     "(shaded: both are balanced, else one)", fontsize=10.5)
     return figure
 

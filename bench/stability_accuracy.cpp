@@ -24,7 +24,8 @@ namespace {
 constexpr double kStiffness = 500.0;  // [N/m], where forces are compared
 constexpr double kLeast = 20.0;       // [N/m], of the search
 
-/// Returns the largest stiffness up to which all from kLeast on come to rest; 0 if none does.
+/// Returns the largest stiffness at which this stiffness and all smaller ones down to kLeast come
+/// to rest; 0 if kLeast does not.
 ///
 /// @param step   Factor from one stiffness to the next. Halving then refines to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,

@@ -1,6 +1,6 @@
-/// Measures the cost of one whole tick. Feels a scene with the simulated device and prints the
+/// Measures the cost of one whole tick. Runs a scene with the simulated device and prints the
 /// times of single ticks back to back, by the number of primitives that they balanced. Also prints
-/// their iterations, and the ticks that did not end well. Then measures the same ticks cold, as a
+/// their iterations, and the ticks that did not converge. Then measures the same ticks cold, as a
 /// hand has them (bench/cold.h): the haptic thread sleeps until each tick's time. It takes turns
 /// with a bare loop, which shows the time of clock and wake-up.
 ///

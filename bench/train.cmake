@@ -1,4 +1,4 @@
-# Counts how often each part of the tick runs: builds palpate with counters, feels some scenes with it, and leaves the
+# Counts how often each part of the tick runs: builds palpate with counters, runs some scenes with it, and leaves the
 # counts where a build with PALPATE_TRAINED looks for them.
 #
 #     cmake -D SOURCE=... -D TRAINING=... -D COUNTS=... -D GENERATOR=... -D COMPILER=... -P train.cmake

@@ -1,5 +1,6 @@
-/// Measures the cost of a volume that is not in memory. Feels a head of many times the window's
-/// budget in real time along its skin: through the window, and as a whole in memory, in turns.
+/// Measures the cost of a volume that is not in memory. Runs a hand in real time along the skin of
+/// a head of many times the window's budget. The head is in the window or whole in memory, in
+/// turns.
 ///
 ///     palpate_bench_window DATA [--voxel MM] [--times N] [--pairs N] [--out RESULT.json]
 ///

@@ -39,12 +39,11 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
   if (!trouble) {
     std::vector<std::string> all;
     for (std::size_t i = 0; i < kTroubles; ++i) all.emplace_back(wordFor(static_cast<Trouble>(i)));
-    throw DeviceError("--device", fmt::format("\"{}\" is no trouble of a device", of.name),
+    throw DeviceError("--device", fmt::format("\"{}\" is not a trouble of a device", of.name),
                       fmt::format("give one of {}", fmt::join(all, ", ")));
   }
   if (needsClock(*trouble) && !options.realtime) {
-    throw DeviceError("--device", fmt::format("only a clock shows \"{}\"", of.name),
-                      "add --realtime");
+    throw DeviceError("--device", fmt::format("\"{}\" needs real time", of.name), "add --realtime");
   }
   // Limits are as for a hand that a force could hurt.
   ArmParams arm;
@@ -55,7 +54,7 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
 
 /// Opens a simulated hand that a user without an arm leads.
 std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& options) {
-  // There is no motor, so a delay of a busy machine is harmless.
+  // This device has no motor, so a delay of a busy machine is harmless.
   ArmParams arm;
   arm.late = 60.0;
   return makeSimulated(arm, target, options);
@@ -63,7 +62,7 @@ std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& o
 
 std::unique_ptr<Device> openMouse(const DeviceOptions& options) {
   if (!options.mouse.at) {
-    throw DeviceError("--device", "the mouse is in a window, and there is none",
+    throw DeviceError("--device", "the mouse needs a window, and this command has none",
                       "use palpate view SCENE");
   }
   return openLed(options.mouse, options);
@@ -71,8 +70,10 @@ std::unique_ptr<Device> openMouse(const DeviceOptions& options) {
 
 std::unique_ptr<Device> openClient(const DeviceOptions& options) {
   if (!options.client.at) {
-    throw DeviceError("--device", "igtl is a hand that 3D Slicer leads, and nobody listens for it",
-                      "add --igtl 18944");
+    throw DeviceError(
+        "--device",
+        "igtl is a hand that 3D Slicer leads, and this command does not listen for 3D Slicer",
+        "add --igtl 18944");
   }
   return openLed(options.client, options);
 }
@@ -101,7 +102,7 @@ namespace {
 
 std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions& options) {
   if (!options.realtime) {
-    throw DeviceError("--device", "an arm lives in real time", "add --realtime");
+    throw DeviceError("--device", "an arm needs real time", "add --realtime");
   }
   ArmHost host;
   host.say = options.say;
@@ -111,13 +112,16 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   auto arm = openAnyArm(name, host).device;
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
     throw Error("--passive",
-                "the friction of " + arm->info().name + " is not known, or less than its steps",
-                "run palpate devices --test " + name + "; where it has passed, it is too coarse");
+                "the friction of " + arm->info().name + " is not known, or smaller than its steps",
+                "run palpate devices --test " + name +
+                    "; if the arm has passed, its steps are too coarse for --passive");
   }
   const double most = arm->info().output_rate;
   if (options.say && options.rate > most && most > 0.0) {
-    options.say(fmt::format("{} takes {} forces a second of {}: --rate {} leaves none out",
-                            arm->info().name, most, options.rate, most));
+    options.say(
+        fmt::format("{} takes {} forces per second, and the loop computes {}: use --rate {} to "
+                    "send all of them",
+                    arm->info().name, most, options.rate, most));
   }
   return arm;
 }

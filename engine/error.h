@@ -1,4 +1,4 @@
-/// Errors of loading, building and opening. The tick never throws.
+/// Errors of loading, building and opening. A tick never throws.
 #pragma once
 
 #include <cstddef>
@@ -8,13 +8,14 @@
 
 namespace palpate {
 
-/// An error with one line for the user, `what()`: the subject, the reason and the remedy.
+/// An error with a message of one line. what() has three parts: the subject, the reason and the
+/// remedy.
 class Error : public std::runtime_error {
  public:
   Error(const std::string& subject, const std::string& reason, const std::string& remedy)
       : std::runtime_error(subject + ": " + reason + ": " + remedy),
         subject_(subject.size()),
-        reason_(reason.size()) {}  ///< what() is the three, with ": " between them.
+        reason_(reason.size()) {}  ///< Joins the three parts with ": ".
 
   /// Returns the first part of what(): the file, JSON path or object with the error.
   [[nodiscard]] std::string subject() const { return std::string(what(), subject_); }
@@ -24,7 +25,8 @@ class Error : public std::runtime_error {
   [[nodiscard]] std::string remedy() const { return what() + subject_ + 2 + reason_ + 2; }
 
  private:
-  std::size_t subject_;  ///< Length of that part; the next begins two characters later.
+  /// Length of this part in what(). The next part begins two characters later.
+  std::size_t subject_;
   std::size_t reason_;
 };
 
@@ -34,24 +36,25 @@ class VolumeError : public Error {
   using Error::Error;  ///< Subject, reason and remedy.
 };
 
-/// A scene description that is wrong; `what` names the JSON path, such as /modes/0/of.
+/// A scene description that is wrong. The subject is the JSON path of the error, such as
+/// /modes/0/of.
 class SceneError : public Error {
  public:
   using Error::Error;  ///< Subject, reason and remedy.
-  /// Returns the same error, prefixed by the file or path that it is in.
+  /// Returns the same error with the file or path of the description before its subject.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
     return {place + ": " + error.subject(), error.reason(), error.remedy()};
   }
 };
 
-/// A device, or the description of a simulated one, that cannot be used.
+/// A device, or the description of a simulated device, that cannot be used.
 class DeviceError : public Error {
  public:
   using Error::Error;  ///< Subject, reason and remedy.
 };
 
-/// Returns the candidate with the spelling nearest to `name`, for remedies; empty if no candidate
-/// is near.
+/// Returns the candidate whose spelling is nearest to `name`, for remedies. Returns an empty string
+/// if no candidate is near.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

@@ -1,6 +1,6 @@
-/// Floating-point mode of ticks, independent of the mode that a thread's host has set. An
-/// application may flush denormals to zero, round upwards or trap at a NaN: no bit of a tick
-/// changes, and the tick does not trap.
+/// Floating-point mode of ticks, independent of the mode that the host application has set. The
+/// application may flush denormals to zero, round upwards or trap at a NaN. This changes no bit of
+/// a tick's results, and the tick does not trap.
 #pragma once
 
 #if defined(__x86_64__)
@@ -11,9 +11,9 @@
 
 namespace palpate {
 
-/// Sets the floating-point arithmetic of this thread to IEEE 754's default while the object lives:
-/// to the nearest, with denormals, without traps. The destructor restores the previous mode. RT: no
-/// allocation. Cost: some 2 ns.
+/// Sets the floating-point mode of this thread to the default of IEEE 754 while the object lives:
+/// rounding to nearest, with denormals, without traps. The destructor restores the previous mode.
+/// RT: no allocation. Cost: some 2 ns.
 class ScopedFloatMode {
  public:
   ScopedFloatMode(const ScopedFloatMode&) = delete;
@@ -28,8 +28,9 @@ class ScopedFloatMode {
   }
 
  private:
-  static constexpr unsigned kPlain = 0x1F80;  // MXCSR at reset
-  static constexpr unsigned kSticky = 0x3F;   // its lowest bits: exceptions that have occurred
+  static constexpr unsigned kPlain = 0x1F80;  // value of MXCSR after a reset
+  // its lowest bits, which record exceptions that have occurred
+  static constexpr unsigned kSticky = 0x3F;
   [[nodiscard]] bool differs() const noexcept {
     return (before_ & ~kSticky) != kPlain;
   }

@@ -1,10 +1,11 @@
-/// Numbers of the engine: SI units, right-handed world W (the user's hand space), doubles.
+/// Numeric types of the engine. All numbers are doubles in SI units. The world frame W is
+/// right-handed and is the space of the user's hand.
 #pragma once
 
 #include <Eigen/Core>
 
-/// Marks a function of the tick: no allocation, no lock, no system call. RealtimeSanitizer checks
-/// it where the compiler has one (clang 20); elsewhere the tests count allocations.
+/// Marks a function that a tick calls: no allocation, no lock, no system call. RealtimeSanitizer
+/// checks this if the compiler has it (clang 20). With other compilers the tests count allocations.
 #if defined(__has_cpp_attribute)
 #if __has_cpp_attribute(clang::nonblocking)
 #define PALPATE_NONBLOCKING [[clang::nonblocking]]
@@ -18,22 +19,25 @@ namespace palpate {
 
 /// A position [m], displacement [m], force [N] or unit direction in W. Fixed size: never allocates.
 using Vec3 = Eigen::Vector3d;
-using Mat3 = Eigen::Matrix3d;  ///< A rotation, or a Jacobian: column j is the change by x_j.
+/// A rotation, or a Jacobian whose column j is the derivative by x_j.
+using Mat3 = Eigen::Matrix3d;
 
-/// Axis-aligned box in W [m]. Empty while lower > upper.
+/// Axis-aligned box in W [m]. It is empty while lower > upper.
 struct Box {
   Vec3 lower = Vec3::Constant(1.0);   ///< Least coordinates in the box [m].
   Vec3 upper = Vec3::Constant(-1.0);  ///< Greatest coordinates in the box [m].
-  /// True if the box holds no point: lower > upper in some coordinate.
+  /// Returns true if the box contains no point: lower > upper in some coordinate.
   [[nodiscard]] bool empty() const noexcept { return (lower.array() > upper.array()).any(); }
-  /// Grows the box to hold p [m] as well.
+  /// Extends the box so that it contains p [m].
   void extend(const Vec3& p) noexcept {
     const bool first = empty();
     lower = first ? p : Vec3(lower.cwiseMin(p));
     upper = first ? p : Vec3(upper.cwiseMax(p));
   }
-  [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }  ///< Midpoint [m].
-  [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }  ///< Edges [m]; < 0 if empty.
+  /// Returns the midpoint [m].
+  [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }
+  /// Returns the lengths of the edges [m]; < 0 if empty.
+  [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }
 };
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// Directions of vectors that may not have one.
+/// The direction of a vector that may be zero or not finite.
 #pragma once
 
 #include <cmath>

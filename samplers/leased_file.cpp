@@ -35,8 +35,8 @@ class Descriptor {
   int number_;
 };
 
-/// Takes a read lease. If true, no process writes to the file, or can begin to while it is open
-/// here.
+/// Takes a read lease. Returns true if no process writes to the file, or can begin to write while
+/// this process has it open.
 bool lease(int file) {
   // A waiting program causes no signal here, because the default signal would end this program.
   // SIGURG is ignored unless a program handles it.
@@ -49,7 +49,7 @@ bool lease(int file) {
 LeasedFile::Clock::duration longestWait() {
   double seconds = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> seconds;
-  // Without a limit, others wait forever.
+  // Without a limit, other programs wait forever.
   if (!(seconds > 0.0)) return LeasedFile::Clock::duration::max() / 4;
   return std::chrono::duration_cast<LeasedFile::Clock::duration>(
       std::chrono::duration<double>(seconds));
@@ -103,10 +103,10 @@ int copyOf(int file, const std::filesystem::path& path) {
   Descriptor copy(memfd_create("palpate", MFD_CLOEXEC));
   const int trouble = copyAll(file, copy.get());
   if (trouble == 0) return copy.release();
-  throw VolumeError(
-      path.string(),
-      std::string("others may change it, and it cannot be copied (") + std::strerror(trouble) + ")",
-      "make room for temporary files, or name a folder for them in TMPDIR");
+  throw VolumeError(path.string(),
+                    std::string("another program may change it, and it cannot be copied (") +
+                        std::strerror(trouble) + ")",
+                    "free disk space for temporary files, or set TMPDIR to another folder");
 }
 
 }  // namespace

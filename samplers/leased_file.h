@@ -26,8 +26,8 @@ class LeasedFile {
  public:
   using Clock = std::chrono::steady_clock;  ///< Clock of keptAt(): it never goes back.
 
-  /// Throws VolumeError if the file cannot be read, or if others may change it and it cannot be
-  /// copied.
+  /// Throws VolumeError if the file cannot be read, or if another program may change it and it
+  /// cannot be copied.
   explicit LeasedFile(const std::filesystem::path& path);
   LeasedFile(const LeasedFile&) = delete;
   LeasedFile& operator=(const LeasedFile&) = delete;
@@ -40,7 +40,7 @@ class LeasedFile {
   /// system's limit from now. False: the parts that are not yet read must not be read any more.
   /// Safe in any thread; a system call.
   [[nodiscard]] bool kept() const noexcept { return keptAt(Clock::now()); }
-  /// Does the same for the time `now`, which must not fall from call to call.
+  /// Does the same for the time `now`, which must not decrease from call to call.
   [[nodiscard]] bool keptAt(Clock::time_point now) const noexcept;
 
  private:

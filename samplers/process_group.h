@@ -11,15 +11,15 @@
 
 namespace palpate {
 
-/// Thrown when another rank has given up. That rank reports the error, so the catcher must not.
+/// Thrown when another rank has failed. That rank reports the error, so the catcher must not.
 class GroupEnded : public std::exception {
  public:
   /// Returns a fixed text, which is not meant for users.
-  [[nodiscard]] const char* what() const noexcept override { return "another rank has given up"; }
+  [[nodiscard]] const char* what() const noexcept override { return "another rank has failed"; }
 };
 
 /// A process group. All ranks run the same steps and call gather() equally often. They communicate
-/// only there. workTogether keeps a rank that fails from blocking the others.
+/// only in gather(). workTogether keeps a rank that fails from blocking the others.
 class ProcessGroup {
  public:
   /// The data that one rank contributes.
@@ -34,7 +34,7 @@ class ProcessGroup {
   [[nodiscard]] virtual int size() const noexcept = 0;  ///< Number of ranks.
 
   /// Returns the bytes of all ranks, in order of rank. Waits for all ranks. Throws GroupEnded if a
-  /// rank gives up, and Error if the ranks have lost contact.
+  /// rank fails, and Error if the ranks have lost contact.
   [[nodiscard]] virtual std::vector<Bytes> gather(std::span<const std::byte> own) = 0;
 
   /// Reports that this rank has failed; a rank calls it in place of the next gather(). Waits for

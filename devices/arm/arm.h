@@ -32,14 +32,14 @@ inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
 inline void holdUntested(DeviceInfo& info) {
   info.limits.peak = std::min(info.limits.peak, kUntestedForce);
   info.max_stiffness = std::min(info.max_stiffness, kUntestedStiffness);
-  info.source += "; untested: 1 N and 100 N/m until palpate devices --test has passed";
+  info.source += "; untested: limited to 1 N and 100 N/m until palpate devices --test has passed";
 }
 
 /// Functions and settings that an arm gets from the program that opens it. All may be empty.
 struct ArmHost {
-  /// Prints what the user has to do. When the arm has come back, called on a thread of its own.
+  /// Prints an instruction for the user. When a lost arm returns, another thread calls it.
   std::function<void(const std::string&)> say = nullptr;
-  /// Returns true when the program is to end: waits for the user end then.
+  /// Returns true if the program should end; waits for the user then end.
   std::function<bool()> stop = nullptr;
   /// The arm's measured friction, for the energy tank; zeros if it is unknown.
   MeasuredArm measured = {};
@@ -53,7 +53,7 @@ struct ArmHost {
   std::int64_t (*now)() noexcept = nowNs;
 };
 
-/// The key under which an arm's test is stored. A test is valid for this very arm with the same
+/// The key under which an arm's test is stored. A test is valid only for this arm with the same
 /// description.
 struct ArmIdentity {
   std::string name;  ///< Name of the description: a profile's name, `plugin:NAME`.
@@ -91,12 +91,12 @@ struct ArmTraits {
 class Arm : public Device {
  public:
   [[nodiscard]] virtual const ArmTraits& traits() const noexcept = 0;  ///< They never change.
-  /// Returns why the last read() was not ready, with a remedy; empty: it was ready. On the thread
-  /// that reads.
+  /// Returns why the last read() was not ready, with a remedy; empty: it was ready. Call it on the
+  /// thread that reads.
   [[nodiscard]] virtual std::string whyNotReady() const = 0;
   /// Returns the tip's step for one count of each encoder, at the last reading [m]; empty: unknown.
   [[nodiscard]] virtual std::vector<double> steps() const = 0;
-  /// Returns the counts. On the thread that reads.
+  /// Returns the counts. Call it on the thread that reads.
   [[nodiscard]] virtual ArmTraffic traffic() const = 0;
 };
 

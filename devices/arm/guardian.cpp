@@ -151,7 +151,8 @@ extern "C" void zeroThenGoOn(int signal) {
     *the_flag = 1;
     asked_at = nowNs();
   } else if (!livable || nowNs() - asked_at > kAtOnce) {
-    // Default action. After a stop (SIGTSTP) that is taken back the handler stays installed.
+    // Takes the default action. SIGTSTP keeps the handler, which is needed after the program goes
+    // on.
     struct sigaction usual {};
     usual.sa_handler = SIG_DFL;
     if (signal == SIGTSTP) {
@@ -223,7 +224,7 @@ Guardian::~Guardian() {
 LoopWatch Guardian::watch(const ZeroForce& zero) {
   const auto free = std::find(used_.begin(), used_.end(), false);
   if (free == used_.end()) {
-    throw DeviceError("guardian", "it watches 8 loops", "use fewer devices");
+    throw DeviceError("guardian", "it already watches 8 loops, its limit", "use fewer devices");
   }
   const auto slot = static_cast<std::size_t>(free - used_.begin());
   tell(slot, zero);
@@ -253,8 +254,9 @@ std::size_t Guardian::slotOf(const LoopWatch& loop) const {
 
 void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
   if (zero.bytes.empty() || zero.bytes.size() > ZeroForce::kMostBytes) {
-    throw DeviceError("guardian", "a zero force of " + std::to_string(zero.bytes.size()) + " bytes",
-                      "give 1 to 256");
+    throw DeviceError(
+        "guardian", "the report of zero force has " + std::to_string(zero.bytes.size()) + " bytes",
+        "give 1 to 256 bytes");
   }
   Order order;
   order.slot = slot;

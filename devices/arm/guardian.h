@@ -21,12 +21,12 @@ namespace palpate {
 /// loop is cut (Fault::kUnguarded) if its guardian shows no sign of life.
 ///
 /// Make the guardian first of all, before any thread: the child is a copy of the process as it is
-/// then. The child is made by fork(), so a guardian belongs into a program and not into a library:
-/// an embedder makes one in main().
+/// then. The child is made by fork(), so make a guardian in the main() of a program, not in a
+/// library.
 class Guardian {
  public:
   static constexpr double kGuardTime = 0.015;   ///< [s]; the force is zero by 20 ms.
-  static constexpr std::size_t kMostLoops = 8;  ///< Watched at a time, each by a process.
+  static constexpr std::size_t kMostLoops = 8;  ///< Loops at a time; each has a watching process.
 
   /// Throws DeviceError if the system cannot start a process.
   Guardian();
@@ -41,7 +41,7 @@ class Guardian {
   [[nodiscard]] LoopWatch watch(const ZeroForce& zero);
 
   /// Replaces the descriptor of a watched loop's device, after another device was chosen or the
-  /// same one was plugged in again. Call this before the loop's force is let out again. Throws
+  /// same one was plugged in again. Call this before the loop gives force again. Throws
   /// DeviceError as watch().
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
@@ -53,8 +53,9 @@ class Guardian {
   void zero() noexcept;
 
   /// Makes exit(), SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGXCPU and crashes call zero()
-  /// first; after any other end the child alone writes zero. If `interrupted` is given, the first
-  /// of the first four sets it; one over 0.5 s later ends the process. One guardian at a time.
+  /// first; after any other end the child alone writes zero. If `interrupted` is given, a first
+  /// SIGINT, SIGTERM, SIGHUP or SIGQUIT sets it; another one more than 0.5 s later ends the
+  /// process. One guardian at a time.
   void catchSignals(volatile std::sig_atomic_t* interrupted = nullptr);
 
   /// Returns the child's process id, for tests.

@@ -6,8 +6,8 @@
 namespace palpate {
 
 /// The heat of the winding follows the square of its current with one time constant. The heat limit
-/// is that of the command which the motor can hold for ever (`continuous`). While the motor is cool
-/// it may have its peak. From the share kWarm of the heat limit on the allowed command falls
+/// is the heat of the command that the motor can hold forever (`continuous`). A cool motor may get
+/// its peak command. Above the share kWarm of the heat limit, the allowed command falls
 /// (allowedByHeat); at the limit it is `continuous`. The heat never exceeds the limit, even if a
 /// command holds for kHold, until a guardian takes it off. A motor starts at the heat limit,
 /// because its earlier use is unknown.
@@ -15,7 +15,7 @@ class MotorHeat {
  public:
   static constexpr double kHold = 0.02;  ///< [s]
 
-  /// @param continuous  Command that the motor can hold for ever, in any unit; 0: any command.
+  /// @param continuous  Command that the motor can hold forever, in any unit; 0: any command.
   /// @param heating     Time constant of its winding [s]; > 0 if continuous is.
   MotorHeat(double continuous, double heating) noexcept
       : continuous_(continuous), heating_(heating), heat_(continuous * continuous) {}

@@ -66,8 +66,8 @@ void compareMasses(SelfTestResult& result) {
     heavy = std::max(heavy, axis.mass);
   }
   if (result.problems.empty() && heavy > kAlike * light) {
-    result.problems.push_back("one way it moves like " + inWords(light) + " kg, another like " +
-                              inWords(heavy) + ": the scale of a motor is another one");
+    result.problems.push_back("it moves like " + inWords(light) + " kg along one axis and like " +
+                              inWords(heavy) + " kg along another: correct the scale of a motor");
   }
 }
 
@@ -247,7 +247,8 @@ Vec3 SelfTest::opposeMotion() noexcept {
 
 void SelfTest::awaitStandstill() noexcept {
   if (!(velocity_.norm() < kStill && inPhase() > 0.1) && !(inPhase() > kLongest)) return;
-  // An arm that goes elsewhere is not brought back: the other axes show where they go.
+  // An arm that moves in another direction is not brought back: the other axes are tested from
+  // there.
   if (trusted_) {
     enter(Phase::kReturn);
   } else {
@@ -414,15 +415,15 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
   // If the arm only falls, friction and weight cannot be separated, but their difference is known.
   result.held = caught_ && !far_;
   result.weight = result.held ? fell.bias : fell.bias - fell.coulomb;
-  std::string words = "let go of, it goes to " + inWords(result.falls) + " by itself";
+  std::string words = "released, it moves to " + inWords(result.falls) + " by itself";
   if (!fell.fitted || !(result.weight > 0.0)) {
     result.weight = 0.0;
-    return words + ": hold the tip still until you let go of it, and run it again";
+    return words + ": hold the tip still until you let go of it, and run the test again";
   }
   const double mass = result.weight / kGravity;
-  words += result.held ? ", pushed by " + inWords(result.weight) + " N"
-                       : ", by " + inWords(result.weight) + " N more than its friction holds";
-  if (params_.down.isZero()) return words + ": counterweight it, or see what pulls it";
+  words += result.held ? ", with " + inWords(result.weight) + " N"
+                       : ", with " + inWords(result.weight) + " N more than its friction holds";
+  if (params_.down.isZero()) return words + ": counterweight it, or find what pulls it";
   const double down = params_.down.dot(result.falls);
   if (down > kStraight) {
     return words + ": counterweight it, or have its motors carry it: add a mass of " +
@@ -430,12 +431,12 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
            "} at the tip, or links' masses and centres";
   }
   if (down < -kStraight) {
-    return words + ": that is up: its profile's gravity/masses are too heavy, by " + inWords(mass) +
+    return words + ": that is up: reduce gravity/masses of its profile by " + inWords(mass) +
            " kg at the tip";
   }
   return words +
-         ": that is not down (gravity/down of its profile): see whether a spring, a cable or "
-         "a motor pulls it";
+         ": that is not down (gravity/down of its profile): check whether a spring, a cable or a "
+         "motor pulls it";
 }
 
 SelfTestResult SelfTest::result() const {
@@ -448,7 +449,7 @@ SelfTestResult SelfTest::result() const {
     result.noise = std::sqrt(std::max(0.0, sum2_ / n - (sum_ / n).squaredNorm()));
   }
   if (!done()) {
-    result.problems.emplace_back("it was ended early: run it again");
+    result.problems.emplace_back("the test ended early: run it again");
     return result;
   }
   result.falls = falls_;
@@ -457,9 +458,8 @@ SelfTestResult SelfTest::result() const {
     return result;
   }
   if (far_) {
-    result.problems.push_back(
-        "it went farther than " + inWords(params_.travel) +
-        " m: hold nothing against it, and see whether it falls or runs away by itself");
+    result.problems.push_back("it moved farther than " + inWords(params_.travel) +
+                              " m: do not push it, and check whether it falls or moves by itself");
   }
   checkReadings(result);
   for (int a = 0; a < 3; ++a) judgeAxis(a, result);
@@ -473,14 +473,14 @@ void SelfTest::checkReadings(SelfTestResult& result) const {
       std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
   if (rate < 0.5 * asked) {
     result.problems.push_back(
-        "it gives " + inWords(rate) + " positions a second where its profile says " +
-        inWords(params_.input_rate) + ": mend rate/input, or see to its firmware");
+        "it sends " + inWords(rate) + " positions per second, and its profile gives " +
+        inWords(params_.input_rate) + ": correct rate/input, or check its firmware");
   }
   if (params_.stale > 0.0 && result.slowest > params_.stale) {
     result.problems.push_back("a pause of " + inWords(1e3 * result.slowest) +
-                              " ms between two positions is longer than " +
+                              " ms between two positions is longer than the limit of " +
                               inWords(1e3 * params_.stale) +
-                              " ms, when they are stale: see to its cable or firmware");
+                              " ms (stale): check its cable or firmware");
   }
 }
 
@@ -494,10 +494,9 @@ void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
   axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
   axis.along = std::min(along_[plus], along_[plus + 1]);
   if (!axis.moved && !far_ && trusted_) {
-    result.problems.push_back(
-        name + ": " + inWords(params_.force) +
-        " N did not move it: let go of it, switch its motors on, or it has more friction "
-        "(--force)");
+    result.problems.push_back(name + ": " + inWords(params_.force) +
+                              " N did not move it: let go of it, switch its motors on, or increase "
+                              "--force if it has more friction");
   }
   checkDirection(plus, "+" + name, result);
   checkDirection(plus + 1, "-" + name, result);
@@ -512,45 +511,47 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
                               SelfTestResult& result) const {
   if (!went_[run] || along_[run] > kStraight) return;
   result.problems.push_back(
-      "pushed to " + where +
+      "pushed to " + where + "," +
       (along_[run] < -kStraight
-           ? " it went the other way: exchange the sign of its motors' scale, or of its encoders'"
-           : " it went elsewhere (cosine " + inWords(along_[run]) +
-                 "): motors may be exchanged, or the geometry is another one"));
+           ? " it moved the other way: change the sign of its motors' scale, or of its encoders' "
+             "scale"
+           : " it moved in another direction (cosine " + inWords(along_[run]) +
+                 "): check whether motors are exchanged, or correct the geometry"));
 }
 
 std::string SelfTest::fitTrouble(const AxisResult& axis) const {
   // No real arm has these values: the scale of an encoder or motor differs from the profile.
   if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
-    return "its friction cannot be told: let go of it, or its steps are too coarse";
+    return "its friction cannot be measured: let go of it; if that does not help, its steps are "
+           "too coarse";
   }
   if (axis.delay > (kLatest - 1) * period()) {
-    return "its force comes " + inWords(1e3 * axis.delay) +
-           " ms late or more: see to its firmware or its cable, or another program holds it";
+    return "its force is " + inWords(1e3 * axis.delay) +
+           " ms late or more: check its firmware and its cable, and end other programs that use it";
   }
   if (axis.mass < kLightest || axis.mass > kHeaviest) {
     return "it moves like " + inWords(axis.mass) +
-           " kg: the scale of its encoders or motors is another one";
+           " kg: correct the scale of its encoders or motors";
   }
   return {};
 }
 
 std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes, int axis) {
   const double gone = way.norm();
-  const std::string moved = "what was moved to +" + axes.name(axis);
+  const std::string moved = "a travel to +" + axes.name(axis);
   if (!(std::abs(gone / length - 1.0) <= kRuler)) {  // true for NaN
     return moved + " by 1 by the ruler is " + inWords(gone / length) +
-           " by the arm: the scale of its encoders, its gears or its lengths are others";
+           " by the arm: correct the scale of its encoders, its gears or its lengths";
   }
   const double straight = way.dot(axes.along.col(axis)) / gone;
   if (straight > kStraight) return {};
   if (straight < -kStraight) {
     return moved +
-           " went the other way by the arm: exchange the sign of an encoder's ratio, and of "
-           "its motor's scale, or mend mount";
+           " went the other way by the arm: change the sign of an encoder's ratio and of its "
+           "motor's scale, or correct mount";
   }
   return moved + " went to " + inWords(Vec3(way / gone)) +
-         " by the arm: encoders are exchanged, or the mount or the geometry is another one";
+         " by the arm: check whether encoders are exchanged, or correct the mount or the geometry";
 }
 
 }  // namespace palpate

@@ -11,11 +11,11 @@ namespace {
 
 constexpr double kSlowest = 10.0;  // [Hz]: at three periods the tick is late
 constexpr double kFastest = 1e5;
-constexpr double kStands = 0.01;  // of a period; in less no time passes
+constexpr double kStands = 0.01;  // of a period; a shorter step counts as no time
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;
-  throw DeviceError(arm.name, "the servo's rate is none for a hand", "give 10 to 100000 Hz");
+  throw DeviceError(arm.name, "the servo's rate is out of range", "give 10 to 100000 Hz");
 }
 
 }  // namespace

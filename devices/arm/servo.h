@@ -1,5 +1,5 @@
-/// palpate inside another program's servo loop: CHAI3D's, OpenHaptics' or a robot's. That loop
-/// reads the arm and moves it; a Servo computes a force from a position.
+/// Runs palpate inside another program's servo loop, such as that of CHAI3D, OpenHaptics or a
+/// robot. That loop reads the arm and moves it; a Servo computes a force from a position.
 #pragma once
 
 #include <memory>
@@ -30,21 +30,21 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   ///              reports goes into HandState::fault, the age of the position into HandState::age.
   ///              If the same position comes again, bit by bit, HandState::still counts from the
   ///              first: a driver that has stopped reading its arm loses its force (StillFade).
-  /// @param dt    Time since the last call [s]. A fault, which cuts the force until clear(): more
-  ///              than a period and 5 ms, or three periods more if longer (WatchLimits::late); or
-  ///              ticks in a row that should take as long, each with a dt below a hundredth of
-  ///              the period or not finite.
+  /// @param dt    Time since the last call [s]. The force is cut until clear() if dt exceeds a
+  ///              period by 5 ms, or by three periods if these are longer (WatchLimits::late). It
+  ///              is also cut if ticks for that long have a dt below a hundredth of the period or
+  ///              not finite.
   /// @return      Force for the arm in W [N].
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;
 
-  /// Sets the scene for the next tick; the force is zero until there is one.
+  /// Sets the scene for the next tick; the force is zero until a scene is set.
   void publish(std::shared_ptr<const Scene> scene) noexcept { loop_.publish(std::move(scene)); }
   /// Returns the newest tick, with the reason if its force is cut.
   [[nodiscard]] const Telemetry& latest() noexcept { return loop_.latest(); }
   /// Cuts the force with the next tick, until clear(). From any thread.
   void cut() noexcept { loop_.cut(); }
-  /// Lets force out again after a fault, by an engagement. From any thread.
+  /// Gives force again after a fault, with an engagement. From any thread.
   void clear() noexcept { loop_.clear(); }
 
  private:

@@ -128,16 +128,16 @@ void ArmWatch::follow() {
 std::string ArmWatch::wordsOf(const Kind& kind, std::int64_t now) const {
   std::string out = "report";
   if (numbered_) out += fmt::format(" {}", kind.id);
-  if (kind.total == 0) return out + ": none has come\n";
+  if (kind.total == 0) return out + ": none received\n";
   const double span = seconds(now - span_);
   const double age = seconds(now - kind.at);
   const std::size_t head = numbered_ ? 1 : 0;
   const std::size_t size = kind.bytes.size() - std::min(head, kind.bytes.size());
   out += fmt::format(", {} byte{}", size, size == 1 ? "" : "s");
   if (kind.count == 0) {
-    out += fmt::format(": STOPPED, the last one came {:.2f} s ago", age);
+    out += fmt::format(": STOPPED, last received {:.2f} s ago", age);
   } else if (span > 0.0) {
-    out += fmt::format(": {:.0f} a second, the last one {:.2f} s ago",
+    out += fmt::format(": {:.0f} per second, last received {:.2f} s ago",
                        static_cast<double>(kind.count) / span, age);
   }
   if (kind.spec == kNoSpec) out += ", not in the profile";
@@ -174,9 +174,10 @@ std::string ArmWatch::arm(std::int64_t now) const {
     const ArmPose pose = profile_.kinematics->at(joints_);
     const Vec3 p_W = profile_.world_from_device * (pose.position_D - profile_.origin_D);
     if (!pose.reachable) {
-      out += "tip: the geometry has no such place\n";
+      out += "tip: outside of the geometry\n";
     } else if (profile_.rate_control > 0.0) {
-      out += fmt::format("pushed by ({:.3f}, {:.3f}, {:.3f}) of 1", p_W.x(), p_W.y(), p_W.z());
+      out += fmt::format("deflected by ({:.3f}, {:.3f}, {:.3f}), full scale 1", p_W.x(), p_W.y(),
+                         p_W.z());
     } else {
       out += fmt::format("tip at ({:.5f}, {:.5f}, {:.5f}) m in the hand's world", p_W.x(), p_W.y(),
                          p_W.z());
@@ -206,10 +207,10 @@ std::string ArmWatch::picture(std::int64_t now) {
     out += wordsOf(kind, now);
     any = any || kind.total > 0;
   }
-  if (passed_by_ > 0) out += fmt::format("{} reports of yet other numbers\n", passed_by_);
+  if (passed_by_ > 0) out += fmt::format("{} reports with other numbers\n", passed_by_);
   out += arm(now);
   if (!any && profile_.output) {
-    out += "nothing has come: some firmware only answers, and nothing is sent here\n";
+    out += "no report received: some firmware only answers, and this command sends no reports\n";
   }
   for (Kind& kind : kinds_) kind.count = 0;
   span_ = now;

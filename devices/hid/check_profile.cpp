@@ -8,7 +8,7 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "palpate/devices/hid/profile_facts.h"
+#include "palpate/devices/hid/check_consistency.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/safety/device.h"
 
@@ -16,17 +16,6 @@ namespace palpate {
 namespace {
 
 using Node = JsonNode;
-constexpr double kMostStep = 5e-3;    // [m], of the tip by one count
-constexpr double kMostAsked = 20.0;   // times the limit of a motor's field
-constexpr double kLeastAsked = 1e-3;  // times the limit of a motor's field
-constexpr double kMostCarried = 0.5;  // of its continuous limit; contact forces need the rest
-constexpr double kSame = 1e-4;        // [m]: nearer places are equal
-
-/// True if an output field drives a motor.
-bool isMotor(const HidProfile& profile, std::size_t field) {
-  return std::any_of(profile.joints.begin(), profile.joints.end(),
-                     [&](const HidJoint& joint) { return joint.to == field; });
-}
 
 ReportField fieldOf(const std::string& name, const FileField& file, const Node& node,
                     std::size_t size, bool output) {
@@ -44,13 +33,15 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
     node.child("bits").fail("a float has 32 bits", "write 32");
   }
   if (field.big_endian && (field.bit % 8 != 0 || field.bits % 8 != 0)) {
-    node.fail("big-endian numbers are whole bytes", "remove \"big_endian\", or mend bit and bits");
+    node.fail("big-endian numbers are whole bytes",
+              "remove \"big_endian\", or correct bit and bits");
   }
   if (field.end() > size) {
-    node.fail(fmt::format("it ends beyond the report's {} bytes", size), "mend bit, bits or size");
+    node.fail(fmt::format("it ends beyond the report's {} bytes", size),
+              "correct bit, bits or size");
   }
   if (field.wraps && field.type == Type::kFloat) {
-    node.child("wraps").fail("a float is no counter", "remove it");
+    node.child("wraps").fail("a float is not a counter", "remove it");
   }
   const bool with_sign = field.type == Type::kSigned;
   field.least = with_sign ? -std::ldexp(1.0, file.bits - 1) : 0.0;
@@ -66,7 +57,7 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
     if (*value < lowest || *value > highest) {
       node.child(key).fail(
           fmt::format("{} does not fit: its bits hold {} to {}", *value, lowest, highest),
-          "mend it, or the field's type and bits");
+          "correct it, or the field's type and bits");
     }
     to = *value;
   };
@@ -74,7 +65,7 @@ ReportField fieldOf(const std::string& name, const FileField& file, const Node& 
   fits("most", file.most, field.most);
   if (!(field.least <= field.most)) node.fail("least is above most", "exchange them");
   field.bounded = file.least && file.most;
-  if (file.rest && !output) node.child("rest").fail("nothing is sent in it", "remove it");
+  if (file.rest && !output) node.child("rest").fail("only output fields have a rest", "remove it");
   fits("rest", file.rest, field.rest);
   return field;
 }
@@ -114,7 +105,7 @@ HidReportSpec outputOf(const FileReport& file, const Node& node) {
       if (used[bit]) {
         node.child("fields")
             .child(field.name)
-            .fail("its bits are another field's as well", "mend bit or bits");
+            .fail("it shares bits with another field", "correct bit or bits");
       }
       used[bit] = true;
     }
@@ -164,8 +155,8 @@ FieldRef fieldThatMayBe(double equals, const std::string& name, const Node& node
   const FieldRef field = fields.input(node.child("field"), name);
   const ReportField& of = profile.input[field.report].fields[field.field];
   if (equals < of.least || equals > of.most) {
-    node.fail(fmt::format("{} is never {}", of.name, equals),
-              "mend equals, or the field's type and bits");
+    node.fail(fmt::format("{} cannot be {}", of.name, equals),
+              "correct equals, or the field's type and bits");
   }
   return field;
 }
@@ -182,15 +173,15 @@ HidTurn turnOf(const FileTurn& file, const Node& node, const Fields& fields,
   HidTurn turn = file.turn;
   if (turn.joint) {
     if (*turn.joint >= profile.joints.size()) {
-      node.child("joint").fail("the model has no such joint",
-                               fmt::format("it has 0 to {}", profile.joints.size() - 1));
+      node.child("joint").fail("the model does not have this joint",
+                               fmt::format("give 0 to {}", profile.joints.size() - 1));
     }
     return turn;
   }
   turn.from = fields.input(node.child("from"), file.from);
   if (profile.input[turn.from.report].fields[turn.from.field].wraps) {
-    node.child("from").fail("a counter is followed where it is a joint's",
-                            "name the joint, or remove its \"wraps\"");
+    node.child("from").fail("palpate follows a counter that wraps only as a joint",
+                            "name the joint, or remove \"wraps\" of the field");
   }
   return turn;
 }
@@ -223,8 +214,8 @@ void checkHeat(const Node& at, const HidProfile& profile, const HidJoint& joint)
       std::min(field.most - field.offset, field.offset - field.least) / std::abs(field.scale);
   if (joint.continuous > room) {
     at.child("continuous")
-        .fail(fmt::format("{} is more than its field ever gives, {:.4g}", joint.continuous, room),
-              "remove it and \"heating\", or mend it or the field");
+        .fail(fmt::format("{} is more than its field's limit of {:.4g}", joint.continuous, room),
+              "remove it and \"heating\", or correct it or the field");
   }
 }
 
@@ -234,17 +225,18 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
   const std::size_t to = fields.output(node, file.motor, true);
   const ReportField& motor = profile.output->fields[to];
   if (!motor.bounded) {
-    node.fail("nothing says what it may be given at most",
-              "give its field \"least\" and \"most\", small at first");
+    node.fail("its field has no limits", "give its field \"least\" and \"most\", small at first");
   }
   const double none = std::round(motor.offset);
   if (none < motor.least || none > motor.most) {
-    node.fail("its field cannot say that there is no force", "mend offset, least and most");
+    node.fail("its field cannot hold a force of zero", "correct offset, least and most");
   }
   if (none == motor.least || none == motor.most) {
-    node.fail("its field cannot pull and push", "mend offset, type, least and most");
+    node.fail("its field cannot both pull and push", "correct offset, type, least and most");
   }
-  if (isMotor(profile, to)) node.fail("it drives another joint", "name its own");
+  if (isMotor(profile, to)) {
+    node.fail("it drives another joint already", "name this joint's own motor");
+  }
   return to;
 }
 
@@ -259,7 +251,7 @@ HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
     const bool apart = joint.from.report != other.from.report || one.bit >= two.bit + two.bits ||
                        two.bit >= one.bit + one.bits;
     if (!apart) {
-      at.child("from").fail("its bits are another joint's as well", "mend from, or bit and bits");
+      at.child("from").fail("it shares bits with another joint", "correct from, or bit and bits");
     }
   }
   if (file.motor.empty()) return joint;
@@ -284,15 +276,16 @@ HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
     const std::size_t to = fields.output(field, name, false);
     const ReportField& of = profile.output->fields[to];
     if (raw < of.least || raw > of.most) {
-      field.fail(fmt::format("{} does not fit: {} to {} do", raw, of.least, of.most),
-                 "mend it, or the field's type and bits");
+      field.fail(fmt::format("{} is outside of {} to {}", raw, of.least, of.most),
+                 "correct it, or the field's type and bits");
     }
     step.values.emplace_back(to, raw);
   }
   // Only the engine's force limit may drive a motor.
   for (const auto& sent : step.values) {
     if (isMotor(profile, sent.first)) {
-      at.child("send").fail("a step drives a motor", "leave motors out: they get no force");
+      at.child("send").fail("a step drives a motor",
+                            "remove motors' fields: they stay without force");
     }
   }
   return step;
@@ -305,142 +298,6 @@ std::vector<HidStep> stepsOf(const std::vector<FileStep>& file, const Node& root
     steps.push_back(stepOf(file[i], root.child(key).element(i), fields, profile));
   }
   return steps;
-}
-
-/// Checks that motors' fields have no "rest", and other fields no "scale" or "offset".
-void checkOutput(const Node& fields, const HidProfile& profile) {
-  for (std::size_t f = 0; f < profile.output->fields.size(); ++f) {
-    const bool motor = isMotor(profile, f);
-    const Node at = fields.child(profile.output->fields[f].name);
-    if (motor && at.has("rest")) at.child("rest").fail("a motor drives it", "remove it");
-    for (const char* key : {"scale", "offset"}) {
-      if (motor || !at.has(key)) continue;
-      at.child(key).fail("no motor drives it",
-                         "remove it; \"rest\" is what is sent in it, raw, where no step sends it");
-    }
-  }
-}
-
-/// Checks that no counter of reports shares bits with a joint or a flag. These do not change with
-/// every report, so new reports of a still arm would count as old.
-void checkSequences(const Node& input, const HidProfile& profile) {
-  for (std::size_t r = 0; r < profile.input.size(); ++r) {
-    if (!profile.input[r].sequence) continue;
-    const ReportField& counter = profile.input[r].fields[*profile.input[r].sequence];
-    const auto shares = [&](const FieldRef& other) {
-      const ReportField& field = profile.input[r].fields[other.field];
-      return other.report == r && counter.bit < field.bit + field.bits &&
-             field.bit < counter.bit + counter.bits;
-    };
-    const bool joint = std::any_of(profile.joints.begin(), profile.joints.end(),
-                                   [&](const HidJoint& j) { return shares(j.from); });
-    const bool flag = std::any_of(profile.flags.begin(), profile.flags.end(),
-                                  [&](const HidFlag& f) { return shares(f.field); });
-    if (!joint && !flag) continue;
-    input.element(r)
-        .child("sequence")
-        .fail(fmt::format("{}'s bits are a {}'s, which does not change with every report",
-                          counter.name, joint ? "joint" : "flag"),
-              "name a field that counts reports, or remove it");
-  }
-}
-
-/// Checks counters of an arm that reports by itself that it is homed. The first reading counts as
-/// the one nearest to the middle of the hand's world. So no other range of the counter may bring
-/// the tip into that world.
-void checkRanges(const Node& root, const HidProfile& profile, const ProfileFacts& facts) {
-  if (profile.home_at_open || !profile.home.empty()) return;  // homing makes it known
-  const ArmPose middle = profile.kinematics->at(facts.middle);
-  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
-    const HidJoint& joint = profile.joints[i];
-    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
-    if (!field.wraps) continue;
-    const double range =
-        std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
-    const double way = range * middle.jacobian[i].norm();
-    // Whole turns lead to the same place.
-    Joints turned = facts.middle;
-    turned[i] += range;
-    const bool same =
-        (profile.kinematics->at(turned).position_D - middle.position_D).norm() < kSame;
-    if (same || way >= 2.0 * profile.limits.workspace_radius) continue;
-    root.child("kinematics")
-        .child("joints")
-        .element(i)
-        .child("from")
-        .fail(fmt::format(
-                  "{} begins anew every {:.3g} m of the tip, and the workspace is {:.3g} m wide: a "
-                  "flag that means homed does not say in which of them the arm is",
-                  field.name, way, 2.0 * profile.limits.workspace_radius),
-              "add \"home\" steps, home_at_open or bits, or mend workspace_radius");
-  }
-}
-
-/// Checks that the numbers are consistent, which detects wrong units.
-void checkFacts(const Node& root, const HidProfile& profile) {
-  const ProfileFacts facts = factsOf(profile);
-  constexpr double kReached = 1e-3;  // [m]
-  if (!(facts.off <= kReached)) {
-    const std::string why =
-        std::isfinite(facts.off)
-            ? fmt::format("the middle of the hand's world is {:.3g} m out of the tip's reach",
-                          facts.off)
-            : "the tip reaches no place from the joints' home";
-    const Node at = root.has("mount") && root.child("mount").has("origin")
-                        ? root.child("mount").child("origin")
-                        : root;
-    at.fail(why, "mend mount/origin, home, or the lengths, all in metres and radians");
-  }
-  if (facts.step > kMostStep) {
-    root.child("kinematics")
-        .child("joints")
-        .fail(fmt::format("a count of every joint moves the tip {:.3g} m", facts.step),
-              "mend the inputs' scale (radians a count) or the ratio");
-  }
-  checkRanges(root, profile, facts);
-  const char* const remedy = "mend torque_constant, ratio, or its field's scale, least and most";
-  const MotorFact* strongest = nullptr;
-  for (const MotorFact& motor : facts.motors) {
-    if (motor.asked > kMostAsked * motor.room) {
-      root.child("kinematics")
-          .child("joints")
-          .element(motor.joint)
-          .fail(fmt::format("{} N would ask {:.3g} of {}, which may be given {:.3g}",
-                            profile.limits.force, motor.asked, motor.field, motor.room),
-                remedy);
-    }
-    if (motor.carries > kMostCarried * motor.continuous) {
-      root.child("gravity").fail(
-          fmt::format("to carry its masses {} is asked for {:.3g}, of {:.3g} that it may hold",
-                      motor.field, motor.carries, motor.continuous),
-          "mend masses and centres, or counterweight it: more than half is not for this");
-    }
-    if (strongest == nullptr || motor.asked / motor.room > strongest->asked / strongest->room) {
-      strongest = &motor;
-    }
-  }
-  // A motor across the force has little to do, so only the strongest is checked.
-  if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
-    root.child("kinematics")
-        .child("joints")
-        .element(strongest->joint)
-        .fail(
-            fmt::format(
-                "{} N would ask but {:.2g} % of what {} may be given, and less of the others",
-                profile.limits.force, 100.0 * strongest->asked / strongest->room, strongest->field),
-            remedy);
-  }
-}
-
-/// Checks that an output and its rate are given together, and the rate's range.
-void checkRates(const Node& root, const HidProfile& profile, bool drives) {
-  if (drives != (profile.output_rate > 0.0)) {
-    root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
-  }
-  if (drives && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
-    root.child("rate").child("output").fail(
-        fmt::format("{:g} reports a second", profile.output_rate), "give 1 to 100,000");
-  }
 }
 
 /// Reads the reports. A device must be able to distinguish them, and a reader of the file their
@@ -457,13 +314,14 @@ void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile)
       if (names.insert(field.name).second) continue;
       here.child("fields")
           .child(field.name)
-          .fail("the name stands twice", "give each field its own");
+          .fail("the name occurs twice", "give each field its own name");
     }
     if (file.input.size() > 1 && !report.id) {
-      here.fail("several reports are told apart by their numbers", "add \"id\"");
+      here.fail("several reports need numbers", "add \"id\"");
     }
     if (report.id && !numbers.insert(*report.id).second) {
-      input.fail(fmt::format("two reports have the number {}", *report.id), "give each its own");
+      input.fail(fmt::format("two reports have the number {}", *report.id),
+                 "give each report its own number");
     }
   }
   if (file.output) profile.output = outputOf(*file.output, root.child("output"));
@@ -481,14 +339,14 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
   const std::size_t count = profile.kinematics->joints();
   if (file.joints.size() != count) {
     node.child("joints").fail(fmt::format("it is not a list of {} joints", count),
-                              "give each of the model's");
+                              "give one for each joint of the model");
   }
   for (std::size_t i = 0; i < count; ++i) {
     profile.joints.push_back(
         jointOf(file.joints[i], node.child("joints").element(i), fields, profile));
   }
   if (profile.home_at_open && profile.home_words.empty()) {
-    node.child("home_at_open").fail("its user must know the pose", "add \"home_words\"");
+    node.child("home_at_open").fail("the user must know the home pose", "add \"home_words\"");
   }
   const int last = static_cast<int>(profile.kinematics->links()) - 1;
   for (std::size_t i = 0; i < profile.masses.size(); ++i) {
@@ -507,18 +365,18 @@ void takePid(const Node& root, HidProfile& profile) {
     const bool twice =
         std::any_of(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(i),
                     [&](const PidAxisSpec& other) { return other.axis == all[i].axis; });
-    if (twice) at.child("axis").fail("the axis stands twice", "name each once");
+    if (twice) at.child("axis").fail("the axis occurs twice", "name each axis once");
     if (2.0 * profile.limits.workspace_radius > std::abs(all[i].way) * (1.0 + 1e-9)) {
-      at.child("way").fail(fmt::format("the workspace is {:.4g} m wide, and the grip goes {:.4g} m",
-                                       2.0 * profile.limits.workspace_radius, std::abs(all[i].way)),
-                           "mend it, or make limits/workspace_radius smaller");
+      at.child("way").fail(
+          fmt::format("the workspace is {:.4g} m wide, and the grip travels {:.4g} m",
+                      2.0 * profile.limits.workspace_radius, std::abs(all[i].way)),
+          "correct it, or reduce limits/workspace_radius");
     }
     const double share = profile.limits.force / std::abs(all[i].force);
     if (share > 1.0 || share < kLeastAsked) {
-      at.child("force").fail(
-          fmt::format("limits/force is {:.4g} N, and this gives {:.4g}", profile.limits.force,
-                      std::abs(all[i].force)),
-          "mend it, or make limits/force smaller: no axis gives more than it has");
+      at.child("force").fail(fmt::format("limits/force is {:.4g} N, and this axis gives {:.4g} N",
+                                         profile.limits.force, std::abs(all[i].force)),
+                             "correct it, or make limits/force 0.1 to 100 % of it");
     }
   }
   std::sort(all.begin(), all.end(),
@@ -550,87 +408,6 @@ void takePid(const Node& root, HidProfile& profile) {
   profile.kinematics = makeSlides(directions);
   // All axes share the reports per second.
   profile.output_rate /= static_cast<double>(all.size());
-}
-
-/// Checks the parts of the profile against each other.
-void checkTogether(const Node& root, const HidProfile& profile) {
-  double closing = 0.0;
-  for (const HidStep& step : profile.close) closing += step.seconds;
-  if (closing > kLongestClose) {
-    root.child("close").fail(fmt::format("it may take {} s", closing),
-                             fmt::format("use at most {} s in all", kLongestClose));
-  }
-
-  const auto motors = std::count_if(profile.joints.begin(), profile.joints.end(),
-                                    [](const HidJoint& j) { return j.to.has_value(); });
-  if (profile.output) {
-    const Node limits = root.child("limits");
-    if (profile.limits.stale > 0.1) limits.child("stale").fail("more than 0.1 s", "use less");
-    if (profile.limits.speed > 5.0) limits.child("speed").fail("more than 5 m/s", "use less");
-    if (profile.limits.continuous > profile.limits.force) {
-      limits.child("continuous").fail("more than the force", "use less");
-    }
-    const bool own = std::any_of(profile.joints.begin(), profile.joints.end(),
-                                 [](const HidJoint& j) { return j.continuous > 0.0; });
-    if (own && profile.limits.continuous > 0.0) {
-      limits.child("continuous")
-          .fail("its motors have limits of their own", "remove it and \"heating\", or theirs");
-    }
-  }
-  // A counter is zero wherever it was switched on.
-  const bool homed = profile.home_at_open || !profile.home.empty() ||
-                     std::any_of(profile.flags.begin(), profile.flags.end(), [](const HidFlag& f) {
-                       return f.means == HidFlag::Means::kHomed;
-                     });
-  for (std::size_t i = 0; profile.output && !homed && i < profile.joints.size(); ++i) {
-    const FieldRef from = profile.joints[i].from;
-    if (!profile.input[from.report].fields[from.field].wraps) continue;
-    root.child("kinematics")
-        .child("joints")
-        .element(i)
-        .child("from")
-        .fail("nothing says where its counter is zero",
-              "add \"home\" steps, home_at_open, a flag that means homed, or remove \"wraps\"");
-  }
-  if (profile.output && motors == 0) {
-    root.child("kinematics").fail("no joint has a motor", "name them, or remove \"output\"");
-  }
-  if (!profile.masses.empty() && motors == 0) {
-    root.child("gravity").fail("no joint has a motor to carry it", "remove it");
-  }
-  if (!profile.masses.empty() && profile.limits.continuous > 0.0) {
-    root.child("gravity").fail("limits/continuous knows nothing of what its motors carry",
-                               "give the motors' own, \"continuous\" and \"heating\" of joints");
-  }
-  if (profile.output && profile.firmware.empty()) {
-    root.fail("nothing says how its firmware takes the force off when no message comes",
-              "add \"firmware\"");
-  }
-  if (profile.rate_control > 0.0 && profile.output) {
-    root.child("kinematics")
-        .fail("an arm that gives velocities takes no forces",
-              "remove \"output\" or \"rate_control\"");
-  }
-  if (profile.output) {
-    if (profile.pid.empty()) checkOutput(root.child("output").child("fields"), profile);
-    checkFacts(root, profile);
-  }
-}
-
-/// Checks that the paths in "sources" exist.
-void checkSources(const Node& root, const HidProfile& profile) {
-  for (const auto& [pointer, text] : profile.sources) {
-    bool there = pointer.empty() || pointer[0] == '/';
-    try {
-      there = there && root.json().contains(Json::json_pointer(pointer));
-    } catch (const Json::exception&) {
-      there = false;
-    }
-    if (!there) {
-      root.child("sources").fail("\"" + pointer + "\" is nothing in this file",
-                                 "write the path of a number, as \"/limits/force\"");
-    }
-  }
 }
 
 }  // namespace

@@ -184,7 +184,7 @@ std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescri
   const std::string kind = std::string(wordOf(wanted.way)) + " report";
   if (same.empty()) {
     return DescriptorComplaint{wanted.path, "the device has no " + kind,
-                               "see whether this is the right device, with the right firmware"};
+                               "check that this is the right device with the right firmware"};
   }
   constexpr std::size_t kMostSaid = 8;
   std::string said;
@@ -195,20 +195,20 @@ std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescri
   const std::string has = "the device has " + kind + (same.size() == 1 ? " " : "s ") + said;
   const bool feature = wanted.way == Way::kFeature;
   const std::string number =
-      same.size() > 1 ? std::string("write the number of the one that is meant")
+      same.size() > 1 ? std::string("write the number of the intended report")
                       : (feature ? "begin with " : "write \"id\": ") + std::to_string(same[0].id);
   if (!device.numbered && wanted.id) {
     return DescriptorComplaint{wanted.path, "the device does not number its reports",
                                feature ? "begin with 0" : "remove every \"id\""};
   }
   if (device.numbered && !wanted.id) {
-    return DescriptorComplaint{wanted.path, has + ", and this has no number", number};
+    return DescriptorComplaint{wanted.path, has + ", and this report has no number", number};
   }
   const auto at = std::find_if(same.begin(), same.end(), [&](const DescribedReport& r) {
     return r.id == wanted.id.value_or(0);
   });
   if (at == same.end()) {
-    return DescriptorComplaint{wanted.path, has + ", and none " + std::to_string(*wanted.id),
+    return DescriptorComplaint{wanted.path, has + ", but no report " + std::to_string(*wanted.id),
                                number};
   }
   const bool fits = at->size == wanted.size || (wanted.at_least && at->size > wanted.size);
@@ -218,9 +218,9 @@ std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescri
                                  (device.numbered ? " " + std::to_string(at->id) : "") + " has " +
                                  bytesOf(at->size) + (device.numbered ? " after its number" : "") +
                                  ", not " + std::to_string(wanted.size),
-                             feature ? "send no more than that"
+                             feature ? "send at most " + bytesOf(at->size)
                                      : "write \"size\": " + std::to_string(at->size) +
-                                           ", and see whether its fields are where they are"};
+                                           ", and check the positions of its fields"};
 }
 
 }  // namespace

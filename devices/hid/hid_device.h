@@ -15,63 +15,12 @@
 
 #include "palpate/devices/arm/arm.h"
 #include "palpate/devices/arm/motor_heat.h"
+#include "palpate/devices/hid/hid_input.h"
 #include "palpate/devices/hid/hid_port.h"
 #include "palpate/devices/hid/hid_profile.h"
 #include "palpate/engine/loop/mailbox.h"
 
 namespace palpate {
-
-/// The newest values that a device has sent. For one thread.
-class HidInput {
- public:
-  explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
-
-  /// Takes all waiting reports. Returns kReport if all reports with a joint's field are new.
-  /// Returns kNothing also if the kernel's ring had overflowed, since its reports were old. RT: as
-  /// ReportPort::read.
-  [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
-  /// Whether this report has come since forget(), and no overflow has lost reports since.
-  [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
-  /// Whether the last takeNewest has taken this report.
-  [[nodiscard]] bool came(std::size_t report) const noexcept { return came_[report]; }
-  /// Returns the last raw value of a field. Before the first report it is 0, or with rate control
-  /// the value of a puck at rest. This holds for the fields of each report.
-  [[nodiscard]] double raw(const FieldRef& field) const noexcept {
-    return values_[first_[field.report] + field.field];
-  }
-
-  /// Returns to the state before the first report, but keeps the counts.
-  void forget() noexcept;
-  /// Takes over the values of another input of the same profile. RT: no allocation.
-  void adopt(const HidInput& other) noexcept;
-
-  /// Numbers of reports since the construction, by their use.
-  struct Counts {
-    std::int64_t reports = 0;    ///< Used.
-    std::int64_t taken = 0;      ///< Every kind that the profile has.
-    std::int64_t passed_by = 0;  ///< Not used, because a newer one waited.
-    std::int64_t dropped = 0;    ///< Discarded after an overflow of the ring.
-    std::int64_t strange = 0;    ///< Too short, or with a number that the profile does not have.
-    std::int64_t repeated = 0;   ///< Sent again, by HidReportSpec::sequence.
-  };
-  [[nodiscard]] const Counts& counts() const noexcept { return counts_; }  ///< Counts so far.
-
- private:
-  enum class Taken : std::uint8_t { kUsed, kStrange, kRepeated };
-  [[nodiscard]] Taken take(std::span<const std::byte> report) noexcept;
-
-  const HidProfile& profile_;
-  std::size_t head_ = 0;            ///< Bytes of the number before a report: 1 if reports are
-                                    ///< numbered.
-  std::vector<std::size_t> first_;  ///< Index of each report's fields in values_.
-  std::vector<double> values_;
-  std::vector<bool> joints_in_;  ///< The report has a joint's field.
-  std::vector<bool> fresh_;      ///< The report has come since the last kReport.
-  std::vector<bool> came_;       ///< The report has come in the last takeNewest.
-  std::vector<bool> known_;      ///< The report has come since forget() and the last overflow.
-  Counts counts_;
-  std::array<std::byte, 2048> buffer_{};
-};
 
 /// Functions and settings that an arm on a HID device needs from its program. All may be empty.
 struct HidHost : ArmHost {
@@ -130,11 +79,12 @@ class HidDevice final : public Arm {
   }
   /// Returns the tip's travel for one count of each joint, at the last reading [m].
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
-  /// Call it on the thread that reads, or after that thread has ended.
+  /// Returns the counts of reports. Call it on the thread that reads, or after that thread has
+  /// ended.
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
-  /// Counts since the opening, without those of the profile's steps. From any thread.
+  /// Returns the counts since the opening, without those of the profile's steps. Any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
-  /// Number of times that the device was plugged in since the opening, including the first.
+  /// Returns how often the device was plugged in since the opening, including the first time.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
 
  private:
@@ -163,7 +113,7 @@ class HidDevice final : public Arm {
 
   /// Completes the opening, once the arm is prepared.
   void begin();
-  /// Dates the flags that came during the preparation to `now`.
+  /// Sets the time of flags that came during the preparation to `now`.
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;
   /// Opens and homes the arm. Throws DeviceError.
@@ -173,7 +123,7 @@ class HidDevice final : public Arm {
   /// Runs the steps of a sequence. A step that waits for the user needs a new action; an earlier
   /// one does not count.
   ///
-  /// @param stop  Asked between two steps, and while a step waits.
+  /// @param stop  Called between two steps, and while a step waits.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
   /// Waits until a field has its value. Throws DeviceError if it does not get it.
@@ -197,7 +147,7 @@ class HidDevice final : public Arm {
   void lookAtWrites(std::int64_t now, HandState& hand) noexcept;
   /// Returns the dissipation that the energy tank may rely on, in the current pose.
   [[nodiscard]] ArmDissipation dissipation() const noexcept;
-  /// Whether the joints' counters can still be followed after a pause [s].
+  /// Returns true if the joints' counters can still be followed after a pause [s].
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
   void lookForMotion(std::int64_t now) noexcept;
@@ -270,7 +220,7 @@ class HidDevice final : public Arm {
   bool upright_ = false;            ///< The last reading permits it.
   double carried_share_ = 0.0;      ///< Share of the weight that is carried so far.
   std::uint32_t written_seen_ = 0;  ///< Last value of written_ that was seen.
-  std::int64_t written_at_ = 0;     ///< Since when it is unchanged while forces wait [ns].
+  std::int64_t written_at_ = 0;     ///< Time from which it is unchanged while forces wait [ns].
 
   Mailbox<Outgoing> out_;
   std::atomic<bool> rests_{false};         ///< The last published report drives no motor.

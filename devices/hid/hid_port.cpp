@@ -188,19 +188,19 @@ bool isReadOnly(const std::filesystem::path& info) {
 int openNode(const std::string& path, int access) {
   struct stat status {};
   if (stat(path.c_str(), &status) != 0) {
-    throw DeviceError(path, "there is no such device", "plug it in; palpate devices lists them");
+    throw DeviceError(path, "the device does not exist",
+                      "plug it in; run palpate devices for a list");
   }
   if (!S_ISCHR(status.st_mode) || path.rfind("/dev/hidraw", 0) != 0) {
-    throw DeviceError(path, "it is not a HID device", "name one as /dev/hidraw0");
+    throw DeviceError(path, "it is not a HID device", "name a HID device, such as /dev/hidraw0");
   }
   const int node = open(path.c_str(), access | O_CLOEXEC | O_NONBLOCK);
   if (node >= 0) return node;
   const int error = errno;
   if (error == EACCES || error == EPERM) {
-    throw DeviceError(
-        path, "you may not open it",
-        "install palpate's udev rules, with a line for this arm (palpate devices writes it out), "
-        "and plug it in again");
+    throw DeviceError(path, "permission is denied",
+                      "install palpate's udev rules, with a line for this arm (palpate devices "
+                      "prints it), and plug it in again");
   }
   throw DeviceError(path, std::strerror(error), "plug it in again");
 }
@@ -263,7 +263,7 @@ void claim(int descriptor, const std::string& path, const Say& say) {
   for (bool said = false; flock(descriptor, LOCK_EX | LOCK_NB) != 0;) {
     if (errno != EWOULDBLOCK) {
       throw DeviceError(path, std::string("it cannot be locked: ") + std::strerror(errno),
-                        "use a system whose devices can be");
+                        "use a system that can lock devices");
     }
     const std::string pid = whoLocks(descriptor);
     const bool orphaned = !pid.empty() && !isAlive(pid);
@@ -271,7 +271,7 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     if (waited < kDying || (orphaned && waited < std::chrono::duration<double>(kLongestClaim))) {
       if (orphaned && say && !said) {
         std::string words = path;
-        words.append(": the program that had it, ").append(pid);
+        words.append(": the program that used it, ").append(pid);
         say(words.append(", has ended: waiting for its guardian"));
       }
       said = said || orphaned;
@@ -280,8 +280,8 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     }
     std::string who = pid.empty() ? "another program" : processOf(pid);
     if (orphaned) who.assign("the guardian of a program that has ended (").append(pid).append(")");
-    throw DeviceError(path, who + " has it",
-                      "end that first: two programs on one arm would each send a force");
+    throw DeviceError(path, who + " uses it",
+                      "end that program first: two programs on one arm would both send forces");
   }
 }
 
@@ -309,8 +309,8 @@ void refuseEffects(const std::string& path, const std::vector<std::string>& node
   for (const std::string& node : nodes) {
     const auto programs = whoHas(node);
     if (programs.empty()) continue;
-    throw DeviceError(path, programs[0] + " has its effects, by " + node,
-                      "end that first: two programs on one arm would each send a force");
+    throw DeviceError(path, programs[0] + " uses its effects through " + node,
+                      "end that program first: two programs on one arm would both send forces");
   }
 }
 

@@ -83,11 +83,11 @@ using Say = std::function<void(const std::string&)>;
 /// DeviceError: no such file, not a HID device, no permission, or the owner's name (claim).
 [[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say = {});
 
-/// Opens a device to read, even if another program has it; each reader gets every report. Cannot
+/// Opens a device to read, even if another program uses it; each reader gets every report. Cannot
 /// send. Throws DeviceError as openHid.
 [[nodiscard]] std::unique_ptr<ReportPort> openHidToRead(const std::string& path);
 
-/// True while this process has the device open.
+/// Returns true while this process has the device open.
 [[nodiscard]] bool isOpenHere(const std::string& path);
 
 /// Locks a device for this process while the descriptor or a copy of it is open, until the lock is
@@ -105,7 +105,8 @@ inline constexpr double kLongestClaim = 2.0;  ///< [s]
 /// @param sys  Directory in which the system shows its HID devices.
 [[nodiscard]] std::vector<std::string> effectNodes(
     const std::string& path, const std::filesystem::path& sys = "/sys/class/hidraw");
-/// Throws DeviceError if a program of this user has one of the nodes open to write, and names it.
+/// Throws DeviceError if a program of this user has one of the nodes open to write; the error names
+/// the program.
 void refuseEffects(const std::string& path, const std::vector<std::string>& nodes);
 
 /// Returns this user's programs that have a path open to write, as "name (pid)". Other users'

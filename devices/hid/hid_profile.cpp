@@ -32,7 +32,9 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
   std::ifstream in(file);
   std::ostringstream text;
   text << in.rdbuf();
-  if (!in) throw DeviceError(file.string(), "it cannot be read", "check the path and its rights");
+  if (!in) {
+    throw DeviceError(file.string(), "it cannot be read", "check the path and its permissions");
+  }
   return parseHidProfile(text.str(), file.string());
 }
 
@@ -73,17 +75,16 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
       const bool taken = std::any_of(profiles.begin(), profiles.end(),
                                      [&](const HidProfile& p) { return p.name == profile.name; });
       if (taken) {
-        notes.push_back(file.string() + ": /name: another file here calls itself " + profile.name +
-                        ": give it its own");
+        notes.push_back(file.string() + ": /name: another file in this folder has the name " +
+                        profile.name + ": give this file another name");
         continue;
       }
       const bool hides = std::any_of(
           std::begin(kHidProfiles), std::end(kHidProfiles),
           [&](const auto& own) { return std::string_view(own.first) == profile.name + ".json"; });
       if (hides && file.stem() != profile.name) {
-        notes.push_back(file.string() + ": /name: it calls itself " + profile.name +
-                        ", as one of palpate's own, and is used instead: give it its own name if "
-                        "that is not meant");
+        notes.push_back(file.string() + ": /name: this file replaces palpate's own profile " +
+                        profile.name + ": give this file another name to keep both");
       }
       profiles.push_back(std::move(profile));
     } catch (const DeviceError& e) {

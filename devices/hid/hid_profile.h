@@ -1,6 +1,6 @@
 /// The profile of an arm that speaks HID: its identification, the numbers in its reports, its
 /// geometry and its limits. A profile is a JSON file (devices/hid/hid_profile.schema.json);
-/// docs/profiles.md says how to write one.
+/// docs/profiles.md describes how to write one.
 #pragma once
 
 #include <array>
@@ -90,7 +90,7 @@ struct HidButton {
 struct HidTurn {
   std::optional<std::size_t> joint;  ///< Index in HidProfile::joints; if set, `from` is unused.
   FieldRef from;                     ///< Field of its encoder: angle = value / ratio + home.
-  double ratio = 1.0;                ///< As HidJoint::ratio.
+  double ratio = 1.0;                ///< Field units per angle unit, like HidJoint::ratio.
   double home = 0.0;                 ///< Angle at field zero [rad].
   Vec3 axis = Vec3::UnitZ();         ///< Unit axis, in the frame after the turns before it.
 };
@@ -121,7 +121,7 @@ struct HidStep {
 
 inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};  ///< Names in profiles.
 
-/// An axis of a device of USB's PID class. Such a device reports neither metres nor newtons.
+/// An axis of a device of USB's PID class, which reports neither metres nor newtons.
 struct PidAxisSpec {
   int axis = 0;        ///< 0 is x: its usage in the device's descriptor, and the arm's axis.
   double way = 0.0;    ///< Travel from least to most position [m]; < 0: in the other direction.
@@ -156,16 +156,17 @@ struct HidProfile {
                                   ///< in use.
   std::vector<HidMatch> match;    ///< One match is enough.
   double input_rate = 1000.0;     ///< [Hz], from the maker.
-  double output_rate = 1000.0;    ///< Most reports sent a second [Hz]; 0: there is no output.
+  double output_rate =
+      1000.0;  ///< Largest number of sent reports per second [Hz]; 0 without an output.
   std::vector<HidReportSpec> input;     ///< At least one; if several, each has its id.
   std::optional<HidReportSpec> output;  ///< Empty: input only.
-  /// Axes of a device of USB's PID class, x before y; empty: not such a device. The device's own
+  /// Axes of a device of USB's PID class, x before y; empty for other devices. The device's own
   /// descriptor gives the rest (describedBy). Until it is known, `input` and `output` are shares of
   /// travel and force.
   std::vector<PidAxisSpec> pid;
   std::vector<HidFlag> flags;                    ///< Conditions for any force, and faults.
   std::shared_ptr<const Kinematics> kinematics;  ///< Maps joints to the tip; not null.
-  std::vector<HidJoint> joints;                  ///< As many as the kinematics has.
+  std::vector<HidJoint> joints;                  ///< One for each joint of the kinematics.
   bool home_at_open = false;  ///< When opened, the arm is in its home pose, `home` of every joint.
   std::string home_words;     ///< Describes the home pose.
   double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: off.
@@ -188,8 +189,8 @@ struct HidProfile {
 
 /// Returns palpate's own profiles and the user's in `folder`, which replace palpate's of the same
 /// name. Problems of a user's file or its name are added to `notes`, one line each. If a user's
-/// file is invalid, the profile that it would have replaced, by its name or its file's, is left out
-/// too.
+/// file is invalid, the profile that it would have replaced, by its name or its file's, is also
+/// left out.
 [[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
                                                   std::vector<std::string>& notes);
 /// Returns the folder of the user's profiles: $XDG_CONFIG_HOME/palpate/arms or

@@ -296,13 +296,17 @@ std::shared_ptr<const Kinematics> makeChain(std::span<const ChainLink> links, co
   for (const ChainLink& link : links) {
     finite = finite && std::isfinite(link.turn + link.along + link.across + link.twist);
   }
-  if (!finite) throw DeviceError("kinematics chain", "a number is not finite", "mend it");
+  if (!finite) {
+    throw DeviceError("kinematics chain", "a number is not finite", "give finite numbers");
+  }
   return std::make_shared<const Chain>(links, tip);
 }
 
 std::shared_ptr<const Kinematics> makeCapstanArm(double a, double b, double c) {
   requireLengths("capstan-arm", {b, c});
-  if (!std::isfinite(a)) throw DeviceError("kinematics capstan-arm", "a is not finite", "mend it");
+  if (!std::isfinite(a)) {
+    throw DeviceError("kinematics capstan-arm", "a is not finite", "give a finite a");
+  }
   return std::make_shared<const CapstanArm>(a, b, c);
 }
 

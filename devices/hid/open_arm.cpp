@@ -34,7 +34,7 @@ HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   }
 }
 
-/// Returns the profile of a name. Throws DeviceError if there is none.
+/// Returns the profile of a name. Throws DeviceError if no profile has that name.
 const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile>& profiles,
                            const std::vector<std::string>& notes) {
   std::vector<std::string> names;
@@ -46,20 +46,21 @@ const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile
     return note.find("/" + name + ".json: ") != std::string::npos;
   });
   if (refused) {
-    throw DeviceError("hid:" + name, "its file cannot be used as that", "mend what was said of it");
+    throw DeviceError("hid:" + name, "its file is invalid", "correct the error reported above");
   }
   std::string editions;
   for (const std::string& one : names) {
     if (one.rfind(name + "-", 0) == 0) editions += (editions.empty() ? "" : " or ") + one;
   }
   if (!editions.empty()) {
-    throw DeviceError("hid:" + name, "it may be " + editions + ", whose numbers differ",
-                      "name the one that is yours; palpate devices NAME says what it is");
+    throw DeviceError("hid:" + name, "the name fits " + editions + ", whose numbers differ",
+                      "use the name of your edition; palpate devices NAME describes one");
   }
   const std::string near = nearestName(name, names);
-  throw DeviceError("hid:" + name, "there is no profile \"" + name + "\"",
-                    near.empty() ? "palpate devices lists them; a file ends in .json"
-                                 : "did you mean \"" + near + "\"?");
+  throw DeviceError("hid:" + name, "no profile has the name \"" + name + "\"",
+                    near.empty()
+                        ? "run palpate devices for a list; the name of a file ends in .json"
+                        : "did you mean \"" + near + "\"?");
 }
 
 }  // namespace
@@ -155,7 +156,8 @@ HidProfile namedProfile(const ArmName& name, const std::function<void(const std:
 ChosenArm findArm(const std::string& name, const std::function<void(const std::string&)>& say) {
   const std::optional<ArmName> parsed = parseArmName(name);
   if (!parsed) {
-    throw DeviceError(name, "it is no arm", "write hid, hid:PROFILE or hid:PROFILE@SERIAL");
+    throw DeviceError(name, "it is not the name of an arm",
+                      "write hid, hid:PROFILE or hid:PROFILE@SERIAL");
   }
   std::string wanted = parsed->profile;
   const std::string& serial = parsed->serial;
@@ -179,7 +181,7 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
   const bool all_ours = ours == arms.begin() && !arms.empty();
   arms.erase(ours, arms.end());
   if (all_ours) {
-    throw DeviceError(name, "every arm that is plugged in is another hand's", "plug in another");
+    throw DeviceError(name, "other hands use all arms that are plugged in", "plug in another arm");
   }
   for (const FoundArm& arm : arms) {
     if (!serial.empty() && arm.identity() != serial) continue;
@@ -191,15 +193,15 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
     std::string there;
     for (const FoundArm& arm : arms)
       there += (there.empty() ? "" : ", ") + arm.nameAs(arm.profiles[0]);
-    throw DeviceError(
-        name, "no such arm is plugged in",
-        there.empty() ? "plug it in; palpate devices shows what is there" : "there is " + there);
+    throw DeviceError(name, "this arm is not plugged in",
+                      there.empty() ? "plug it in; run palpate devices for a list of arms"
+                                    : "plug it in, or use " + there);
   }
   if (choices.size() > 1) {
     std::string which;
     for (const auto& [arm, profile] : choices)
       which += (which.empty() ? "" : ", ") + arm->nameAs(*profile);
-    throw DeviceError(name, "that may be several", "name one of " + which);
+    throw DeviceError(name, "several arms match", "name one of " + which);
   }
   return {*choices[0].first, *choices[0].second};
 }
@@ -216,7 +218,9 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
   const std::string own = chosen.arm.identity();
   const ArmIdentity identity = identityOf(profile, own, !chosen.arm.serial().empty());
   if (const auto others = whoHas(device.path); !others.empty() && asked.say) {
-    asked.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
+    asked.say(fmt::format(
+        "{} is also open in {}: end one of the programs, because both would drive the arm",
+        device.path, others[0]));
   }
   HidHost host{asked};
   // The path changes when the arm comes back. Without a serial number, the device at the same port
@@ -249,14 +253,14 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
     asked.say(fmt::format("{}: {}", arm.device->info().name, arm.device->info().source));
   }
   if (asked.say && !good && profile.output) {
-    asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
-                          arm.device->info().name, kUntestedForce, kUntestedStiffness,
-                          chosen.arm.nameAs(profile)));
+    asked.say(fmt::format(
+        "{}: limited to {} N and {} N/m, because it is untested: run palpate devices --test {}",
+        arm.device->info().name, kUntestedForce, kUntestedStiffness, chosen.arm.nameAs(profile)));
   }
   if (asked.say && good && !identity.numbered) {
-    asked.say(
-        fmt::format("{}: it has no serial number: it is taken for the arm that was tested at {}",
-                    arm.device->info().name, own));
+    asked.say(fmt::format(
+        "{}: the arm has no serial number: palpate takes it for the arm that was tested at {}",
+        arm.device->info().name, own));
   }
   return arm;
 }

@@ -21,7 +21,7 @@ struct FoundArm {
   bool may_open = false;             ///< This user may open the device.
 
   /// Returns the serial number that distinguishes it from others of its kind. Empty if its firmware
-  /// gives none, or the same to all (mbed's "0123456789").
+  /// gives no number, or gives all devices the same one (mbed's "0123456789").
   [[nodiscard]] std::string serial() const;
   /// Returns the identity for names and stored tests: its serial number, or else its port. Two arms
   /// without a number that swap ports are mistaken for each other. Empty if neither is known.
@@ -39,15 +39,16 @@ struct FoundArm {
 /// The parts of `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`. An arm
 /// without a serial number has its port in that place.
 struct ArmName {
-  std::string profile;                ///< A name, or a path that ends in .json; empty: any.
-  std::string serial;                 ///< Empty: any. May have any character.
-  [[nodiscard]] bool isFile() const;  ///< True if it ends in .json, even if no such file exists.
+  std::string profile;  ///< A name, or a path that ends in .json; empty: any.
+  std::string serial;   ///< Empty: any. May have any character.
+  [[nodiscard]] bool isFile()
+      const;  ///< True if it ends in .json, even if the file does not exist.
 };
-/// Takes a name apart. Returns no value if it is not the name of an arm.
+/// Splits a name into its parts. Returns no value if it is not the name of an arm.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
 
-/// Returns the profile of a name; `hid` alone has none. Throws DeviceError if there is no profile
-/// of that name, and suggests a similar one.
+/// Returns the profile of a name; `hid` alone has none. Throws DeviceError with a similar name if
+/// no profile has that name.
 ///
 /// @param say  Receives messages about user's files that cannot be used; may be empty.
 [[nodiscard]] HidProfile namedProfile(const ArmName& name,
@@ -59,8 +60,8 @@ struct ChosenArm {
   HidProfile profile;  ///< The profile of `arm` that the name means.
 };
 
-/// Finds the arm of that name that is not yet open in this program. Throws DeviceError if none or
-/// several match, with their names and the remedy.
+/// Finds the arm of that name that is not yet open in this program. Throws DeviceError with the
+/// matching names and the remedy if no arm or several arms match.
 [[nodiscard]] ChosenArm findArm(const std::string& name,
                                 const std::function<void(const std::string&)>& say);
 

@@ -139,8 +139,8 @@ void takeInputs(const HidDescriptor& device, PidMap& map) {
 
 [[noreturn]] void refuse(const std::string& name, const char* why) {
   throw DeviceError(name, why,
-                    "see whether its firmware has constant forces by USB's PID class; a device "
-                    "with reports of its own needs a profile with \"output\"");
+                    "check that its firmware has constant forces of USB's PID class; for a device "
+                    "with reports of its own, write a profile with \"output\"");
 }
 
 }  // namespace
@@ -170,7 +170,7 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   }
   const ReportField& magnitude = constant->find(pid::kMagnitude)->at;
   if (!(magnitude.least < 0.0 && magnitude.most > 0.0)) {
-    refuse(name, "its constant force cannot pull and push");
+    refuse(name, "its constant force cannot both pull and push");
   }
   if (!operation || operation->find(pid::kIndex) == nullptr ||
       operation->choice(pid::kStart) == nullptr || operation->choice(pid::kStop) == nullptr) {
@@ -190,7 +190,7 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   });
   const bool typed = (map.effect && map.effect->choice(pid::kConstant) != nullptr) ||
                      (map.create && map.create->choice(pid::kConstant) != nullptr);
-  if (!typed) refuse(name, "nothing in its descriptor makes an effect a constant force");
+  if (!typed) refuse(name, "its descriptor cannot set the type of an effect to constant force");
   return map;
 }
 
@@ -206,7 +206,7 @@ HidProfile describedBy(const PidMap& map, HidProfile profile) {
     const std::string name = kAxisNames[static_cast<std::size_t>(axis.axis)];
     if (!input) {
       throw DeviceError(profile.source + ": /pid/axes/" + std::to_string(i),
-                        "the device says nothing of its " + name, "remove this axis");
+                        "the device does not report its " + name, "remove this axis");
     }
     const std::optional<std::uint8_t> id =
         map.numbered ? std::optional(input->report) : std::nullopt;

@@ -36,7 +36,8 @@ inline constexpr std::uint32_t kLoopCount = kPage | 0x7C;
 inline constexpr std::uint32_t kGainReport = kPage | 0x7D;
 inline constexpr std::uint32_t kDeviceGain = kPage | 0x7E;
 inline constexpr std::uint32_t kPool = kPage | 0x7F;
-inline constexpr std::uint32_t kAtOnce = kPage | 0x83;  ///< Effects played at a time.
+inline constexpr std::uint32_t kAtOnce =
+    kPage | 0x83;  ///< Largest number of effects that play at a time.
 inline constexpr std::uint32_t kBlockLoad = kPage | 0x89;
 inline constexpr std::uint32_t kLoaded = kPage | 0x8C;
 inline constexpr std::uint32_t kLoadFull = kPage | 0x8D;
@@ -102,7 +103,7 @@ struct PidMap {
 /// first ones are used.
 [[nodiscard]] PidMap readPidMap(const HidDescriptor& device, const std::string& name);
 
-/// Returns a profile of such a device (HidProfile::pid) with the fields of a real one. Inputs are
+/// Returns the profile of a PID device (HidProfile::pid) with the fields of the device. Inputs are
 /// positions as the device sends them, in counts. Each axis has 32 output bits of magnitude, in
 /// counts, from which PidPort makes reports. Throws DeviceError for an axis that the device does
 /// not have.

@@ -22,8 +22,8 @@ PidMap mapOf(const HidProfile& profile, std::span<const std::byte> descriptor) {
   const std::string name = "arm " + profile.name;
   const auto device = parseHidDescriptor(descriptor);
   if (!device) {
-    throw DeviceError(name, "the system does not show its report descriptor",
-                      "use a kernel that shows it in /sys/class/hidraw");
+    throw DeviceError(name, "the system does not provide its report descriptor",
+                      "use a kernel that provides it in /sys/class/hidraw");
   }
   return readPidMap(*device, name);
 }
@@ -80,15 +80,17 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
   const double most = passiveStiffness(known, info_.output_rate, info_.max_damping);
   info_.max_stiffness = std::min(info_.max_stiffness, most);
   traits_.stiffness = std::min(traits_.stiffness, most);
-  info_.source +=
-      "; at most " + text(most) + " N/m, by " + text(info_.output_rate) + " forces a second, " +
-      text(1e3 * delay) + " ms late, and friction of " + text(known.viscous) + " N s/m" +
-      (measured.viscous > 0.0 ? ", as measured" : ", which is a guess") + " (docs/stability.md)";
-  if (gain < 1.0) info_.source += "; untested: it is told to give a tenth of what it is asked for";
+  info_.source += "; at most " + text(most) + " N/m, from " + text(info_.output_rate) +
+                  " forces per second, a delay of " + text(1e3 * delay) + " ms and a " +
+                  (measured.viscous > 0.0 ? "measured" : "guessed") + " friction of " +
+                  text(known.viscous) + " N s/m (docs/stability.md)";
+  if (gain < 1.0) info_.source += "; untested: its gain is a tenth";
   info_.source += duration > 0.0
-                      ? "; left alone, its force ends after " + text(duration) + " s at most"
-                      : "; left alone, its force does not end: it knows no durations";
-  if (stop_.empty()) info_.source += "; no one report takes the force off: it has no guardian";
+                      ? "; without a program its force ends within " + text(duration) + " s"
+                      : "; without a program its force does not end, because it has no durations";
+  if (stop_.empty()) {
+    info_.source += "; it has no guardian, because no single report stops its force";
+  }
   for (std::size_t i = 0; i < map_.buttons.size(); ++i) {
     info_.handle.buttons.push_back("button " + std::to_string(i + 1));
   }

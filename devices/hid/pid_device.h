@@ -1,5 +1,5 @@
-/// Private to devices: an arm that is a device of USB's PID class: a stick, a wheel, a yoke with
-/// force feedback.
+/// Private to devices: an arm that is a device of USB's PID class, such as a stick, a wheel or a
+/// yoke with force feedback.
 #pragma once
 
 #include <cstddef>
@@ -17,11 +17,11 @@ namespace palpate {
 
 /// Reads and drives one to three axes of a PID device. It is a HidDevice behind a PidPort; the
 /// device's own descriptor gives the reports. An effect lasts PidPort::duration(): the force ends
-/// by itself if the host is gone. If duration() is 0 it does not: only a report ends it.
+/// by itself if the host is gone. If duration() is 0, only a report ends the force.
 ///
 /// Actuators that are switched off and lost power are Fault::kPower; an open safety switch is
-/// Fault::kSwitch. If one of them comes on or comes back, the force grows from zero as at the
-/// start.
+/// Fault::kSwitch. If actuators or power return, or the switch closes, the force grows from zero as
+/// at the start.
 class PidDevice final : public Arm {
  public:
   /// Gain of an untested device, if it has a gain field: scales every force that is sent.
@@ -33,7 +33,7 @@ class PidDevice final : public Arm {
   ///
   /// @param profile     With HidProfile::pid.
   /// @param descriptor  The device's own; a device that host.find returns has the same.
-  /// @param tested      It has passed `palpate devices --test`; else kUntestedForce,
+  /// @param tested      The arm has passed `palpate devices --test`; else kUntestedForce,
   ///                    kUntestedStiffness and kUntestedGain hold.
   PidDevice(const HidProfile& profile, std::span<const std::byte> descriptor,
             std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});

@@ -103,8 +103,8 @@ PidPort::~PidPort() {
 
 void PidPort::require(bool good, const char* what) const {
   if (!good) {
-    throw DeviceError(params_.name, std::string("it refuses ") + what,
-                      "see to its power and firmware, and whether another program has it");
+    throw DeviceError(params_.name, std::string("it rejects ") + what,
+                      "check its power and firmware, and end other programs that use it");
   }
 }
 
@@ -140,14 +140,14 @@ void PidPort::open() {
       if (effects && *effects > 0.0 && *effects < needed) {
         throw DeviceError(params_.name,
                           "it plays at most " + std::to_string(std::lround(*effects)) +
-                              " effects at once, and an axis needs one",
-                          "leave axes out of its profile");
+                              " effects at once, and each axis needs one",
+                          "remove axes from its profile");
       }
     }
   }
-  require(control(pid::kReset), "to be reset");
+  require(control(pid::kReset), "a reset");
   std::this_thread::sleep_for(std::chrono::nanoseconds(params_.settle));
-  require(control(pid::kEnable), "to have its actuators enabled");
+  require(control(pid::kEnable), "the command that enables its actuators");
   enabled_ = params_.now();
   require(sendGain(), "a gain");
   effects_.reserve(params_.axes.size());
@@ -156,20 +156,19 @@ void PidPort::open() {
     const auto next = static_cast<int>(effects_.size());
     const bool makes = map_.create && map_.load;
     if (!makes && !goodIndex(next)) {
-      throw DeviceError(params_.name, "its reports have no number for an axis' effect",
-                        "leave axes out of its profile");
+      throw DeviceError(params_.name, "its reports cannot hold the number of an axis' effect",
+                        "remove axes from its profile");
     }
     effect.index = makes ? makeEffect() : next;
     prepare(effect, axis);
     if (map_.effect) require(send(*map_.effect, effect.set), "an effect");
     require(sendMagnitude(effect, 0.0), "a magnitude");
-    require(send(map_.operation, effect.start), "to start an effect");
+    require(send(map_.operation, effect.start), "the start of an effect");
   }
   if (!(duration_ > 0.0) && stoppingReport(map_).empty()) {
-    throw DeviceError(
-        params_.name,
-        "its forces last for ever, and no one report takes them off when the program dies",
-        "use one that knows durations, or a control that stops its effects");
+    throw DeviceError(params_.name,
+                      "its forces have no end, and no single report stops them if the program dies",
+                      "use a device that has durations, or a control that stops its effects");
   }
   started_ = params_.now();
   measure();
@@ -178,7 +177,7 @@ void PidPort::open() {
 int PidPort::makeEffect() {
   Bytes create = empty(*map_.create);
   choose(*map_.create, create, pid::kConstant);
-  require(send(*map_.create, create), "to make an effect");
+  require(send(*map_.create, create), "a new effect");
   return loadedIndex();
 }
 
@@ -196,12 +195,12 @@ bool PidPort::goodIndex(double index) const noexcept {
 int PidPort::loadedIndex() {
   Bytes bytes = empty(*map_.load);
   const PidField* index = map_.load->find(pid::kIndex);
-  std::string why = "it does not say where the effect is";
+  std::string why = "it does not report the index of the effect";
   for (int ask = 0; ask < kAsks; ++ask) {
     bytes[0] = static_cast<std::byte>(map_.load->report.id);
     std::size_t size = 0;
     if (!port_->getFeature(bytes, size)) {
-      why = "it does not answer where the effect is";
+      why = "it does not answer the request for the index of the effect";
     } else {
       const auto body =
           std::span<const std::byte>(bytes).subspan(1, std::max<std::size_t>(size, 1) - 1);
@@ -214,7 +213,7 @@ int PidPort::loadedIndex() {
                           "end other programs that play effects, or plug it in again");
       }
       if (says(pid::kLoadError)) {
-        why = "it says that the effect failed";
+        why = "it reports that the effect failed";
         break;
       }
       // If the report cannot show success, the index must suffice.
@@ -224,13 +223,13 @@ int PidPort::loadedIndex() {
       // An answer with the index of an earlier effect is outdated.
       if (loaded && at) {
         why = "it has given the effect the index " + std::to_string(std::llround(*at)) +
-              (*at >= 1.0 ? ", which another has, or which it cannot be told" : "");
+              (*at >= 1.0 ? ", which another effect has or its reports cannot hold" : "");
       }
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(params_.settle > 0 ? 1 : 0));
   }
-  throw DeviceError(params_.name, "it makes no constant force: " + why,
-                    "plug it in again; where that does not help, see to its firmware");
+  throw DeviceError(params_.name, "it cannot create a constant force: " + why,
+                    "plug it in again; if that does not help, check its firmware");
 }
 
 void PidPort::prepare(Effect& effect, int axis) {
@@ -261,7 +260,7 @@ void PidPort::prepare(Effect& effect, int axis) {
     if (duration_ > kMostDuration) {
       throw DeviceError(params_.name,
                         "its shortest effect lasts " + std::to_string(duration_) + " s",
-                        "use one whose force ends soon where its program does");
+                        "use a device whose force ends soon after its program");
     }
   }
   putNone(report, effect.set, pid::kTriggerButton);

@@ -25,9 +25,9 @@ struct PidState {
   static constexpr std::uint32_t kSafety = 4;
   std::atomic<std::uint32_t> now{0};      ///< Bits as last reported.
   std::atomic<std::uint32_t> ever{0};     ///< Bits that were ever set since the opening.
-  std::atomic<std::uint32_t> buttons{0};  ///< As Handle::buttons.
-  /// Returns the bits that were set and are not any more. Bits that were never set have no meaning:
-  /// firmware leaves bits at 0 that it does not know.
+  std::atomic<std::uint32_t> buttons{0};  ///< Pressed buttons, like Handle::buttons.
+  /// Returns the bits that were set and are no longer set. Bits that were never set have no
+  /// meaning: firmware leaves bits at 0 that it does not know.
   [[nodiscard]] std::uint32_t fallen() const noexcept { return ever & ~now; }
 };
 
@@ -54,7 +54,7 @@ class PidPort final : public ReportPort {
   /// Resets the device, enables it, sets its gain, makes an effect for each axis and starts all
   /// effects with magnitude 0. Slow. Throws DeviceError, after undoing the steps already done.
   ///
-  /// @param map    Outlives it; so does `state`.
+  /// @param map    Must outlive this object; so must `state`.
   PidPort(const PidMap& map, PidParams params, std::unique_ptr<ReportPort> port, PidState& state);
   /// Sets magnitudes to 0; stops and frees the effects, stops all, disables the actuators.
   ~PidPort() override;
@@ -88,7 +88,7 @@ class PidPort final : public ReportPort {
   void open();
   void undo() noexcept;
   [[nodiscard]] bool sendGain() noexcept;
-  /// Whether no other effect has this index, and the reports can carry it.
+  /// Returns true if no other effect has this index and the reports can carry it.
   [[nodiscard]] bool goodIndex(double index) const noexcept;
   [[nodiscard]] int makeEffect();
   [[nodiscard]] int loadedIndex();
@@ -112,8 +112,8 @@ class PidPort final : public ReportPort {
   std::int64_t enabled_ = 0;  ///< Last time the actuators were enabled [ns].
 };
 
-/// Returns the one report that takes the force off a device, its number first. Empty if write()
-/// takes no such report.
+/// Returns the single report, its number first, that takes the force off a device. Empty if write()
+/// cannot send it.
 [[nodiscard]] std::vector<std::byte> stoppingReport(const PidMap& map);
 
 }  // namespace palpate

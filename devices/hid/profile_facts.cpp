@@ -193,7 +193,7 @@ std::vector<double> rawAtHome(const HidProfile& profile) {
 double jointAt(const HidProfile& profile, std::size_t joint, double raw, double home_raw) noexcept {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];
-  // At home a joint has its `home`, whatever the raw value of its field.
+  // At home a joint has its `home`, independent of the raw value of its field.
   const double value =
       profile.home_at_open ? field.scale * (raw - home_raw) : field.scale * raw + field.offset;
   return value / of.ratio + of.home;

@@ -30,7 +30,7 @@ struct ProfileFacts {
                       ///< and the members below are for home.
   double step = 0.0;  ///< Travel of the tip for one count of every joint with an integer field
                       ///< [m]; twice the largest error of a position there.
-  std::vector<MotorFact> motors;  ///< For joints that have one, in their order.
+  std::vector<MotorFact> motors;  ///< For joints with a motor, in their order.
   Vec3 carried_W = Vec3::Zero();  ///< Force of its motors at the tip to carry its masses [N].
   /// Project onto directions of the hand's world, taken over poses around the middle: those in
   /// which the joints move the tip, and those in which the motors push it. For most arms these are

@@ -19,7 +19,7 @@ constexpr double kMostMass = 5.0;       // [kg]
 constexpr double kMostHeating = 1e4;    // [s]
 constexpr double kLeastHeating = 0.1;   // [s]
 constexpr double kMostStale = 2.0;      // [s]: an older switch state is not reliable
-constexpr double kLongestStep = 600.0;  // [s]
+constexpr double kMostSeconds = 600.0;  // [s]
 constexpr int kMostBytes = 1024;        // of a report
 constexpr std::size_t kMostFlags = 1024;
 constexpr std::size_t kMostReports = 16;
@@ -45,7 +45,7 @@ JsonType<Vec3> placeType() {
 /// Numbers of a device are written in hexadecimal, as is usual: "16C0".
 JsonType<std::uint16_t> hexType() {
   return jsonMatching("^(0[xX])?[0-9A-Fa-f]{1,4}$", "it is not a hexadecimal number of 16 bits",
-                      "write it as lsusb does, as \"16C0\"")
+                      "write it as lsusb prints it, such as \"16C0\"")
       .as<std::uint16_t>([](const std::string& text) {
         const std::size_t begin = text.size() > 2 && (text[1] == 'x' || text[1] == 'X') ? 2 : 0;
         std::uint16_t value = 0;
@@ -68,31 +68,32 @@ JsonType<FileField> fieldType() {
   return JsonObject<FileField>()
       .need("bit",
             jsonWhole(0, 8 * kMostBytes - 1)
-                .says("Its lowest bit, from the first byte after the report's number."),
+                .says("Lowest bit of the field, counted from the first byte after the report's "
+                      "number."),
             &FileField::bit)
       .need("bits", jsonWhole(1, 32), &FileField::bits)
       .may("type",
            jsonWord<Type>(
                {{"unsigned", Type::kUnsigned}, {"signed", Type::kSigned}, {"float", Type::kFloat}})
-               .says("Default signed; of one bit unsigned."),
+               .says("Type of the number. The default is \"signed\"; for a field of one bit it is "
+                     "\"unsigned\"."),
            &FileField::type)
       .may("big_endian", jsonFlag(), &FileField::big_endian)
       .may("scale",
            jsonNumber()
                .where([](double scale) { return scale != 0.0; }, "it is 0",
-                      "write what one count is")
+                      "write the value of one count")
                .also({{"not", {{"const", 0}}}})
-               .says("value = scale * raw + offset; of what is sent, raw = scale * value + "
-                     "offset."),
+               .says("Scale of the field. For an input, value = scale * raw + offset; for an "
+                     "output, raw = scale * value + offset."),
            &FileField::scale)
       .may("offset", jsonNumber(), &FileField::offset)
-      .may("least", jsonNumber().says("Raw, of what is sent."), &FileField::least)
+      .may("least", jsonNumber().says("Least raw value of an output."), &FileField::least)
       .may("most", jsonNumber(), &FileField::most)
-      .may("wraps", jsonFlag().says("A counter that begins anew beyond its bits."),
-           &FileField::wraps)
+      .may("wraps", jsonFlag().says("If true, the counter wraps around."), &FileField::wraps)
       .may("rest",
-           jsonNumber().says("Raw, of what is sent and no motor's: what stands in it where no step "
-                             "sends anything else. Default 0."),
+           jsonNumber().says("Raw value of an output that drives no motor, in reports for which no "
+                             "step gives another value. The default is 0."),
            &FileField::rest)
       .type();
 }
@@ -108,12 +109,13 @@ JsonObject<FileReport> reportRows(const JsonType<FileField>& field) {
 JsonType<FileReport> inputType(const JsonType<FileField>& field) {
   return reportRows(field)
       .may("sequence",
-           jsonText().says("The field that counts readings of the encoders; one that has the same "
-                           "number again is the last report, sent again."),
+           jsonText().says("Name of the field that counts readings of the encoders. A report with "
+                           "an unchanged count repeats the last report."),
            &FileReport::sequence)
       .may("stale",
            jsonPositiveUpTo(kMostStale, "seconds")
-               .says("For so long the flags in it are believed [s]. Default: as limits/stale."),
+               .says("Longest time for which a flag in the report is valid [s]. The default is "
+                     "limits/stale."),
            &FileReport::stale)
       .type();
 }
@@ -140,34 +142,35 @@ auto to(double HidJoint::*member) {
 
 JsonType<FileJoint> jointType() {
   constexpr const char* kMotor = "a motor and its torque constant belong together";
-  constexpr const char* kHeat = "what a motor holds for ever and its heating time belong together";
+  constexpr const char* kHeat = "a motor's continuous limit and its heating time belong together";
   constexpr const char* kBoth = "give both or none";
   const JsonType<double> heating =
       jsonPositiveUpTo(kMostHeating, "seconds")
           .where([](double value) { return value >= kLeastHeating; },
-                 "less than 0.1 s: no winding heats as fast", "write it in seconds")
+                 "it is less than 0.1 s, and no winding heats so fast", "write it in seconds")
           .also({{"minimum", kLeastHeating}});
   return JsonObject<FileJoint>()
       .need("from", jsonName(), &FileJoint::from)
       .may("ratio",
            jsonNumber()
                .where([](double ratio) { return ratio != 0.0; }, "it is 0",
-                      "write the encoder's radians a joint radian, 1 without gear")
+                      "write encoder radians per joint radian: 1 without a gear")
                .also({{"not", {{"const", 0}}}})
-               .says("Encoder radians a joint radian; negative where it turns the other way."),
+               .says("Encoder radians per joint radian, negative for opposite directions."),
            to(&HidJoint::ratio))
       .may("home",
            jsonUpTo(kMostAngle, "radians")
-               .says("The joint where the field is zero, or the arm at home [rad]; of a slide "
-                     "[m]."),
+               .says("Position of the joint where the field is zero or the arm is at home [rad; "
+                     "for a sliding joint m]."),
            to(&HidJoint::home))
       .may("motor", jsonName(), &FileJoint::motor)
-      .may("torque_constant", jsonPositive().says("[N m] a unit of the output: an ampere."),
+      .may("torque_constant", jsonPositive().says("Torque per unit of the output [N m]."),
            to(&HidJoint::torque_constant))
       .may("continuous",
-           jsonPositive().says("What the motor holds for ever, in units of the output: amperes."),
+           jsonPositive().says("Output that the motor can hold indefinitely, in units of the "
+                               "output, usually amperes."),
            to(&HidJoint::continuous))
-      .may("heating", heating.says("[s], the time constant of its winding's heat."),
+      .may("heating", heating.says("Thermal time constant of the motor's winding [s]."),
            to(&HidJoint::heating))
       .needs("motor", "torque_constant", kMotor, kBoth)
       .needs("torque_constant", "motor", kMotor, kBoth)
@@ -181,10 +184,11 @@ JsonType<ChainLink> linkType() {
   const JsonType<double> angle = jsonUpTo(kMostAngle, "radians");
   const JsonType<double> length = jsonUpTo(kMostLength, "metres");
   return JsonObject<ChainLink>()
-      .may("turn", angle.says("About z, added to the joint [rad]."), &ChainLink::turn)
-      .may("along", length.says("Along z [m]."), &ChainLink::along)
-      .may("across", length.says("Along the new x [m]."), &ChainLink::across)
-      .may("twist", angle.says("About it [rad]."), &ChainLink::twist)
+      .may("turn", angle.says("Rotation about z, which is added to the joint's angle [rad]."),
+           &ChainLink::turn)
+      .may("along", length.says("Displacement along z [m]."), &ChainLink::along)
+      .may("across", length.says("Displacement along the new x [m]."), &ChainLink::across)
+      .may("twist", angle.says("Rotation about the new x [rad]."), &ChainLink::twist)
       .type();
 }
 
@@ -202,72 +206,85 @@ Rows kinematicsRows(const JsonType<FileJoint>& joint) {
                          auto make) {
     return Rows()
         .always([make](ProfileFile& file) { file.model = make; })
-        .need("joints", jsonList(joint, least, most, why, "give each of the model's").says(says),
+        .need("joints",
+              jsonList(joint, least, most, why, "give one for each joint of the model").says(says),
               [](ProfileFile& file, std::vector<FileJoint> joints) {
                 file.joints = std::move(joints);
               });
   };
   constexpr const char* kThree = "it is not a list of 3 joints";
-  const JsonType<double> length = lengthType().says("[m]");
+  const JsonType<double> length = lengthType();
   using G = FileGeometry;
   return Rows()
       .choose(
           "model",
-          {{"cartesian", model(3, 3, kThree, "Three slides: x, y, z [m].",
+          {{"cartesian", model(3, 3, kThree, "Three sliding joints: x, y, z [m].",
                                [](const G&) { return makeCartesian(); })},
            {"chain",
-            model(3, kMostJoints, "it is not a list of 3 to 6 joints", "In the order of the links.",
+            model(3, kMostJoints, "it is not a list of 3 to 6 joints",
+                  "Joints, in the order of the links.",
                   [](const G& g) { return makeChain(g.links, g.tip); })
                 .need("links",
                       jsonList(linkType(), 3, kMostJoints, "it is not a list of 3 to 6 links",
                                "write [{...}, ...]")
-                          .says("Of turning joints, by Denavit and Hartenberg."),
+                          .says("Links between turning joints, with the parameters of Denavit and "
+                                "Hartenberg."),
                       to(&G::links))
-                .may("tip", placeType().says("In the last link's frame [m]."), to(&G::tip))},
+                .may("tip", placeType().says("Position of the tip in the last link's frame [m]."),
+                     to(&G::tip))},
            {"capstan-arm",
             model(3, 3, kThree,
-                  "A, B, C: x = cos A (b sin B + c sin C), y = sin A (b sin B + c sin C), z = "
-                  "a + b cos B - c cos C.",
+                  "Angles A, B, C. The tip is at x = cos A (b sin B + c sin C), y = sin A (b sin B "
+                  "+ c sin C), z = a + b cos B - c cos C.",
                   [](const G& g) { return makeCapstanArm(g.a, g.b, g.c); })
-                .need("a", jsonUpTo(kMostLength, "metres").says("[m]"), to(&G::a))
-                .need("b", length, to(&G::b))
-                .need("c", length, to(&G::c))},
-           {"pantograph",
-            model(2, 2, "it is not a list of 2 joints",
-                  "Five bars in a plane: motors at (0, 0) and (-base, 0).",
-                  [](const G& g) { return makePantograph(g.lengths, g.base); })
-                .need("lengths",
-                      jsonNumbers<4>(lengthType())
-                          .says("[m], in turn from the motor at (0, 0) round to that at "
-                                "(-base, 0)."),
-                      to(&G::lengths))
-                .need("base", jsonNotNegativeUpTo(kMostLength, "metres").says("[m]"),
-                      to(&G::base))},
-           {"delta", model(3, 3, kThree, "Clavel's: three motors on a circle, the tip below.",
-                           [](const G& g) { return makeDelta(g.base, g.plate, g.upper, g.fore); })
-                         .need("base", length, to(&G::base))
-                         .need("plate", length, to(&G::plate))
-                         .need("upper", length, to(&G::upper))
-                         .need("fore", length, to(&G::fore))}})
+                .need("a",
+                      jsonUpTo(kMostLength, "metres")
+                          .says("Length a in the position of the tip [m]."),
+                      to(&G::a))
+                .need("b", length.says("Length b of the upper link [m]."), to(&G::b))
+                .need("c", length.says("Length c of the lower link [m]."), to(&G::c))},
+           {"pantograph", model(2, 2, "it is not a list of 2 joints",
+                                "Angles of the two bars at the motors, in a plane. The motors are "
+                                "at (0, 0) and (-base, 0).",
+                                [](const G& g) { return makePantograph(g.lengths, g.base); })
+                              .need("lengths",
+                                    jsonNumbers<4>(lengthType())
+                                        .says("Lengths of the four bars, in order from the motor "
+                                              "at (0, 0) to the motor at (-base, 0) [m]."),
+                                    to(&G::lengths))
+                              .need("base",
+                                    jsonNotNegativeUpTo(kMostLength, "metres")
+                                        .says("Distance between the motors [m]."),
+                                    to(&G::base))},
+           {"delta",
+            model(3, 3, kThree,
+                  "Angles of the three upper arms of Clavel's delta robot. The motors are on a "
+                  "circle, and the tip is below them.",
+                  [](const G& g) { return makeDelta(g.base, g.plate, g.upper, g.fore); })
+                .need("base", length.says("Distance of the motors from the axis [m]."),
+                      to(&G::base))
+                .need("plate", length.says("Radius of the plate's joints [m]."), to(&G::plate))
+                .need("upper", length.says("Length of the upper arms [m]."), to(&G::upper))
+                .need("fore", length.says("Length of the forearms [m]."), to(&G::fore))}})
       .may("home_at_open", jsonFlag(),
            [](ProfileFile& file, bool flag) { file.profile.home_at_open = flag; })
       .may("home_words", jsonText(),
            [](ProfileFile& file, std::string words) { file.profile.home_words = std::move(words); })
-      .may("rate_control", jsonPositive().says("[m/s] at 1: the arm's position is a velocity."),
+      .may("rate_control", jsonPositive().says("Speed per unit of position [m/s]."),
            [](ProfileFile& file, double speed) { file.profile.rate_control = speed; });
 }
 
 JsonType<HidMass> massType() {
   return JsonObject<HidMass>()
-      .need("mass", jsonPositiveUpTo(kMostMass, "kilograms").says("[kg]"), &HidMass::mass)
+      .need("mass", jsonPositiveUpTo(kMostMass, "kilograms").says("Mass [kg]."), &HidMass::mass)
       .may("link",
            jsonWhole(0, static_cast<int>(kMostJoints) - 1)
-               .says("The link that it is fixed to, from the base, 0 the first; none: it is at the "
-                     "tip."),
+               .says("Index of the link that holds the mass, counted from the base, from 0. "
+                     "Without a link the mass is at the tip."),
            &HidMass::link)
-      .may("centre", placeType().says("In the link's frame [m]: docs/profiles.md."),
-           &HidMass::centre)
-      .needs("centre", "link", "of no link", "add \"link\"; without both it is at the tip")
+      .may("centre", placeType().says("Centre in the link's frame [m]."), &HidMass::centre)
+      .needs("centre", "link", "a centre needs a link",
+             "add \"link\", or remove \"centre\": the mass is then at the tip")
       .type();
 }
 
@@ -277,10 +294,9 @@ Rows gravityRows() {
       .may("down",
            jsonNumbers<3>()
                .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
-               .where([](const Vec3& down) { return isLength(down.norm()); }, "it is no direction",
-                      "write [0, 0, -1]")
-               .says("Where masses fall to, in the arm's frame; [0, 0, -1] where nothing is "
-                     "said."),
+               .where([](const Vec3& down) { return isLength(down.norm()); },
+                      "it is not a direction", "write [0, 0, -1]")
+               .says("Direction of gravity in the arm's frame. The default is [0, 0, -1]."),
            [](ProfileFile& file, const Vec3& down) { file.profile.down_D = down.normalized(); })
       .need("masses",
             jsonList(massType(), 0, kMostMasses, "it is not a list of at most 16 masses",
@@ -301,9 +317,9 @@ JsonObject<FileTurn> encoderRows(const char* unit) {
       .may("ratio",
            jsonNumber()
                .where([](double ratio) { return ratio != 0.0; }, "it is 0",
-                      "write the encoder's radians a radian, 1 without gear")
+                      "write encoder radians per radian: 1 without a gear")
                .also({{"not", {{"const", 0}}}})
-               .says("Encoder radians a radian; negative where it turns the other way."),
+               .says("Encoder radians per radian, negative for opposite directions."),
            to(&HidTurn::ratio))
       .may("home", jsonUpTo(kMostAngle, "radians").says(unit), to(&HidTurn::home));
 }
@@ -312,7 +328,7 @@ JsonObject<FileTurn> jointRows() {
   return JsonObject<FileTurn>().need(
       "joint",
       jsonWhole(0, static_cast<int>(kMostJoints) - 1)
-          .says("One of the kinematics' joints that turns it, 0 the first."),
+          .says("Index of the joint in \"kinematics\" that turns the handle, from 0."),
       [](FileTurn& turn, int joint) { turn.turn.joint = static_cast<std::size_t>(joint); });
 }
 
@@ -321,9 +337,9 @@ JsonObject<FileTurn> axisRows(JsonObject<FileTurn> rows) {
                    jsonNumbers<3>()
                        .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
                        .where([](const Vec3& axis) { return isLength(axis.norm()); },
-                              "it is no direction", "write [0, 0, 1]")
-                       .says("It turns about this, in the frame that the turns before it leave; "
-                             "the first in the arm's."),
+                              "it is not a direction", "write [0, 0, 1]")
+                       .says("Axis of the rotation, in the frame after the rotations before it. "
+                             "The first axis is in the arm's frame."),
                    [](FileTurn& turn, const Vec3& axis) { turn.turn.axis = axis.normalized(); });
 }
 
@@ -333,13 +349,13 @@ Rows handleRows() {
           .need("name", jsonName(),
                 [](FileButton& to, std::string name) { to.button.name = std::move(name); })
           .need("field", jsonName(), &FileButton::field)
-          .may("equals", jsonNumber().says("Raw, while it is pressed; default 1."),
+          .may("equals", jsonNumber().says("Raw value of a pressed button. The default is 1."),
                [](FileButton& to, double equals) { to.button.equals = equals; })
           .type();
   const JsonType<FileTurn> turn =
       JsonObject<FileTurn>()
-          .chooseByKey(
-              {axisRows(jointRows()), axisRows(encoderRows("[rad] where the field is 0."))})
+          .chooseByKey({axisRows(jointRows()),
+                        axisRows(encoderRows("Angle at which the field is 0 [rad]."))})
           .type();
   return Rows()
       .may("buttons",
@@ -349,23 +365,22 @@ Rows handleRows() {
       .may("orientation",
            jsonList(turn, 1, 2 * kMostJoints, "it is not a list of 1 to 12 turns",
                     "write [{\"joint\": 0, \"axis\": [0, 0, 1]}, ...]")
-               .says("How the handle is held: turns from the arm's frame to its own, in turn."),
+               .says("Orientation of the handle: rotations from the arm's frame to the handle's "
+                     "frame, in order."),
            &ProfileFile::orientation)
-      .may("gripper", encoderRows("How far it is open where the field is 0 [rad].").type(),
+      .may("gripper", encoderRows("Opening angle at which the field is 0 [rad].").type(),
            &ProfileFile::gripper);
 }
 
 Rows mountRows() {
   return Rows()
-      .may("origin",
-           placeType().says("Of the arm's frame, the point that is the middle of the hand's world "
-                            "[m]."),
+      .may("origin", placeType().says("The origin of the hand's world, in the arm's frame [m]."),
            [](ProfileFile& file, const Vec3& origin) { file.profile.origin_D = origin; })
       .may("rotation_wxyz",
            jsonNumbers<4>()
                .where([](const auto& q) { return isLength(Eigen::Vector4d(q.data()).norm()); },
-                      "it is no rotation", "give w, x, y, z, as [1, 0, 0, 0]")
-               .says("A quaternion that turns the arm's frame into the world's."),
+                      "it is not a rotation", "give w, x, y, z, such as [1, 0, 0, 0]")
+               .says("The quaternion that turns the arm's frame into the world's frame."),
            &ProfileFile::rotation_wxyz);
 }
 
@@ -373,7 +388,7 @@ JsonType<FileStep> stepType() {
   using Kind = HidStep::Kind;
   const auto kind = [](Kind value) { return [value](FileStep& step) { step.step.kind = value; }; };
   const JsonType<double> seconds =
-      jsonPositiveUpTo(kLongestStep, "it is longer than 600 s", "use less");
+      jsonPositiveUpTo(kMostSeconds, "it is longer than 600 s", "use less");
   const auto put_seconds = [](FileStep& step, double value) { step.step.seconds = value; };
   const JsonObject<FileStep> wait =
       JsonObject<FileStep>()
@@ -385,18 +400,20 @@ JsonType<FileStep> stepType() {
                [](FileStep& step, std::string words) { step.step.words = std::move(words); });
   const JsonType<std::vector<int>> bytes =
       jsonList(jsonWhole(0, 255), 1, kMostBytes, "it is not a list of bytes",
-               "write its number first, as [3, 0, 1]");
+               "write the report's number first, such as [3, 0, 1]");
   return JsonObject<FileStep>()
       .chooseByKey(
           {JsonObject<FileStep>()
                .always(kind(Kind::kSend))
                .need("send",
                      jsonMap(jsonNumber(), 0, "it is not an object", "write {\"field\": number}")
-                         .says("Output fields, raw, for this report; the others rest."),
+                         .says("Raw values of output fields in one report. Other fields have their "
+                               "value \"rest\"."),
                      &FileStep::send),
            JsonObject<FileStep>()
                .always(kind(Kind::kWait))
-               .mustHold("wait", wait, "Until an input field has this value, at most so long [s]."),
+               .mustHold("wait", wait,
+                         "Waits until an input field has this value, for at most this time [s]."),
            JsonObject<FileStep>().always(kind(Kind::kPause)).need("pause", seconds, put_seconds),
            JsonObject<FileStep>()
                .always(kind(Kind::kFeature))
@@ -413,24 +430,35 @@ JsonObject<HidLimits> limitsRows() {
   constexpr const char* kHeat = "a continuous force and its heating time belong together";
   constexpr const char* kBoth = "give both or none";
   return JsonObject<HidLimits>()
-      .need("force", jsonPositiveUpTo(kMostForce, "newtons").says("[N]"), &HidLimits::force)
-      .need("stiffness", jsonPositiveUpTo(kMostStiffness, "N/m").says("[N/m]"),
+      .need("force", jsonPositiveUpTo(kMostForce, "newtons").says("Largest force at the tip [N]."),
+            &HidLimits::force)
+      .need("stiffness",
+            jsonPositiveUpTo(kMostStiffness, "N/m")
+                .says("Largest stiffness that the arm renders stably [N/m]."),
             &HidLimits::stiffness)
-      .need("damping", jsonNotNegativeUpTo(kMostDamping, "N s/m").says("[N s/m]"),
+      .need("damping",
+            jsonNotNegativeUpTo(kMostDamping, "N s/m")
+                .says("Largest damping that the arm renders stably [N s/m]."),
             &HidLimits::damping)
       .need("workspace_radius",
-            lengthType().says("[m], about the middle of the hand's world: scenes are fitted into "
-                              "it."),
+            lengthType().says("Radius of the workspace about the origin of the hand's world [m]. "
+                              "Scenes are fitted into it."),
             &HidLimits::workspace_radius)
-      .may("slew", jsonPositiveUpTo(kMostSlew, "N/s").says("[N/s], default 2000."),
+      .may("slew",
+           jsonPositiveUpTo(kMostSlew, "N/s")
+               .says("Largest growth of the force [N/s]. The default is 2000."),
            &HidLimits::slew)
-      .may("stale", jsonPositive().says("[s], default 0.05: an older position cuts the force."),
+      .may("stale",
+           jsonPositive().says(
+               "Age of a position at which the force is cut [s]. The default is 0.05."),
            &HidLimits::stale)
-      .may("speed", jsonPositive().says("[m/s], default 3: braked above, cut where it stays so."),
+      .may("speed",
+           jsonPositive().says("Largest speed [m/s]. Above it the loop brakes the arm; if the "
+                               "speed stays above it, the loop cuts the force. The default is 3."),
            &HidLimits::speed)
-      .may("continuous", jsonPositive().says("[N] that the motors hold for ever."),
+      .may("continuous", jsonPositive().says("Force that the motors can hold indefinitely [N]."),
            &HidLimits::continuous)
-      .may("heating", jsonPositive().says("[s], the time constant of their heat."),
+      .may("heating", jsonPositive().says("Thermal time constant of the motors [s]."),
            &HidLimits::heating)
       .needs("continuous", "heating", kHeat, kBoth)
       .needs("heating", "continuous", kHeat, kBoth);
@@ -441,23 +469,24 @@ JsonType<PidAxisSpec> pidAxisType() {
   const auto not_zero = [](double value) { return value != 0.0; };
   const JsonSchema no_zero = {{"not", {{"const", 0}}}};
   return JsonObject<PidAxisSpec>()
-      .need("axis",
-            jsonWord<int>({{"x", 0}, {"y", 1}, {"z", 2}})
-                .says("Its usage in the device's own descriptor, and the arm's axis."),
-            &PidAxisSpec::axis)
+      .need(
+          "axis",
+          jsonWord<int>({{"x", 0}, {"y", 1}, {"z", 2}})
+              .says("Axis of the arm, which is also the axis's usage in the device's descriptor."),
+          &PidAxisSpec::axis)
       .need("way",
             jsonUpTo(kMostLength, "metres")
-                .where(not_zero, "it is 0", "measure how far the grip goes")
+                .where(not_zero, "it is 0", "measure the travel of the grip")
                 .also(no_zero)
-                .says("How far the grip goes from the least position to the most [m]; negative "
-                      "where it goes the other way."),
+                .says("Travel of the grip from the least position to the most [m]. A negative "
+                      "travel means the opposite direction."),
             &PidAxisSpec::way)
       .need("force",
             jsonUpTo(kMostForce, "newtons")
                 .where(not_zero, "it is 0", "measure its force at the grip")
                 .also(no_zero)
-                .says("At the grip at full magnitude and gain [N]; negative where it pushes the "
-                      "other way."),
+                .says("Force at the grip at full magnitude and gain [N]. A negative force means "
+                      "the opposite direction."),
             &PidAxisSpec::force)
       .type();
 }
@@ -491,10 +520,10 @@ const Table& table() {
                 jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
                 &ProfileFile::flags)
             .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
-                      "From joints to the tip.")
-            .mayHold("gravity", gravityRows(), "What the arm's motors carry of its own weight.")
+                      "Position of the tip from the joints.")
+            .mayHold("gravity", gravityRows(), "Masses that the motors carry.")
             .mayHold("handle", handleRows(),
-                     "What the application is told beside where the tip is.")
+                     "Handle inputs that the application receives beside the tip's position.")
             .may("open", steps(), &ProfileFile::open)
             .may("home", steps(), &ProfileFile::home)
             .may("close", steps(), &ProfileFile::close)
@@ -510,7 +539,7 @@ const Table& table() {
     const Rows pid =
         Rows()
             .mustHold("pid", pid_rows,
-                      "A device of USB's PID class, which describes its reports itself.")
+                      "A device of USB's PID class. Its descriptor describes its reports.")
             .need("limits", limitsRows().type(), limits);
     t.profile.remark("$schema")
         .version("palpate_arm", 1, "Version of this format.")
@@ -536,8 +565,8 @@ const Table& table() {
                             [](ProfileFile& file, double rate) { file.profile.input_rate = rate; })
                       .may("output", jsonPositive(),
                            [](ProfileFile& file, double rate) { file.profile.output_rate = rate; }),
-                  "Reports a second, as the maker says.")
-        .mayHold("mount", mountRows(), "How the arm's frame lies in the hand's world.")
+                  "Reports per second, from the maker's data sheet.")
+        .mayHold("mount", mountRows(), "Pose of the arm's frame in the hand's world.")
         .may("sources", jsonMap(jsonText(), 0, "it is not an object", "write {\"/limits\": ...}"),
              [](ProfileFile& file, std::map<std::string, std::string> sources) {
                file.profile.sources = std::move(sources);
@@ -556,8 +585,8 @@ const JsonObject<ProfileFile>& profileTable() {
 
 JsonSchema profileTableSchema() {
   return jsonFileSchema("palpate arm, version 1",
-                        "A force-feedback arm that speaks HID: how it is found, its reports, "
-                        "geometry and limits. docs/profiles.md.",
+                        "A force-feedback arm that speaks HID: its identity, reports, geometry and "
+                        "limits. See docs/profiles.md.",
                         table().profile.schema(), table().definitions);
 }
 

@@ -1,5 +1,5 @@
 /// Private to devices: the format of an arm's profile as a table (json_table.h): shapes, ranges and
-/// units. check_profile.cpp checks whether its parts agree.
+/// units. check_profile.cpp and check_consistency.cpp check whether its parts agree.
 #pragma once
 
 #include <array>

@@ -43,7 +43,7 @@ const JsonNode& JsonNode::object(const std::vector<std::string>& keys,
     if (std::find(also.begin(), also.end(), key) != also.end()) continue;
     const std::string near = nearestName(key, keys);
     child(key).fail("unknown key",
-                    near.empty() ? "known are " + listed(keys) : "did you mean \"" + near + "\"?");
+                    near.empty() ? "use one of " + listed(keys) : "did you mean \"" + near + "\"?");
   }
   return *this;
 }
@@ -96,7 +96,7 @@ int JsonNode::whole(int least, int most) const {
   const double value = number();
   if (value != std::floor(value) || value < least || value > most) {
     fail(fmt::format("{} is not a whole number from {} to {}", json_->dump(), least, most),
-         "write one");
+         "write a whole number in this range");
   }
   return static_cast<int>(value);
 }
@@ -115,7 +115,7 @@ Json parseJson(const std::string& text, const std::string& source, JsonRaise rai
   std::string twice;
   const Json::parser_callback_t watch = [&](int depth, Json::parse_event_t event, Json& value) {
     if (depth > 64) {
-      raise(source, "it is nested deeper than 64 levels", "a few suffice");
+      raise(source, "it is nested deeper than 64 levels", "use fewer levels");
     }
     if (event == Json::parse_event_t::object_start) open.emplace_back();
     if (event == Json::parse_event_t::object_end) open.pop_back();
@@ -132,10 +132,10 @@ Json parseJson(const std::string& text, const std::string& source, JsonRaise rai
     const auto bracket = why.find("] ");
     if (bracket != std::string::npos) why.erase(0, bracket + 2);
     std::replace(why.begin(), why.end(), '\n', ' ');
-    raise(source, "it is not valid JSON (" + why + ")", "mend the syntax there");
+    raise(source, "it is not valid JSON (" + why + ")", "correct the syntax there");
   }
   if (!twice.empty()) {
-    raise(source, "the key \"" + twice + "\" stands twice in one object", "remove one of them");
+    raise(source, "the key \"" + twice + "\" occurs twice in one object", "remove one of them");
   }
   return json;
 }

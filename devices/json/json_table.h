@@ -110,7 +110,7 @@ template <std::size_t N>
   return type;
 }
 
-/// One of these words.
+/// A text that is one of these words.
 template <class T>
 [[nodiscard]] JsonType<T> jsonWord(std::vector<std::pair<const char*, T>> words) {
   JsonSchema names = JsonSchema::array();
@@ -118,7 +118,7 @@ template <class T>
   return {{{"enum", names}},
           [words = std::move(words)](const JsonNode& node) { return node.word<T>(words); }};
 }
-/// One of these values, by the words of wordFor().
+/// A value of this enum, as its word of wordFor().
 template <class T>
 [[nodiscard]] JsonType<T> jsonWordOf(std::initializer_list<T> values) {
   std::vector<std::pair<const char*, T>> words;
@@ -209,8 +209,9 @@ class JsonObject {
                      true,
                      [number](const JsonNode& node, Spec&) {
                        if (node.number() == number) return;
-                       node.fail(node.json().dump() + " is a version this program does not know",
-                                 "write " + std::to_string(number));
+                       node.fail(
+                           node.json().dump() + " is a version that this program does not support",
+                           "write " + std::to_string(number));
                      }});
     return *this;
   }
@@ -283,7 +284,7 @@ class JsonObject {
       const bool known =
           std::any_of(chosen.begin(), chosen.end(),
                       [&key = key](const auto* object) { return object->holds(key); });
-      if (!known) node.child(key).fail(words + " has no such key", "remove it");
+      if (!known) node.child(key).fail(words + " does not have this key", "remove it");
     }
     for (const JsonObject* object : chosen) object->readRows(node, spec);
   }
@@ -390,7 +391,7 @@ class JsonObject {
       found = &choice;
       ++count;
     }
-    if (count != 1) node.fail("it has none or several of its kinds", "give one of " + listed);
+    if (count != 1) node.fail("it has none or several of these keys", "give one of " + listed);
     return found;
   }
   [[nodiscard]] std::string named(const Choice& choice) const {

@@ -60,9 +60,9 @@ Result safely(const char* plugin, char* error, std::size_t room, Result otherwis
   try {
     return work();
   } catch (const std::exception& e) {
-    tell(error, room, "%s: %s; begin again", plugin, e.what());
+    tell(error, room, "%s: %s; try again", plugin, e.what());
   } catch (...) {
-    tell(error, room, "%s: its library has failed; begin again", plugin);
+    tell(error, room, "%s: its library failed; try again", plugin);
   }
   return otherwise;
 }

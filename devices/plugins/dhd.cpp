@@ -53,7 +53,7 @@ struct Arm {
   bool gripper = false;
   bool watched = false;  // the arm's watchdog is on
   bool weighs = false;   // the weight can be carried in shares
-  double share = 0.0;    // haptic thread's; share of the weight from the next write on
+  double share = 0.0;    // used by the haptic thread: share of the weight from the next write on
   Newest<palpate_plugin_reading> readings;
   Orders orders;
   std::atomic<bool> gone{false};
@@ -176,11 +176,11 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
   }
   // An arm that is not calibrated calibrates itself while its user moves it (its manual says how).
   if ((state & PALPATE_PLUGIN_READY) == 0) {
-    if (host.say != nullptr) host.say("dhd: calibrate the arm as its manual says");
+    if (host.say != nullptr) host.say("dhd: calibrate the arm as described in its manual");
     constexpr int kWait = 100;  // [ms]
     while (dhdWaitForReset(kWait, arm.id) < 0) {
       if (host.ends() != 0) {
-        tell(error, room, "dhd: the arm has not been calibrated; begin again");
+        tell(error, room, "dhd: the arm has not been calibrated; try again");
         return PALPATE_PLUGIN_FAILED;
       }
       if (dhdErrorGetLast() != DHD_ERROR_TIMEOUT) {
@@ -252,7 +252,7 @@ int find(palpate_plugin_found* found, int room) {
       copy(f.model, dhdGetSystemName(static_cast<char>(id)));
       if (!ours) dhdClose(static_cast<char>(id));
     } else {
-      copy(f.model, "an arm of Force Dimension that another program has");
+      copy(f.model, "an arm of Force Dimension that another program uses");
     }
     give(at(found, i), f);
   }
@@ -271,7 +271,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
     char* end = nullptr;
     const long number = std::strtol(serial, &end, 10);
     if (*end != '\0' || number < 0 || number > 0x7fffffff) {
-      tell(error, room, "dhd: \"%s\" is no serial number; it is the number below the arm", serial);
+      tell(error, room, "dhd: \"%s\" is not a serial number; use the number below the arm", serial);
       return nullptr;
     }
     id = dhdOpenSerial(static_cast<int>(number));
@@ -286,7 +286,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   const auto* model = std::find_if(std::begin(kModels), std::end(kModels),
                                    [type](const Model& m) { return m.type == type; });
   if (model == std::end(kModels)) {
-    tell(error, room, "dhd: nobody has said what a %s may be asked for; add it to dhd.cpp, kModels",
+    tell(error, room, "dhd: the limits of a %s are unknown; add it to kModels in dhd.cpp",
          dhdGetSystemName(own));
     dhdClose(own);
     return nullptr;
@@ -316,7 +316,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
 int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
-  if (host.say != nullptr) host.say("dhd: this palpate is too old for it; take a newer one");
+  if (host.say != nullptr) host.say("dhd: this palpate is too old for it; use a newer one");
   return -1;
 }
 

@@ -29,7 +29,7 @@ constexpr double kHeating = 10.0;     ///< [s]; not published: assumed.
 constexpr double kRate = 1000.0;      ///< [Hz]; the arm can 4000.
 constexpr char kSource[] =
     "4 N in 80 % of the workspace (peak 10 N) and 0.01 mm: Inverse3's data sheet; 0.1 m: Haply's "
-    "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; 2 N for ever and 10 s: "
+    "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; continuous 2 N and 10 s: "
     "assumed, not published";
 /// Middle of the workspace from the arm's base, as in Haply's own example of a state [m].
 constexpr Triple kMiddle{0.0, -0.12, 0.15};
@@ -91,7 +91,7 @@ Inventory ask(std::string& why) {
   const int refusals = inventory.refusals;
   while (!inventory.answered) {
     if (inventory.refusals > refusals) {
-      why = "nothing answers at " + address.words +
+      why = "no service answers at " + address.words +
             ": start the Haply Hub, or on Linux: systemctl start haply-inverse-service";
       return inventory;
     }
@@ -100,8 +100,8 @@ Inventory ask(std::string& why) {
       return inventory;
     }
     if (machineNow() - since > kAnswerTime) {
-      why = "what answers at " + address.words +
-            " does not speak as Haply's service does: restart the Haply Hub, or set "
+      why = "the service at " + address.words +
+            " does not answer as Haply's service: restart the Haply Hub, or set "
             "PALPATE_HAPLY_URL to its address";
       return inventory;
     }
@@ -110,7 +110,7 @@ Inventory ask(std::string& why) {
   }
   if (inventory.generation == Generation::k30) {
     why = address.words +
-          " speaks version 3.0, in which no force is told: use ws://localhost:10001 of service "
+          " speaks version 3.0, which does not report forces: use ws://localhost:10001 of service "
           "3.1 or newer";
   }
   return inventory;
@@ -125,11 +125,11 @@ std::string modelOf(const Named& arm) {
 std::string refusal(const Named& arm) {
   const std::string name = "the arm " + std::string(arm.id.view());
   if (arm.config.miniature) {
-    return name + " is a Minverse, whose limits are not known here: use an Inverse3";
+    return name + " is a Minverse, whose limits palpate does not know: use an Inverse3";
   }
   if (arm.config.origin == Origin::kOther) {
     return name +
-           " is mounted in a way of its own, so that nobody knows where it is: choose the "
+           " has a custom mount, so palpate does not know its position: choose the "
            "preset arm_front or arm_front_centered in the Haply Hub";
   }
   if (!arm.config.plain_axes) {
@@ -199,14 +199,14 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
   for (;;) {
     std::string wanted;
     if (device.line.away) {
-      wanted = "is not heard of: plug it in, and see that the Haply Hub shows it";
+      wanted = "is not found: plug it in, and check that the Haply Hub shows it";
     } else if (device.line.powered == 0) {
       wanted = "has no power: plug in its power supply";
     } else if (device.line.calibrated == 0) {
       wanted =
-          "does not know where it is: put its handle into the inkwell until its light is white";
+          "does not know its position: put its handle into the inkwell until its light is white";
     } else if (device.line.ready != 1) {
-      wanted = "is not ready: see what its light and the Haply Hub say";
+      wanted = "is not ready: check its light and the Haply Hub";
     } else {
       return PALPATE_PLUGIN_OK;
     }
@@ -334,7 +334,7 @@ palpate_plugin_device* openArm(const char* serial, char* error, std::size_t room
     tell(error, room,
          inventory.arms.empty()
              ? "the Haply Hub has no Inverse3: plug one in, with its power supply"
-             : "there is no Inverse3 " + std::string(asked) + ": name one of" + there);
+             : "the Haply Hub has no Inverse3 " + std::string(asked) + ": name one of" + there);
     return nullptr;
   }
   if (std::string words = refusal(*arm); !words.empty()) {
@@ -346,7 +346,7 @@ palpate_plugin_device* openArm(const char* serial, char* error, std::size_t room
   device->buttons = inventory.button_count;
   if (arm->config.origin == Origin::kBase) device->middle_D = kMiddle;
   if (!service->serve(device->line)) {
-    tell(error, room, "as many arms are open as can be: close one");
+    tell(error, room, "the largest number of arms is open: close one");
     return nullptr;
   }
   device->face = {sizeof(palpate_plugin_device),

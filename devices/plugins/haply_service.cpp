@@ -57,7 +57,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   const std::string remedy = ": set PALPATE_HAPLY_URL to ws://localhost:10001, or unset it";
   constexpr std::string_view kScheme = "ws://";
   if (url.compare(0, kScheme.size(), kScheme) != 0) {
-    why = "\"" + url + "\" is no ws:// address" + remedy;
+    why = "\"" + url + "\" is not a ws:// address" + remedy;
     return false;
   }
   out.words = url;
@@ -86,8 +86,8 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
     // Uses the number: the system's settings may resolve the name to another machine.
     out.host = "127.0.0.1";
   } else if (!anywhere) {
-    why = "\"" + url + "\" is not this machine, and forces go over no network" + remedy +
-          ", or PALPATE_HAPLY_ANYWHERE to 1 if you know that network";
+    why = "\"" + url + "\" is not this machine, and palpate sends no forces over a network" +
+          remedy + ", or PALPATE_HAPLY_ANYWHERE to 1 if you trust that network";
     return false;
   }
   if (out.host.empty()) {

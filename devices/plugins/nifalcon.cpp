@@ -173,7 +173,8 @@ int home(Arm& arm, char* error, std::size_t room) {
              falcon.isFirmwareLoaded();
   }
   if (!loaded) {
-    tell(error, room, "nifalcon: it does not take its firmware; switch it off, plug it in again");
+    tell(error, room,
+         "nifalcon: the arm does not accept its firmware; switch it off, plug it in again");
     return PALPATE_PLUGIN_FAILED;
   }
   setForce(falcon, {0.0, 0.0, 0.0});
@@ -191,7 +192,7 @@ int home(Arm& arm, char* error, std::size_t room) {
       said = true;
     }
     if (host.ends() != 0) {
-      tell(error, room, "nifalcon: the arm has not been homed; begin again");
+      tell(error, room, "nifalcon: the arm has not been homed; try again");
       return PALPATE_PLUGIN_FAILED;
     }
     if (host.now() - heard > 10 * kLost) {
@@ -279,7 +280,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   const unsigned long index = std::strtoul(serial, &end, 10);
   const unsigned count = countNow();
   if (*end != '\0' || index >= count) {
-    tell(error, room, "nifalcon: no arm%s%s, %u are plugged in; they are 0, 1, ...",
+    tell(error, room, "nifalcon: no arm%s%s, %u are plugged in; use 0, 1, ...",
          *serial == '\0' ? "" : " ", serial, count);
     return nullptr;
   }
@@ -314,7 +315,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
 int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
-  if (host.say != nullptr) host.say("nifalcon: this palpate is too old for it; take a newer one");
+  if (host.say != nullptr) host.say("nifalcon: this palpate is too old for it; use a newer one");
   return -1;
 }
 

@@ -231,7 +231,7 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
       return PALPATE_PLUGIN_FAILED;
     }
     if (host.ends() != 0) {
-      tell(error, room, "openhaptics: the arm has not been calibrated; begin again");
+      tell(error, room, "openhaptics: the arm has not been calibrated; try again");
       return PALPATE_PLUGIN_FAILED;
     }
     const bool by_hand = (arm.style & HD_CALIBRATION_ENCODER_RESET) != 0;
@@ -354,8 +354,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
 int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
-  if (host.say != nullptr)
-    host.say("openhaptics: this palpate is too old for it; take a newer one");
+  if (host.say != nullptr) host.say("openhaptics: this palpate is too old for it; use a newer one");
   return -1;
 }
 

@@ -13,6 +13,7 @@ int main(int argc, char** argv) {
     return palpate::servePlugin(argv[2], argv[3]);
   }
   if (what == "list" && argc == 3) return palpate::listPlugin(argv[2]);
-  std::fputs("palpate-plugin: palpate starts it: use --device plugin:NAME\n", stderr);
+  std::fputs("palpate-plugin: only palpate starts this program: use --device plugin:NAME\n",
+             stderr);
   return 2;
 }

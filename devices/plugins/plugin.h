@@ -148,7 +148,7 @@ typedef struct palpate_plugin_device {
    *  perhaps with a hand on the arm. A plug-in that moves the arm to home it asks the user first
    *  (host->say). On failure writes the cause and a remedy into `error`. [main] */
   int (*prepare)(struct palpate_plugin_device* device, char* error, size_t room);
-  /** Fills in the newest reading, without a wait. PALPATE_PLUGIN_NOTHING: there is no new reading
+  /** Fills in the newest reading, without a wait. PALPATE_PLUGIN_NOTHING: no new reading has come
    *  since the last call, and palpate ignores the contents of `reading`. `state` may change while
    *  `taken` stays. Any other number that is not negative is PALPATE_PLUGIN_NOTHING. [haptic] */
   int (*read)(struct palpate_plugin_device* device, palpate_plugin_reading* reading);
@@ -175,7 +175,7 @@ typedef struct palpate_plugin_factory {
    *  is also the distance to the next entry. Returns how many arms there are, or a negative number
    *  if it cannot know. [main] */
   int (*find)(palpate_plugin_found* found, int room);
-  /** Opens an arm; an empty serial means any. Takes off a force that a dead process may have left
+  /** Opens an arm; an empty serial means any. Takes off a force that an ended process may have left
    *  on. On failure returns null and writes the cause and a remedy into `error`. [main] */
   palpate_plugin_device* (*open)(const char* serial, char* error, size_t room);
 } palpate_plugin_factory;

@@ -41,8 +41,8 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
                           double otherwise) {
     if (value == 0.0 && otherwise >= 0.0) return otherwise;
     if (value >= least && value <= most) return value;
-    throw DeviceError(name, fmt::format("its plug-in says {} is {}", what, value),
-                      fmt::format("mend the plug-in: it is {} to {}", least, most));
+    throw DeviceError(name, fmt::format("its plug-in reports {} = {}", what, value),
+                      fmt::format("correct the plug-in: report {} to {}", least, most));
   };
   constexpr double kNone = -1.0;
   constexpr double kAny = 1e9;
@@ -65,14 +65,14 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
   (void)number("resolution", facts.resolution, 0.0, kMostWorkspace, 0.0);
   (void)number("watchdog", facts.watchdog, 1e-4, 60.0, 0.0);
   if ((facts.continuous > 0.0) != (facts.heating > 0.0)) {
-    throw DeviceError(name, "its plug-in says only one of continuous and heating",
-                      "mend the plug-in: both or none");
+    throw DeviceError(name, "its plug-in reports only one of continuous and heating",
+                      "correct the plug-in: report both or none");
   }
   if (facts.joints > kMostJoints || facts.buttons > HandleInfo::kMostButtons) {
-    throw DeviceError(name,
-                      fmt::format("its plug-in says it has {} joints and {} buttons", facts.joints,
-                                  facts.buttons),
-                      "mend the plug-in: at most 6 and 32");
+    throw DeviceError(
+        name,
+        fmt::format("its plug-in reports {} joints and {} buttons", facts.joints, facts.buttons),
+        "correct the plug-in: report at most 6 and 32");
   }
   if (!drives) info.output_rate = 0.0;
   info.source = facts.source[0] != '\0' ? facts.source : "its plug-in, without a source";
@@ -242,10 +242,10 @@ void PluginArm::carry(bool may) noexcept {
 }
 
 std::string PluginArm::whyNotReady() const {
-  if (heard_at_ == kNever) return "its positions do not come: see to its cable, or to its plug-in";
+  if (heard_at_ == kNever) return "its positions do not arrive: check its cable and its plug-in";
   if ((news_.reading.state & PALPATE_PLUGIN_READY) == 0) return "it is not ready: home it";
   const bool held = (news_.reading.state & PALPATE_PLUGIN_HELD) != 0;
-  if (has(PALPATE_PLUGIN_DEADMAN) && !held) return "nobody holds it: hold it";
+  if (has(PALPATE_PLUGIN_DEADMAN) && !held) return "its handle is free: hold it";
   return {};
 }
 

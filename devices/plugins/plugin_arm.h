@@ -74,14 +74,14 @@ class PluginArm final : public Arm {
   std::uint32_t opening_ = 1;       ///< Last value of PluginPort::openings.
   PluginOrder order_;
   std::uint32_t written_seen_ = 0;   ///< Last value of PluginNews::written.
-  std::int64_t written_at_ = 0;      ///< Since when it is unchanged while orders wait [ns].
+  std::int64_t written_at_ = 0;      ///< Time from which it is unchanged while orders wait [ns].
   std::uint32_t withheld_seen_ = 0;  ///< Last value of PluginNews::withheld.
   std::int64_t longest_ = 0;         ///< Longest time from an order until it was written [ns].
   std::int64_t writes_ = 0;
   double given_ = 1.0;
   double most_carried_ = 0.0;  ///< Largest share of the weight that is carried.
-  bool carries_ = false;       ///< carry() has allowed to carry weight.
-  bool upright_ = false;       ///< The last reading allows to carry weight.
+  bool carries_ = false;       ///< carry() permits carrying the weight.
+  bool upright_ = false;       ///< The last reading permits carrying the weight.
 };
 
 }  // namespace palpate

@@ -136,8 +136,8 @@ std::filesystem::path pluginFile(const std::string& name) {
       const bool known = !error && stat(what.c_str(), &facts) == 0;
       const bool ours = known && (facts.st_uid == geteuid() || facts.st_uid == 0);
       if (!ours || (facts.st_mode & (S_IWOTH | S_IWGRP)) != 0) {
-        throw DeviceError("plugin:" + name, "others may write " + what.string(),
-                          "make it yours: chown, chmod go-w " + what.string());
+        throw DeviceError("plugin:" + name, "other users can write " + what.string(),
+                          "make it your own: chown, chmod go-w " + what.string());
       }
     }
     return real;
@@ -147,15 +147,15 @@ std::filesystem::path pluginFile(const std::string& name) {
   std::string where;
   for (const auto& folder : pluginFolders())
     where += (where.empty() ? "" : " or ") + folder.string();
-  throw DeviceError("plugin:" + name, "there is no such plug-in",
-                    there.empty() ? "put it into " + where : "there is " + there);
+  throw DeviceError("plugin:" + name, "this plug-in is not installed",
+                    there.empty() ? "put it into " + where : "use " + there);
 }
 
 PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
     : name_("plugin:" + file.stem().string()) {
   if (!Loaded::add(name_)) {
-    throw DeviceError(name_, "another hand of this program has it inside",
-                      "name this one plugin:NAME, in a process of its own");
+    throw DeviceError(name_, "another hand of this program uses it inside",
+                      "use plugin:NAME for this hand, which runs in a process of its own");
   }
   try {
     handle_ = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
@@ -164,20 +164,20 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
     }
     entry_ = static_cast<const palpate_plugin_entry*>(dlsym(handle_, "palpate_plugin"));
     if (!PALPATE_REACHES(entry_, palpate_plugin_entry, factory)) {
-      throw DeviceError(name_, file.string() + " is no plug-in: it has no symbol palpate_plugin",
+      throw DeviceError(name_, file.string() + " is not a plug-in: it has no symbol palpate_plugin",
                         "see docs/plugins.md");
     }
     if (entry_->major != PALPATE_PLUGIN_MAJOR || entry_->minor > PALPATE_PLUGIN_MINOR) {
       throw DeviceError(name_,
-                        "it is of version " + std::to_string(entry_->major) + "." +
-                            std::to_string(entry_->minor) + " of plugin.h, and this is " +
+                        "it was built with version " + std::to_string(entry_->major) + "." +
+                            std::to_string(entry_->minor) + " of plugin.h, and this program has " +
                             std::to_string(PALPATE_PLUGIN_MAJOR) + "." +
                             std::to_string(PALPATE_PLUGIN_MINOR),
-                        "build it again with this palpate's");
+                        "build it again with the plugin.h of this program");
     }
     hostNow() = std::move(host);
     if (entry_->init == nullptr || entry_->init(&kHost) != 0) {
-      throw DeviceError(name_, "it does not begin", "see what it has said");
+      throw DeviceError(name_, "it does not start", "read its messages");
     }
     const void* factory =
         entry_->factory != nullptr ? entry_->factory(PALPATE_PLUGIN_ARMS) : nullptr;
@@ -185,7 +185,7 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
     if (!PALPATE_REACHES(factory_, palpate_plugin_factory, open) || factory_->find == nullptr ||
         factory_->open == nullptr) {
       if (entry_->end != nullptr) entry_->end();
-      throw DeviceError(name_, "it makes no arms", "see docs/plugins.md");
+      throw DeviceError(name_, "it does not provide arms", "see docs/plugins.md");
     }
   } catch (...) {
     if (handle_ != nullptr) dlclose(handle_);
@@ -216,7 +216,7 @@ std::vector<palpate_plugin_found> PluginLibrary::find() const {
   std::vector<palpate_plugin_found> found(kMostFound);
   for (palpate_plugin_found& one : found) one = {sizeof(palpate_plugin_found), {}, {}};
   const int count = factory_->find(found.data(), static_cast<int>(kMostFound));
-  if (count < 0) throw DeviceError(name_, "it cannot look for arms", "see what it has said");
+  if (count < 0) throw DeviceError(name_, "it cannot search for arms", "read its messages");
   found.resize(std::min(static_cast<std::size_t>(count), kMostFound));
   for (palpate_plugin_found& one : found) {
     one.serial[sizeof(one.serial) - 1] = one.model[sizeof(one.model) - 1] = '\0';
@@ -234,7 +234,7 @@ std::string PluginLibrary::only(const std::string& serial) const {
   // If find() does not list the name, it is not the arm's serial number.
   if (!serial.empty()) return {};
   if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
-  if (found.size() > 1) throw DeviceError(name_, "that may be several", "name one of " + which);
+  if (found.size() > 1) throw DeviceError(name_, "several arms match", "name one of " + which);
   return found[0].serial;
 }
 
@@ -244,14 +244,14 @@ PluginDevice PluginLibrary::open(const std::string& serial) const {
   const std::string arm = name_ + (serial.empty() ? "" : "@" + serial);
   if (device == nullptr) {
     throw DeviceError(arm, error[0] != '\0' ? error.data() : "it does not open",
-                      "see what the plug-in needs");
+                      "check the plug-in's requirements");
   }
   const bool whole = PALPATE_REACHES(device, palpate_plugin_device, extension) &&
                      device->facts != nullptr && device->prepare != nullptr &&
                      device->read != nullptr && device->write != nullptr &&
                      device->stop != nullptr && device->close != nullptr;
   if (!whole) {
-    throw DeviceError(arm, "a function of its device is missing", "mend the plug-in");
+    throw DeviceError(arm, "a function of its device is missing", "add it to the plug-in");
   }
   return PluginDevice(device, arm);
 }
@@ -285,7 +285,8 @@ palpate_plugin_facts PluginDevice::facts() const {
   palpate_plugin_facts facts{};
   facts.size = sizeof(facts);
   if (device_->facts(device_, &facts) != PALPATE_PLUGIN_OK) {
-    throw DeviceError(name_, "it does not say what it is", "see what the plug-in has said");
+    throw DeviceError(name_, "it does not report its properties",
+                      "read the messages of the plug-in");
   }
   facts.size = sizeof(facts);
   facts.source[sizeof(facts.source) - 1] = '\0';
@@ -296,8 +297,8 @@ palpate_plugin_facts PluginDevice::facts() const {
 void PluginDevice::prepare() const {
   std::array<char, kErrorRoom> error{};
   if (device_->prepare(device_, error.data(), error.size() - 1) != PALPATE_PLUGIN_OK) {
-    throw DeviceError(name_, error[0] != '\0' ? error.data() : "it cannot be made ready",
-                      "see what the plug-in needs");
+    throw DeviceError(name_, error[0] != '\0' ? error.data() : "it cannot be prepared",
+                      "check the plug-in's requirements");
   }
 }
 

@@ -16,8 +16,8 @@ namespace palpate {
 /// colons), the user's own ($XDG_DATA_HOME/palpate/plugins or ~/.local/share/palpate/plugins), and
 /// ../lib/palpate/plugins of the program.
 [[nodiscard]] std::vector<std::filesystem::path> pluginFolders();
-/// Returns the names of the plug-ins there, sorted. If two have one name, the first folder's is
-/// used.
+/// Returns the names of the plug-ins there, sorted. If two have the same name, the one in the first
+/// folder is used.
 [[nodiscard]] std::vector<std::string> pluginNames();
 /// Returns the file of a plug-in by its name. Throws DeviceError if the file does not exist (with a
 /// list of the plug-ins that do), or if other users may write it.

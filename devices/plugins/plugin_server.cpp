@@ -48,7 +48,7 @@ void PluginServer::stop() noexcept {
 
 bool PluginServer::isSound(const PluginOrder& order, std::int64_t now) noexcept {
   const auto& force = order.force.force;
-  // std::hypot of three numbers takes NaN for 0 in libstdc++.
+  // In libstdc++, std::hypot of three numbers treats NaN as 0.
   const double size = std::sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
   const double dt = ordered_at_ == 0 ? 0.0 : 1e-9 * static_cast<double>(now - ordered_at_);
   const bool force_grows = force_growth_.look(size, dt);
@@ -78,8 +78,7 @@ void PluginServer::give(std::int64_t now) noexcept {
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
     device_.carry(stopped ? 0.0 : order_.carry);
     news_.wrote = device_.write(stopped ? none : order_.force);
-    // An order that no gate can have let through is not lateness; a plug-in that hangs is not
-    // either.
+    // Neither an impossible order nor a plug-in that hangs counts as late.
     if (!sound || (stopped && blamed_)) news_.wrote = -1;
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
@@ -259,7 +258,7 @@ class Claim {
     own_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (own_ < 0 || bind(own_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
       if (own_ >= 0) close(own_);
-      throw DeviceError(arm, "another program has it", "end that first");
+      throw DeviceError(arm, "another program uses it", "end that program first");
     }
   }
   Claim(const Claim&) = delete;
@@ -306,11 +305,12 @@ palpate_plugin_facts sendFacts(const PluginDevice& device) {
 PluginLink& mapLink() {
   void* memory =
       mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
-  if (memory == MAP_FAILED) throw DeviceError("palpate-plugin", "no memory", "free some");
+  if (memory == MAP_FAILED) {
+    throw DeviceError("palpate-plugin", "its memory cannot be mapped", "free some memory");
+  }
   auto& link = *static_cast<PluginLink*>(memory);
   if (link.magic != PluginLink::kMagic || link.size != sizeof(PluginLink)) {
-    throw DeviceError("palpate-plugin", "it is of another version than palpate",
-                      "install both anew");
+    throw DeviceError("palpate-plugin", "its version differs from palpate's", "install both again");
   }
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   const auto orders = static_cast<std::size_t>(reinterpret_cast<const char*>(&link.news) -
@@ -327,7 +327,7 @@ void sendFound(const palpate_plugin_found& found) {
                           std::as_bytes(std::span(&found, 1)));
 }
 
-/// Tells the program which arm is opened. Returns its serial number, which the caller may leave
+/// Sends the program the arm that is opened. Returns its serial number, which the caller may leave
 /// out.
 std::string chooseArm(const PluginLibrary& plugin, const std::string& serial) {
   palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};

@@ -17,21 +17,21 @@ class GrowthCheck {
   /// @param slew  Largest growth in a second, > 0.
   explicit GrowthCheck(double slew) noexcept : slew_(slew) {}
 
-  /// Returns true if `size` may follow the last one, or zero, `dt` [s] later. RT: no allocation.
+  /// Returns true if `size` may follow the last size, or zero, `dt` [s] later. RT: no allocation.
   [[nodiscard]] bool look(double size, double dt) noexcept;
-  /// Sets the last one to zero.
+  /// Sets the last size to zero.
   void forget() noexcept { *this = GrowthCheck(slew_); }
 
  private:
   static constexpr double kLate = 0.005;  ///< [s]: WatchLimits::late
 
   double slew_;
-  double size_ = 0.0;            ///< The last one.
-  double room_ = slew_ * kLate;  ///< Growth that earlier ones have left over.
+  double size_ = 0.0;            ///< The last size.
+  double room_ = slew_ * kLate;  ///< Unused growth of earlier sizes.
 };
 
-/// Passes orders to an arm and its news back, on a thread of its own. Takes the force off if orders
-/// no longer come. An order goes out as soon as it has come. The arm is read kLead before the
+/// Passes orders to an arm and returns its news, on a thread of its own. Takes the force off if
+/// orders no longer come. Sends an order as soon as it has come. The arm is read kLead before the
 /// program's next read, which is expected one period after its last read. So a position is as fresh
 /// as if it had been read in the tick, and the tick never waits.
 class PluginServer {
@@ -91,7 +91,7 @@ class PluginServer {
   std::atomic<bool> ended_{false};
   std::atomic<bool> done_{false};
   std::atomic<bool> stopped_{false};  ///< Orders are withheld until one is zero.
-  std::atomic<bool> blamed_{false};   ///< The plug-in hung: its stop is not lateness.
+  std::atomic<bool> blamed_{false};   ///< The plug-in hung; its stop does not count as late.
 
   PluginOrder order_;
   PluginNews news_;

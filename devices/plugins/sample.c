@@ -21,7 +21,7 @@ static const double kPeak = 4.0;                /* [N] */
 static const double kContinuous = 1.5;          /* Force that the motors hold for ever [N]. */
 static const double kHeating = 20.0;            /* Time constant of their heat [s]. */
 static const int64_t kPeriod = 1000000;         /* Period of the positions [ns]. */
-static const int64_t kWatchdog = 50000000;     /* [ns] */
+static const int64_t kWatchdog = 50000000;      /* [ns] */
 static const int64_t kLongest = 200 * 1000000L; /* Longest time that one read simulates [ns]. */
 
 /* The device comes first: a pointer to it is also a pointer to the arm. All members but `stopped`
@@ -71,7 +71,7 @@ static void forceNow(arm* a, double out[3]) {
   double size = 0.0;
   for (int i = 0; i < 3; ++i) size += a->force[i] * a->force[i];
   size = sqrt(size);
-  /* At the heat limit the motors give the force that they hold for ever. */
+  /* At the heat limit the motors give the force that they can hold forever. */
   a->given = a->hot >= 1.0 && size > kContinuous ? kContinuous / size : 1.0;
   for (int i = 0; i < 3; ++i) out[i] = off ? 0.0 : a->given * a->force[i];
   size = off ? 0.0 : a->given * size;
@@ -237,8 +237,7 @@ static palpate_plugin_device* openArm(const char* serial, char* error, size_t ro
   if (known) {
     snprintf(error, room, "sample: that arm is open already; close it there");
   } else {
-    snprintf(error, room, "sample: no arm has the serial number \"%s\"; there are S1 and S2",
-             serial);
+    snprintf(error, room, "sample: no arm has the serial number \"%s\"; use S1 or S2", serial);
   }
   return NULL;
 }
@@ -248,7 +247,7 @@ static int init(const palpate_plugin_host* theirs) {
   memcpy(&host, theirs, least(theirs->size, sizeof host));
   /* Every host must have these functions. */
   if (!host.ends || !host.now) {
-    if (host.say) host.say("sample: this palpate is too old for it; take a newer one");
+    if (host.say) host.say("sample: this palpate is too old for it; use a newer one");
     return -1;
   }
   return 0;
@@ -268,7 +267,7 @@ const palpate_plugin_entry palpate_plugin = {sizeof palpate_plugin,
                                              0,
                                              "an arm made of numbers",
                                              "1",
-                                             "as palpate's own; needs nothing",
+                                             "as palpate's own; needs no library",
                                              init,
                                              end,
                                              factory};

@@ -84,7 +84,7 @@ std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& co
       const char* first = field.data() + (field.size() > 1 && field[0] == '+' ? 1 : 0);
       const auto [end, error] = std::from_chars(first, field.data() + field.size(), value);
       if (error != std::errc() || end != field.data() + field.size() || !std::isfinite(value)) {
-        throw DeviceError(where, "\"" + field + "\" is not a finite number", "mend the row");
+        throw DeviceError(where, "\"" + field + "\" is not a finite number", "correct the row");
       }
       row.push_back(value);
     }
@@ -92,7 +92,7 @@ std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& co
   }
   if (in.bad()) {
     throw DeviceError(name, "reading failed after line " + std::to_string(number),
-                      "see to the disk or the program that writes it");
+                      "check the disk or the program that writes it");
   }
   if (!headed) throw DeviceError(name, "it is empty", "give the header " + header + " and rows");
   return rows;

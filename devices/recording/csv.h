@@ -22,8 +22,8 @@ struct CsvRow {
 };
 
 /// Reads a table whose header is exactly `columns` and whose fields are all finite numbers. Skips
-/// blank lines; accepts CRLF and blanks around a field. Throws DeviceError that names `name` and
-/// the line.
+/// blank lines; accepts CRLF and blanks around a field. Throws DeviceError with `name` and the
+/// line.
 [[nodiscard]] std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
                                           const std::string& name);
 

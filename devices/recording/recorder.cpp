@@ -39,7 +39,7 @@ Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
   if (!trouble_.empty()) {
     ::close(descriptor_);
     ::unlink(beside_.c_str());
-    throw Error(file_.string(), trouble_, "free some space, or give another place");
+    throw Error(file_.string(), trouble_, "free some space, or give another path");
   }
 }
 
@@ -79,7 +79,7 @@ std::string Recorder::trouble() const {
 
 void Recorder::fail(const std::string& why) {
   const std::lock_guard lock(mutex_);
-  if (trouble_.empty()) trouble_ = fmt::format("it cannot be written on ({})", why);
+  if (trouble_.empty()) trouble_ = fmt::format("writing stopped ({})", why);
   off_ = true;
 }
 
@@ -103,7 +103,7 @@ void Recorder::run() {
     try {
       writeNew();
     } catch (const std::bad_alloc&) {
-      fail("there is not enough memory");
+      fail("not enough memory");
     }
     const auto now = Clock::now();
     if (last || now - synced >= std::chrono::duration<double>(kSynced)) {

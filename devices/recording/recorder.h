@@ -35,7 +35,7 @@ class Recorder {
   void begin();
 
   // Called by the haptic thread.
-  /// Records a tick. If there is no room, the tick is lost and counted. RT: no allocation, no lock,
+  /// Records a tick. If the ring is full, the tick is lost and counted. RT: no allocation, no lock,
   /// no system call. Cost: some 0.1 us.
   void take(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
 

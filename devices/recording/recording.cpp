@@ -341,7 +341,7 @@ std::span<const std::byte> copied(const std::filesystem::path& file) {
     if (more > 0) got += static_cast<std::size_t>(more);
   }
   ::close(descriptor);
-  if (!regular) fail("it is no file");
+  if (!regular) fail("it is not a file");
   if (error != 0) {
     if (at != MAP_FAILED) ::munmap(at, size);
     fail(fmt::format("it cannot be read ({})", std::strerror(error)));
@@ -374,7 +374,7 @@ bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept 
   return !records.empty();
 }
 
-/// Returns the header's line without its end. Throws Error if there is none.
+/// Returns the header's line without its end. Throws Error if the file does not begin with one.
 std::string headerLine(std::span<const std::byte> bytes, const std::string& file) {
   const auto* begin = reinterpret_cast<const char*>(bytes.data());
   const std::size_t start = sizeof(kBegins) - 1;
@@ -383,7 +383,7 @@ std::string headerLine(std::span<const std::byte> bytes, const std::string& file
     end = std::memchr(begin, '\n', bytes.size());
   }
   if (end == nullptr) {
-    throw Error(file, "it is no recording", "give a file of palpate feel --record");
+    throw Error(file, "it is not a recording", "give a file of palpate feel --record");
   }
   return {begin, static_cast<const char*>(end)};
 }
@@ -561,14 +561,13 @@ Recording::~Recording() {
 
 std::string Recording::incomplete() const {
   std::vector<std::string> words;
-  if (damaged_ > 0)
-    words.push_back(fmt::format("{} bytes of it are damaged and left out", damaged_));
+  if (damaged_ > 0) words.push_back(fmt::format("{} bytes are damaged and skipped", damaged_));
   if (torn_ > 0) {
     words.push_back(
-        fmt::format("it is torn off behind its {} ticks: {} bytes are left out", size_, torn_));
+        fmt::format("it is cut off after {} ticks: {} bytes are skipped", size_, torn_));
   }
   if (lost_ > 0) {
-    words.push_back(fmt::format("{} ticks between its first and its last are not in it", lost_));
+    words.push_back(fmt::format("{} ticks between its first and its last are missing", lost_));
   }
   return fmt::format("{}", fmt::join(words, "; "));
 }

@@ -73,7 +73,7 @@ std::unique_ptr<ReplayDevice> openReplay(const std::string& name) {
   if (first >= recording->size()) {
     const std::int64_t ticks = recording->size();
     throw Error(file,
-                ticks == 0 ? "there is no tick in it"
+                ticks == 0 ? "it has no ticks"
                            : fmt::format("it ends at {} s", recording->tick(ticks - 1).time),
                 ticks == 0 ? "record again" : "begin earlier");
   }

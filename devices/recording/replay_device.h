@@ -10,9 +10,9 @@
 
 namespace palpate {
 
-/// Replays the recorded hand, one tick a write, whatever the force. Has the properties of the
-/// recorded arm, but no force reaches a hand. Does not replay commands (stops, lateness); HandTick
-/// replays those as well.
+/// Replays the recorded hand, one tick per write, independent of the force. Has the properties of
+/// the recorded arm, but no force reaches a hand. Does not replay commands (stops, lateness);
+/// HandTick replays those as well.
 class ReplayDevice final : public Device {
  public:
   /// Begins at the tick with index `begin`, below the recording's size.
@@ -43,7 +43,7 @@ struct NameAt {
                                   ///< text.
   std::optional<double> seconds;  ///< The time, 0 or more [s].
 };
-/// Takes such an argument apart.
+/// Splits `NAME` or `NAME@SECONDS` into its parts.
 [[nodiscard]] NameAt nameAt(const std::string& words);
 
 /// Returns FILE of `FILE` or `FILE@SECONDS`.

@@ -15,10 +15,10 @@ enum class Trouble : std::uint8_t {
   kLate,       ///< No new positions: the last one, with rising age.
   kEarly,      ///< Positions with time stamps in the future.
   kRepeated,   ///< Each position four times, as from a slower arm.
-  kFrozen,     ///< The last position again and again as if new; no counter moves.
+  kFrozen,     ///< The last position repeatedly, as if new; no counter moves.
   kJumping,    ///< A lost count: all positions are shifted by kJump.
   kNotFinite,  ///< Positions that are not finite.
-  kRunaway,    ///< The position runs away at kRun, whatever the hand does.
+  kRunaway,    ///< The position moves away at kRun, independent of the hand.
   kUnwritten,  ///< Writes fail: the motors keep their force.
   kBlocked,    ///< Writes take kHang.
   kHung,       ///< Reads take kHang.

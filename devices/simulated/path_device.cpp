@@ -29,7 +29,7 @@ std::vector<PathPoint> readPath(std::istream& in, const std::string& name) {
     }
     path.push_back({row[0], {row[1], row[2], row[3]}});
   }
-  if (path.empty()) throw DeviceError(name, "it has no row", "give at least one position");
+  if (path.empty()) throw DeviceError(name, "it has no rows", "give at least one position");
   return path;
 }
 

@@ -21,10 +21,10 @@ struct PathPoint {
                               std::size_t& hint) noexcept;
 
 /// Reads CSV with the header t,x,y,z: seconds and metres, t ascending, at least one row. Throws
-/// DeviceError that names `name` and the line.
+/// DeviceError with `name` and the line.
 [[nodiscard]] std::vector<PathPoint> readPath(std::istream& in, const std::string& name);
 
-/// Follows the path whatever the force; each write is one tick of 1/rate.
+/// Follows the path independent of the force; each write is one tick of 1/rate.
 class PathDevice final : public Device {
  public:
   PathDevice(std::vector<PathPoint> path, double rate);  ///< Not empty, t ascending; [Hz], > 0.

@@ -63,8 +63,8 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 /// viscous friction suffices; 0 without Coulomb friction.
 [[nodiscard]] double holdingAmplitude(const ArmParams& arm, double rate, double stiffness);
 
-/// Stability margins of a coupling on an arm. They are always shown together: `passive` alone would
-/// make every arm feel soft.
+/// Stability margins of a coupling on an arm. Always show them together: with `passive` alone,
+/// users would choose couplings that are too soft.
 struct CouplingRoom {
   double passive = 0.0;    ///< passiveStiffness [N/m]
   double stable = 0.0;     ///< stableStiffness with a hand [N/m]

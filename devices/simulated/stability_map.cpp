@@ -122,7 +122,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
         -acted.dot(moved) + arm.viscous * moved.squaredNorm() / dt + arm.coulomb * moved.norm();
     least = std::min(least, energy);
     const auto share = static_cast<double>(i) / static_cast<double>(ticks);
-    // By then the effects of the first contact are over.
+    // At that time the effects of the first contact are over.
     if (share > 0.5 && share <= kLastly) early.extend(device.position());
     if (share > kLastly) {
       lastly.extend(device.position());

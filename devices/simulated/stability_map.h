@@ -54,7 +54,7 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
 /// contact.
 enum class MapOutcome : std::uint8_t {
   kRests,   ///< At rest, to some encoder steps, or the swing decays.
-  kCycles,  ///< Limit cycle: swings on by 0.02 m at most; the swing may still grow.
+  kCycles,  ///< Limit cycle: keeps swinging by at most 0.02 m; the swing may still grow.
   kLeaves,  ///< Runs away, or swings by more than 0.02 m.
 };
 

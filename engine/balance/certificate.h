@@ -1,5 +1,5 @@
-/// Private to engine/balance: the duality gap, an upper bound on the distance from a guess to the
-/// balance.
+/// Private to engine/balance: an upper bound on the distance from a guess to the balance, by the
+/// duality gap.
 #pragma once
 
 #include <algorithm>
@@ -13,9 +13,10 @@ namespace palpate::solver {
 /// A multiplier points along its displacement if their cosine is at least this.
 inline constexpr double kAlong = 1.0 - 1e-4;
 
-/// Returns an upper bound on |y - y*| by the duality gap, without cancellation: every term is >= 0.
-/// It tries two dual points: the multipliers; and d/|d| instead for those primitives whose
-/// multiplier points along d = P y - b. `by_multipliers` is true if the first is better.
+/// Returns an upper bound on |y - y*| by the duality gap. All terms are >= 0, so that they do not
+/// cancel. The function tries two dual points. The first consists of the multipliers. In the
+/// second, d/|d| replaces each multiplier that points along d = P y - b. `by_multipliers` becomes
+/// true if the first gives the lower bound.
 inline double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
   constexpr double kLastDigits = 4.0 * kEpsilon;
   const Terms& t = problem.terms;
@@ -39,8 +40,8 @@ inline double certify(const Problem& problem, const Vec3& at, bool& by_multiplie
     const double sigma = t.sigma[i];
     const double distance = std::sqrt(dx * dx + dy * dy + dz * dz);
     const double held = zx * dx + zy * dy + zz * dz;
-    // The difference is rounded to the last digits of its terms: this possible error counts as
-    // well.
+    // Rounding makes the difference accurate only to the last digits of its terms. The bound
+    // includes this error.
     const double loss = sigma * (larger(distance - held, 0.0) + kLastDigits * distance);
     const bool off = held > kAlong * distance;
     const double per = 1.0 / larger(distance, std::numeric_limits<double>::min());

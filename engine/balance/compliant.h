@@ -1,5 +1,5 @@
-/// Private to engine/balance: Newton for several frictions, on kinks with a compliance that is
-/// removed at the end.
+/// Private to engine/balance: finds the balance of several frictions by Newton's method. Kinks get
+/// a compliance, which is removed at the end.
 #pragma once
 
 #include <algorithm>
@@ -18,27 +18,29 @@
 namespace palpate::friction {
 
 inline constexpr double kCompliance = 1e-6;  // c [m]
-inline constexpr double kEnough = 1e-10;  // |R| of a solution, as a share of the sum of strengths
-inline constexpr double kRoughly = 1e-6;  // |R| on the way from soft to hard
+// largest |R| of a solution, as a share of the sum of strengths
+inline constexpr double kEnough = 1e-10;
+inline constexpr double kRoughly = 1e-6;  // the same during the homotopy from soft to hard kinks
 inline constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 /// Returns the projector perpendicular to the unit vector q.
 inline Mat3 acrossOf(const Vec3& q) noexcept {
   return Mat3::Identity() - q * q.transpose();
 }
-/// Returns beta(v), the nearest point of the unit ball.
+/// Returns beta(v), the point of the unit ball that is nearest to v.
 inline Vec3 inBall(const Vec3& v) noexcept {
   const double length = v.norm();
   return length > 1.0 ? Vec3(v / length) : v;
 }
-/// Returns the derivative of v/m by v, with the dual b for v/|v|; m = |v| if it slips.
+/// Returns the derivative of v/m by v, where b is the dual that stands for v/|v|, and m = |v| for a
+/// slipping kink.
 inline Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool sticks) noexcept {
   const double length = v.norm();
   if (sticks || !(length > 0.0)) return T / m;
   return (T - b * (v / length).transpose()) / m;
 }
 
-/// A balance in which every kink has the compliance c. Places are from the old proxy.
+/// A balance in which every kink has the compliance c. Places are relative to the old proxy.
 class Compliant {
  public:
   Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
@@ -49,7 +51,8 @@ class Compliant {
     known_ = memory.count == links.size();
     std::size_t planes = 0;
     std::size_t pulls = 0;
-    std::size_t next = 0;  // links come in their planes' order, each line after its plane
+    // links are in the order of their planes, and each line follows its plane
+    std::size_t next = 0;
     double reach = 0.0;
     for (std::size_t i = 0; i < items.size(); ++i) {
       const Primitive& p = items[i];
@@ -100,24 +103,26 @@ class Compliant {
     if (!known_) dropKept();
   }
 
-  /// Finds loads and frictions, without compliance. Returns false if no start led to them.
+  /// Finds loads and frictions, and removes the compliance. Returns false if no start led to a
+  /// solution.
   bool solve() noexcept {
     if (known_ && warmStart() && removeCompliance()) return true;
     dropKept();
     return (followHomotopy(most_ / 2) || startSticking()) && removeCompliance();
   }
 
-  /// Finds how kinks about x, less than c apart, share the load that balances the spring there. For
-  /// this the spring becomes soft and its end moves far away: it pulls the same everywhere, and the
-  /// place gives way instead. Returns false if no loads are found; then the loads are meaningless.
+  /// Finds how kinks within a distance of c from x share the load that balances the spring at x. To
+  /// do so, the spring is replaced by a soft one with a distant end. Its force is almost the same
+  /// at all places, and the place can change. Returns false if no loads are found; then the loads
+  /// are meaningless.
   bool loadsAt(const Vec3& x) noexcept {
-    constexpr double kGivesWay = 1e-3;  // share of the stiffness that stays
+    constexpr double kGivesWay = 1e-3;  // factor on the stiffness
     spring_ = x + (spring_ - x) / kGivesWay;
     stiffness_ *= kGivesWay;
     return newton(hard_, kMostHard, kMostHard, enough_);
   }
 
-  /// Begins at x.
+  /// Starts from x, with the wanted compliance.
   void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
 
   /// Returns the friction of a plane [N].
@@ -134,20 +139,21 @@ class Compliant {
   [[nodiscard]] const Vec3& place() const noexcept { return x_; }
   [[nodiscard]] double missing() const noexcept { return residual().norm(); }
 
-  /// Goes to the place with the least |R| found.
+  /// Moves to the place with the least |R| found.
   void goToBest() noexcept { goTo(best_, hard_); }
 
  private:
   static constexpr int kMostWarm = 16;
   static constexpr int kPatience = 3;
   static constexpr int kMostHard = 12;
-  static constexpr double kLess = 0.9;        // largest share of |R| that a step may leave
-  static constexpr double kThere = 1e-8;      // share of S/k: the largest last move of a place that
-                                              // has settled
-  static constexpr double kLeastKept = 1e-2;  // least share of the compliance while loads are kept
+  static constexpr double kLess = 0.9;  // largest share of |R| that may remain after a step
+  // a place has settled if its last move is at most this share of S/k
+  static constexpr double kThere = 1e-8;
+  // least compliance while loads are kept, as a share of the wanted one
+  static constexpr double kLeastKept = 1e-2;
 
-  /// Returns the largest |R| of a solution at c, as a share of S: the rounding of loads grows as c
-  /// falls.
+  /// Returns the largest |R| of a solution at compliance c, as a share of S. It grows as c falls,
+  /// because the rounding error of loads grows.
   [[nodiscard]] double enoughAt(double c) const noexcept {
     return std::max(kEnough, rounding_ * hard_ / c);
   }
@@ -161,8 +167,8 @@ class Compliant {
     for (Pull& p : pulls()) p.kept_pull.setZero();
   }
 
-  /// Displacement of the place from where it is held, with the kept pull, and its length, at least
-  /// c.
+  /// Displacement v of the place from the place where it is held, including the kept pull, and its
+  /// length m, at least c.
   struct Slip {
     Vec3 v;
     double m;
@@ -180,7 +186,7 @@ class Compliant {
     return p.line ? across(p.q, d) : d;
   }
 
-  /// Computes loads, pieces and duals from the place alone.
+  /// Computes loads, pieces and duals from the place.
   void read(double c) noexcept {
     for (RoughPlane& p : planes()) {
       const double share = p.kept_load / p.strength - (p.q.dot(x_) - p.foot) / c;
@@ -196,7 +202,7 @@ class Compliant {
       p.holds = v.squaredNorm() <= 1.0;
     }
   }
-  /// Sets the duals to those computed from the place alone.
+  /// Sets the duals to those that read() computed from the place.
   void believePlace() noexcept {
     for (RoughPlane& p : planes()) p.pull = p.read;
     for (Pull& p : pulls()) p.pull = p.read;
@@ -207,7 +213,7 @@ class Compliant {
     believePlace();
   }
 
-  /// Returns R(x) of the place last read [N].
+  /// Returns R(x) for the place of the last read() [N].
   [[nodiscard]] Vec3 residual() const noexcept {
     Vec3 R = stiffness_ * (spring_ - x_);
     for (const RoughPlane& p : planes()) R += p.load * (p.q - p.coefficient * p.read);
@@ -215,7 +221,7 @@ class Compliant {
     return R;
   }
 
-  /// Makes one step of Newton with the present pieces and duals. Returns false if the step is not
+  /// Makes one Newton step with the present pieces and duals. Returns false if the step is not
   /// finite.
   bool step(double c) noexcept {
     Mat3 J = stiffness_ * Mat3::Identity();
@@ -263,15 +269,15 @@ class Compliant {
     return true;
   }
 
-  /// Returns R.d at from + t d, computed from the place alone.
+  /// Moves to from + t d, reads there, and returns R.d.
   double slopeAt(double c, const Vec3& from, const Vec3& d, double t) noexcept {
     x_ = from + t * d;
     read(c);
     return residual().dot(d);
   }
 
-  /// Shortens a step that overshot to where R.d has fallen to a tenth. Returns false if it did not
-  /// overshoot.
+  /// If a step overshot, shortens it to where R.d has fallen to a tenth. Returns false if it did
+  /// not overshoot.
   bool shortenOvershoot(double c, const Vec3& from, const Vec3& d) noexcept {
     const double end = slopeAt(c, from, d, 1.0);
     const double start = slopeAt(c, from, d, 0.0);
@@ -291,8 +297,8 @@ class Compliant {
     return true;
   }
 
-  /// Halves the step until |R| is less than at its start. Returns false if it never is: two pieces
-  /// may lead to each other.
+  /// Halves the step until |R| is less than at its start. Returns false if six halvings are not
+  /// enough, as when two pieces lead to each other.
   bool backtrack(double c, const Vec3& from, const Vec3& d, double start) noexcept {
     Vec3 part = 0.5 * d;
     for (int i = 0; i < 6; ++i, part *= 0.5) {
@@ -303,10 +309,10 @@ class Compliant {
     return false;
   }
 
-  /// Leaps beyond a fold, where a balance has ended. J's determinant has changed its sign there,
-  /// and Newton leads back to where |R| is least but not zero. In the direction opposite to
-  /// Newton's step, the determinant changes its sign again, and another balance begins (Branin
-  /// 1972). Returns false if it does not.
+  /// Jumps over a fold, where a balance has ended. At a fold the determinant of J has changed its
+  /// sign, and Newton leads back to a place where |R| is least but not zero. In the opposite
+  /// direction of Newton's step, the determinant changes its sign again, and another balance begins
+  /// (Branin 1972). Returns false if that place is not found.
   bool crossFold(double c, const Vec3& from, const Vec3& d) noexcept {
     Vec3 onwards = -d;
     for (int i = 0; i < 7 && solves_ < most_; ++i, onwards *= 2.0) {
@@ -319,9 +325,9 @@ class Compliant {
     return false;
   }
 
-  /// Runs Newton at c until |R| <= enough S. The first step uses the present pieces: those of the
-  /// last tick or of the last c. Returns false after `most` steps, or `patience` steps that do not
-  /// halve |R|.
+  /// Runs Newton at compliance c until |R| <= enough S. The first step uses the present pieces,
+  /// from the last tick or from the last c. Returns false after `most` steps, or after `patience`
+  /// steps that do not halve |R|.
   bool newton(double c, int most, int patience, double enough) noexcept {
     double last = kUnbounded;
     double least = kUnbounded;
@@ -368,8 +374,8 @@ class Compliant {
     return false;
   }
 
-  /// Starts from the pieces and kept values of the last tick, turned with their planes and lines. A
-  /// balance that stays takes one step.
+  /// Starts from the pieces and kept values of the last tick, rotated with their planes and lines.
+  /// If the balance has not changed, one step is enough.
   bool warmStart() noexcept {
     const auto turned = [](const Vec3& q, const Vec3& b, bool sticks) {
       const Vec3 v = across(q, b);
@@ -390,7 +396,7 @@ class Compliant {
     return newton(hard_, kMostWarm, kPatience, enough_);
   }
 
-  /// Goes from kinks so soft that the equation is smooth to hard ones.
+  /// Starts with kinks so soft that the equation is smooth, and makes them harder step by step.
   bool followHomotopy(int until) noexcept {
     constexpr int kEach = 8;
     double c = 0.3 * length_;
@@ -433,12 +439,12 @@ class Compliant {
     return false;
   }
 
-  /// Removes the compliance by the method of multipliers: a kink keeps the load that it bears, and
-  /// the place moves onto the kinks, faster for a smaller c. A friction that slips keeps its pull,
-  /// too: a proxy that comes to rest is at the threshold, and would stick and slip in turns. If
-  /// this does not converge, as may happen with frictions that press each other's planes, c alone
-  /// shrinks. Returns false if the place was found with kept values of the last tick and no
-  /// solution is near it without them.
+  /// Removes the compliance by the method of multipliers. A kink keeps the load that it bears, and
+  /// the place moves onto the kinks, faster for a smaller c. A friction that slips keeps its pull
+  /// as well, because a proxy that comes to rest is at the threshold. Without the kept pull, it
+  /// would alternate between sticking and slipping. The method may not converge if frictions press
+  /// each other's planes; then only c is reduced. Returns false if the place was found with kept
+  /// values of the last tick and no solution is near it without them.
   bool removeCompliance() noexcept {
     constexpr int kRounds = 8;
     const Vec3 soft = x_;
@@ -470,14 +476,14 @@ class Compliant {
   }
 
   double stiffness_;
-  Vec3 spring_;  ///< End of the spring, moved by directed forces.
+  Vec3 spring_;  ///< End of the spring, displaced by directed forces.
   FrictionStart& memory_;
   double strengths_ = 0.0;  ///< The sum of strengths, S [N].
   double length_ = 0.0;     ///< S/k [m].
   double hard_ = 0.0;       ///< The wanted compliance [m].
   double enough_ = 0.0;
-  bool turned_ = false;    ///< The determinant of the last step was below zero.
-  double rounding_ = 0.0;  ///< |R| that rounding leaves at hard_, as a share of S
+  bool turned_ = false;    ///< True if the determinant in the last step was below zero.
+  double rounding_ = 0.0;  ///< |R| that rounding leaves at hard_, as a share of S.
   bool known_ = false;
   Vec3 x_ = Vec3::Zero();
   Vec3 best_ = Vec3::Zero();

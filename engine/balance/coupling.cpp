@@ -41,7 +41,7 @@ VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted, cons
   const double most = kStiffnessRate * dt;
   const double per_stiffness = 0.5 * offset.squaredNorm();  // d energy / d k
   double change = std::clamp(wanted - last.value, -most, most);
-  // If only rounding stretches the spring, a change of its stiffness needs no energy.
+  // If the stretch of the spring is within rounding, a change of its stiffness needs no energy.
   constexpr double kRounding = 1e-16;  // [J]
   if (change * per_stiffness > next.tank + kRounding) change = next.tank / per_stiffness;
   next.value += change;

@@ -8,28 +8,29 @@
 
 namespace palpate {
 
-/// The spring and the damper of eq. (3), between the proxy and the probe.
+/// The spring and the damper of eq. (3) between proxy and probe.
 struct CouplingParams {
   double stiffness = 500.0;  ///< k of eq. (3) [N/m], > 0.
   double damping = 0.0;      ///< D of eq. (3) [N s/m], >= 0.
 };
 
-/// Time over which the rate of a spring's length is measured, about [s]. Over a single tick, an
-/// encoder's step would give a larger rate the faster the loop is. A longer time delays the
-/// damping: docs/stability.md, "How long damping looks back".
+/// Age of the length with which the rate of a spring's length is measured [s], approximately. With
+/// a single tick, the resolution of the encoder would cause a rate that grows with the rate of the
+/// loop. A longer time delays the damping: docs/stability.md, "How long damping looks back".
 inline constexpr double kRateTime = 2e-3;
 
-/// Measures the rate at which a spring's length changes, by the difference from the reading whose
-/// age is nearest to `time` [s].
+/// Measures the rate of a spring's length, as the difference from the reading whose age is nearest
+/// to `time` [s].
 class LengthRate {
  public:
-  /// `time`: age of the reading to compare with [s]; 0: the previous reading.
+  /// @param time  Age of the reading to compare with [s]; 0 selects the previous reading.
   explicit LengthRate(double time = kRateTime) noexcept : time_(time) {}
   /// Adds a length [m], `dt` [s] after the last one, and returns the rate [m/s]. The rate of the
-  /// first length is 0. If dt is not above 0, the length is ignored and the rate is 0. Looks back
-  /// over at most kMost readings. RT: no allocation.
+  /// first length is 0. If dt is not above 0, the length is ignored and the rate is 0. At most
+  /// kMost readings are kept. RT: no allocation.
   [[nodiscard]] double next(double length, double dt) noexcept PALPATE_NONBLOCKING;
-  void forget() noexcept { count_ = 0; }  ///< The next length is the first one: its rate is 0.
+  /// Forgets all lengths. The rate of the next length is 0.
+  void forget() noexcept { count_ = 0; }
 
   static constexpr std::size_t kMost = 128;  ///< Enough for 2 ms at 64 kHz.
 
@@ -49,13 +50,13 @@ class LengthRate {
 
 /// Returns the force on the hand [N], eq. (3): k (x_proxy - x_probe) + D (v_proxy - v_probe).
 ///
-/// The balance has no damping, as in the paper (D = 0 in section 4.2); damping enters the output
+/// As in the paper (D = 0 in section 4.2), the balance has no damping. Damping affects the output
 /// only. Departure from the paper: the damper acts along the spring, on the rate of its length. It
-/// may at most cancel or double the spring's force. With eq. (3) as written, the damper pulls a
-/// leaving hand back into the surface and drives it round a curve. It also kicks the hand by D
-/// times every jump of the proxy (contact, yield). Along the spring, the damper only makes a loop
-/// of force over length that dissipates. In free space, where the proxy is at the probe, the force
-/// is exactly zero.
+/// can at most cancel or double the spring's force. With eq. (3) as written, the damper pulls a
+/// leaving hand back into the surface, and drives the hand along a curve. Every jump of the proxy
+/// (contact, yield) would also cause a jump of the force in proportion to D. Along the spring, the
+/// damper adds a hysteresis of force over length, which always dissipates. In free space, where the
+/// proxy is at the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
 /// @param length_rate  Rate of change of the offset's length [m/s]: LengthRate.
@@ -63,28 +64,32 @@ class LengthRate {
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  double length_rate) noexcept PALPATE_NONBLOCKING;
 
-/// Largest rate of a varying stiffness [N/m per s]: 25 N/s at 5 mm of spring, which feels smooth.
+/// Largest rate of a varying stiffness [N/m per s]. With 5 mm of spring the force changes by 25
+/// N/s, which feels smooth.
 inline constexpr double kStiffnessRate = 5000.0;
-/// Largest energy in the tank of a varying stiffness [J]: enough for 300 to 800 N/m at 6 mm.
+/// Largest energy in the tank of a varying stiffness [J]. It is enough for a rise from 300 to 800
+/// N/m at 6 mm.
 inline constexpr double kStiffnessTank = 0.01;
 
-/// A coupling stiffness that a transfer function sets, and the energy that pays for its rise.
+/// A coupling stiffness that a transfer function sets, and the energy available for its rise.
 struct VaryingStiffness {
-  double value = 0.0;  ///< k [N/m]; 0: not yet set.
-  double tank = 0.0;  ///< Energy that the proxy has dissipated and that may stiffen the spring [J].
+  double value = 0.0;  ///< Stiffness k [N/m]; 0 if not yet set.
+  /// Energy that the proxy has dissipated and that a rise of the stiffness may use [J].
+  double tank = 0.0;
 };
 
-/// Brings the stiffness nearer to `wanted`, at a limited rate and passively. A stiffer spring holds
-/// (k_new - k)/2 |offset|^2 more energy, which must come from the tank. The tank is filled by the
-/// energy that the proxy's own motion dissipates (friction, viscosity, yielding), and by the energy
-/// that a softening spring releases. In free space the stiffness therefore changes at the full
-/// rate. Pressed against a hard surface, it waits until the proxy dissipates energy or the hand
-/// retreats.
+/// Moves the stiffness towards `wanted` at a limited rate, so that the spring stays passive. A
+/// stiffer spring holds (k_new - k)/2 |offset|^2 more energy, which must come from the tank. The
+/// tank is filled by the energy that the proxy's own motion dissipates (friction, viscosity,
+/// yielding), and by the energy that a softening spring releases. In free space the stiffness
+/// therefore changes at the full rate. While the proxy is pressed against a hard surface, the
+/// stiffness waits until the proxy dissipates energy or the hand retreats.
 ///
-/// @param wanted      Stiffness to reach [N/m]; not finite or <= 0: the stiffness stays.
+/// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, the stiffness does not
+///                    change.
 /// @param offset      x_proxy - x_probe [m].
 /// @param dissipated  Energy dissipated in this tick [J]; negative counts as 0.
-/// @param dt          Time since the last call [s]; not above 0: the stiffness stays.
+/// @param dt          Time since the last call [s]. If not above 0, the stiffness does not change.
 /// RT: no allocation.
 [[nodiscard]] VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted,
                                              const Vec3& offset, double dissipated,

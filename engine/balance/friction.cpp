@@ -28,7 +28,7 @@ using friction::OnePlane;
 //         remove c by the method of multipliers: kinks keep their loads, x moves onto them
 //     set each friction's strength to mu times its plane's load, and let solveProxy prove the place
 
-/// Writes the force of each primitive on the proxy [N], except directed forces.
+/// Writes the force of each primitive on the proxy [N]. Leaves out directed forces.
 void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const RoughPlane& p : found.planes()) {
     forces[p.plane] = p.load * p.q;
@@ -37,11 +37,11 @@ void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const Pull& p : found.pulls()) forces[p.index] = -p.strength * p.pull;
 }
 
-/// Returns true if more directions are held at x than are independent: the load can be shared in
-/// many ways.
+/// Returns true if the primitives at x hold more directions than are independent. The load can then
+/// be distributed in many ways.
 bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexcept {
   constexpr double kHere = 1e-9;  // [m]
-  constexpr double kSome = 1e-6;  // least eigenvalue of the projectors' sum that counts
+  constexpr double kSome = 1e-6;  // eigenvalues of the sum of projectors below this count as zero
   Mat3 held = Mat3::Zero();
   int directions = 0;
   for (const Primitive& p : primitives) {
@@ -75,7 +75,7 @@ bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexce
   return directions > (eigen.eigenvalues().array() > kSome).count();
 }
 
-/// Solves a set without friction: of all loads that balance it finds those of the least sum
+/// Solves a set without friction. If the loads are not unique, finds those of the least sum
 /// |f|^2/s.
 SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet& set,
                         const Vec3& proxy, const SolverParams& params, WarmStart& warm,
@@ -93,7 +93,7 @@ SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet&
   return result;
 }
 
-/// Passes the balance of the compliant kinks to solveProxy, as its warm start.
+/// Converts the balance of the compliant kinks to a warm start of solveProxy.
 void tell(const Compliant& found, const PrimitiveSet& set, WarmStart& warm) noexcept {
   if (warm.multipliers.size() < set.size()) return;
   for (const RoughPlane& p : found.planes()) {
@@ -161,10 +161,10 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   for (std::size_t i = 0; i < links.size(); ++i) start.held[i] = items[links[i].line].strength;
   if (!found) {
     result.status = SolveStatus::kIterationLimit;
-    start.plane_count = 0;  // the next balance starts cold
+    start.plane_count = 0;  // the next balance starts without memory
   } else {
-    // The answer is the place that the loads balance. It meets the law, and the bound covers its
-    // distance to the balance with its strengths.
+    // The result is the place that the loads balance. It meets Coulomb's law. The bound covers its
+    // distance to the balance with the strengths in the set.
     const Vec3 offset = search.place() + (proxy - probe);
     result.error_bound += (offset - result.offset).norm();
     result.error_bound += search.missing() / stiffness;

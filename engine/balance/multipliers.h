@@ -12,14 +12,14 @@
 
 namespace palpate::solver {
 
-/// A line search ends when this share of the slope is left.
+/// A line search ends when the slope has fallen to this share.
 inline constexpr double kSlopeLeft = 0.03;
-/// If |z|^2 is below this, the multiplier is inside its ball: the primitive holds the proxy on its
-/// kink.
+/// If |z|^2 is below this, the multiplier is inside its ball, and the primitive holds the proxy on
+/// its kink.
 inline constexpr double kOnKink = 1.0 - 1e-12;
 
-/// Returns u = z + d/gamma of term i, projected. Rounding leaves a part of d outside the range of
-/// P: the primitive cannot exert it as a force, and 1/gamma makes it large.
+/// Returns u = z + d/gamma of term i, projected on the range of P. Rounding leaves a part of d
+/// outside that range, which the primitive cannot exert as a force and which 1/gamma would amplify.
 inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, double x, double y,
                            double z) noexcept {
   const auto [dx, dy, dz] = displacement(t, i, x, y, z);
@@ -27,15 +27,15 @@ inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, doub
                      t.z[2][i] + per_gamma * dz);
 }
 
-/// How to decide on which side of a norm's envelope a primitive is.
+/// How to decide whether a primitive is on its kink.
 enum class Pieces : std::uint8_t {
-  kActual,    ///< By u: on its kink if |u| <= 1.
-  kBelieved,  ///< By the multiplier: on its kink if |z| < 1.
+  kActual,    ///< By u: the primitive is on its kink if |u| <= 1.
+  kBelieved,  ///< By the multiplier: the primitive is on its kink if |z| < 1.
 };
 
-/// Returns the gradient at y of the potential, with each norm replaced by its Moreau envelope
-/// around z, and writes the (generalised) Hessian. u = z + (P y - b)/gamma; gradient sigma u on the
-/// kink, sigma u/|u| off it.
+/// Returns the gradient at y of the potential in which the Moreau envelope around z replaces each
+/// norm, and writes the (generalised) Hessian. With u = z + (P y - b)/gamma, the gradient of a term
+/// is sigma u on its kink and sigma u/|u| off its kink.
 template <Pieces pieces>
 inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat3& H) noexcept {
   Terms& t = problem.terms;
@@ -77,7 +77,8 @@ inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat
     gx += sigma * ex;
     gy += sigma * ey;
     gz += sigma * ez;
-    // c P on the kink; off it c (P - e e^T), and P = e e^T for a plane.
+    // The Hessian of a term is c P on its kink and c (P - e e^T) off its kink, where P = e e^T for
+    // a plane.
     const double c = per_gamma * sigma * shrink * (on ? 1.0 : alpha);
     const double curl = on ? 0.0 : c;
     const double cb = c * beta;
@@ -93,8 +94,8 @@ inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat
   return at - problem.spring + Vec3(gx, gy, gz);
 }
 
-/// The envelope along a line from the place of the last envelopeGradient: with v = P step / gamma,
-/// u + t v has the length sqrt(c (t - turn)^2 + nearest).
+/// The envelope along a line from the place of the last envelopeGradient. With v = P step / gamma,
+/// the length of u + t v is sqrt(c (t - turn)^2 + nearest).
 class Line {
  public:
   Line(Problem& problem, double gamma, const Vec3& at, const Vec3& step) noexcept
@@ -128,8 +129,8 @@ class Line {
     }
   }
 
-  /// Returns the envelope's derivative by t. It rises with t and, unlike energies, is not lost in
-  /// rounding.
+  /// Returns the derivative of the envelope by t. It rises with t, and rounding does not dominate
+  /// it as it would a difference of energies.
   [[nodiscard]] double slope(double at) const noexcept {
     const Terms& t = terms_;
     double sum = 0.0;
@@ -143,10 +144,10 @@ class Line {
     return slope_ + at * curvature_ + gamma_ * sum;
   }
 
-  /// Returns the t between 0 and 1 at which the slope has nearly vanished; the slope is `at_start`
+  /// Returns the t between 0 and 1 at which the slope has nearly vanished. The slope is `at_start`
   /// < 0 at 0 and `at_end` > 0 at 1. The search is bracketed, by Chandrupatla's mix of inverse
-  /// quadratic interpolation and halving. Kinks may be many decades nearer than 1, so it halves the
-  /// exponent.
+  /// quadratic interpolation and halving. Kinks may be many orders of magnitude nearer to 0 than 1
+  /// is, so it halves the exponent.
   [[nodiscard]] double lowest(double at_start, double at_end) const noexcept {
     constexpr int kMostTrials = 40;
     constexpr double kNearest = 1e-15;
@@ -214,7 +215,7 @@ inline void updateMultipliers(Problem& problem, double gamma, const Vec3& at) no
     double ny = shrink * uy;
     double nz = shrink * uz;
     if constexpr (pieces == Pieces::kBelieved) {
-      // A term that was assumed off its kink and comes out on the other side is on its kink.
+      // If a term was assumed to be off its kink and ends on the other side, it is on its kink.
       const bool crossed = ux * zx + uy * zy + uz * zz < 0.0;
       nx = crossed ? 0.9 * zx : nx;
       ny = crossed ? 0.9 * zy : ny;
@@ -226,8 +227,8 @@ inline void updateMultipliers(Problem& problem, double gamma, const Vec3& at) no
   }
 }
 
-/// Runs semismooth Newton on the envelope from y, until the expected decrease by a step is at most
-/// `enough`. Counts linear solves in `solves`. Returns false after `most` of them.
+/// Runs semismooth Newton on the envelope from y, until the expected decrease of a step is at most
+/// `enough`. Counts linear solves in `solves`. Returns false after `most` linear solves.
 inline bool minimiseEnvelope(Problem& problem, double gamma, double enough, int most, Vec3& y,
                              int& solves) noexcept {
   for (int i = 0; i < most; ++i) {
@@ -235,7 +236,7 @@ inline bool minimiseEnvelope(Problem& problem, double gamma, double enough, int 
     const Vec3 g = envelopeGradient<Pieces::kActual>(problem, gamma, y, H);
     const Vec3 step = -solve3(H, g);
     ++solves;
-    const double slope = g.dot(step);  // < 0: the envelope falls by about -slope/2
+    const double slope = g.dot(step);  // < 0: the step lowers the envelope by about -slope/2
     const Line line(problem, gamma, y, step);
     const double end = line.slope(1.0);
     y += (end > -kSlopeLeft * slope ? line.lowest(slope, end) : 1.0) * step;
@@ -244,15 +245,15 @@ inline bool minimiseEnvelope(Problem& problem, double gamma, double enough, int 
   return false;
 }
 
-/// Makes and proves guesses of one general balance.
+/// Makes guesses of one general balance and proves them.
 class Search {
  public:
   Search(Problem& problem, const SolverParams& params) noexcept
       : problem_(problem), params_(params) {}
 
-  /// Assumes that the primitives that held the proxy in the last tick still hold it. Newton runs on
-  /// the norms of the others, with the kinks of the holding ones as almost rigid springs. Returns
-  /// true if the result is proved.
+  /// Tries the assumption that the primitives that held the proxy in the last tick still hold it.
+  /// Newton runs on the norms of the others; the kinks of the holding primitives become almost
+  /// rigid springs. Returns true if the result is proved.
   bool warm(Vec3 y) noexcept {
     constexpr double kGamma = 1e-10;
     constexpr int kMostSolves = 4;
@@ -267,19 +268,21 @@ class Search {
     return false;
   }
 
-  /// Runs the proximal method of multipliers: Newton minimises envelopes around z, and each round
-  /// tightens them. Kinks come out exact, and the method does not degenerate as the tolerance
-  /// falls. It starts cold, because a start on the edge of the unit balls can jam Newton. Returns
-  /// true if the result is proved.
+  /// Runs the proximal method of multipliers. In each round, Newton minimises envelopes around z,
+  /// and then gamma is reduced. The result is exact at kinks, and the conditioning does not worsen
+  /// with a smaller tolerance. The method starts without memory, because a start at the edge of the
+  /// unit balls can stop Newton. Returns true if the result is proved.
   bool cold() noexcept {
     constexpr double kFirstGamma = 0.3;
     constexpr double kTighten = 0.03;
     constexpr double kLastGamma = 1e-13;
-    constexpr double kNear = 1e-3;  // below this gamma the origin follows the iterate
-    // Each envelope is minimised loosely, to some hundred gamma: the multipliers compensate for it.
+    constexpr double kNear = 1e-3;  // for a smaller gamma, the origin follows the iterate
+    // Each envelope is minimised only to some hundred gamma, because the multipliers compensate for
+    // the error.
     constexpr double kLoose = 1e5;
-    // If a round takes longer than this, gamma was tightened too fast: it is relaxed, and tightened
-    // more slowly from then on. (If the same factor were used again, rounds could go in a circle.)
+    // A round that takes more steps than this means that gamma was reduced too fast. gamma is then
+    // increased, and reduced more slowly from then on. (With the same factor, the rounds could
+    // repeat forever.)
     constexpr int kMostOfRound = 8;
     constexpr double kRelax = 12.0;
     constexpr double kCareful = 0.35;
@@ -306,8 +309,8 @@ class Search {
     return false;
   }
 
-  /// Returns true if the guess is proved to be within the tolerance, by the multipliers or along
-  /// the displacements.
+  /// Returns true if a bound proves that the guess is within the tolerance. Tries both dual points
+  /// of certify().
   bool prove(const Vec3& guess) noexcept {
     bool by_multipliers = true;
     const double bound = certify(problem_, guess, by_multipliers);
@@ -337,7 +340,7 @@ class Search {
   const SolverParams& params_;
   int solves_ = 0;
   Vec3 best_ = problem_.spring;
-  double best_bound_ = 1.0;  // all terms together pull with at most T: |y* - spring| <= 1
+  double best_bound_ = 1.0;  // all terms together pull with at most T, so |y* - spring| <= 1
 };
 
 }  // namespace palpate::solver

@@ -10,13 +10,13 @@ namespace palpate {
 
 namespace {
 
-/// Orthonormal directions, each with the length that a step must have along it [m].
+/// Orthonormal directions, with the required length of the step along each [m].
 struct Rows {
   std::array<Vec3, 3> direction;
   std::array<double, 3> way{};
   std::size_t count = 0;
 
-  /// Adds the condition q.step = length [m]. Returns false and changes nothing if the earlier rows
+  /// Adds the condition q.step = length [m]. Returns false and adds no row if the earlier rows
   /// almost span q.
   bool add(Vec3 q, double length) noexcept {
     for (std::size_t i = 0; i < count; ++i) {
@@ -40,7 +40,7 @@ struct Rows {
 };
 
 /// Conditions of the primitives that hold: rows along their forces, and rows that keep the place on
-/// these primitives.
+/// the primitives.
 struct Held {
   Rows forces;
   Rows places;
@@ -80,8 +80,8 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
   return held;
 }
 
-/// Returns x = S^-1 b if S is stable, else the step down from the ridge, by the magnitudes of the
-/// eigenvalues of S's symmetric part, each at least kFloor.
+/// Returns x = S^-1 b if S is stable. Otherwise returns the step down from the ridge. It uses the
+/// magnitudes of the eigenvalues of S's symmetric part, each at least kFloor.
 constexpr double kFloor = 0.05;
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
@@ -99,7 +99,7 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
       }
     }
     if constexpr (N == 3) {
-      // All eigenvalues are above the floor: leading minors are positive (Sylvester).
+      // All eigenvalues are above the floor, because the leading minors are positive (Sylvester).
       const Mat3 above = 0.5 * (S + S.transpose()) - kFloor * Mat3::Identity();
       const bool stable = above(0, 0) > 0.0 &&
                           above(0, 0) * above(1, 1) > above(0, 1) * above(1, 0) &&
@@ -119,8 +119,8 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
 
 using Basis = std::array<Vec3, 3>;
 
-/// Returns the step in N free directions [m]. `pulls` has to vanish along `forces`; A is the rate
-/// at which it falls as the place moves along `places`.
+/// Returns the step in N free directions [m]. `pulls` must vanish along `forces`. A is the rate at
+/// which `pulls` falls as the place moves along `places`.
 template <int N>
 Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec3& pulls,
               const Vec3& held) noexcept {
@@ -187,8 +187,8 @@ Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double 
   if (held.forces.count == 0) {
     step = freeStep<3>(free, places, A, pulls, along);
   } else if (held.forces.count == 1) {
-    // The directions of the place are those of the forces, turned by the angle between normal and
-    // slope.
+    // The free directions of the place are those of the forces, rotated by the angle between normal
+    // and slope.
     const Vec3& n = held.forces.direction[0];
     const Vec3& c = held.places.direction[0];
     free[0] = n.unitOrthogonal();

@@ -1,4 +1,4 @@
-/// Newton's step on a balance whose primitives turn with the place at which they are read.
+/// Newton's step on a balance whose primitives vary with the place at which they are read.
 #pragma once
 
 #include <cstddef>
@@ -12,25 +12,26 @@ namespace palpate {
 /// Returns the step [m] from x to the place where the primitives would balance if they were read
 /// there, to second order.
 ///
-/// Primitives that are read at x balance at G(x); a tick searches x = G(x). Going to G and reading
-/// again is Picard's iteration. Under a load L on a surface of radius r, each reading multiplies
-/// its error by L / (k r). So it does not converge in a fillet of a radius below L / k. Newton's
-/// method on the forces (eq. 14) and the surfaces together,
+/// Primitives that are read at x balance at G(x); a tick searches x = G(x). To move to G and read
+/// again is Picard's iteration. Under a load L on a surface of radius r, it multiplies the error by
+/// L / (k r) in each reading. So it does not converge in a fillet with a radius below L / k.
+/// Newton's method on the forces (eq. 14) and the surfaces together,
 ///
 ///     (I + D - M) step - sum_i n_i dL_i / k = (I + D) (G(x) - x) + M' (x - r),
-///     M = sum_i (L_i dn_i/dx + [it gives all it has] n_i (ds_i/dx)^T) / k,
+///     M = sum_i (L_i dn_i/dx + [i at full strength] n_i (ds_i/dx)^T) / k,
 ///     c_i . step = -height_i   for every plane that holds, 0 < L_i < s_i,
 ///
-/// converges: the change of the loads drops out perpendicular to all n, and the step is free
-/// perpendicular to all c. Directed forces and yielding primitives give all they have, so ds/dx
-/// counts for them. D is the derivative at G of the pull of sliding lines and points, over k; the
-/// dependence of a friction's strength on its load is left out. M' is M without the planes of
-/// surfaces. r is the place where the primitives were read; before a tick's first reading, that of
-/// the last tick. A primitive that holds and does not turn holds as in the balance. The method
-/// distinguishes n from c and includes the turn of n along n. In a groove n and c differ most. With
-/// n in place of c, the step would be short by a factor that does not fall from one reading to the
-/// next. If the balance is a ridge (beyond the centre of curvature of a convex edge), the step goes
-/// down from it, by the magnitudes of the eigenvalues, each at least 0.05.
+/// converges. The unknown change of the loads has no component perpendicular to all n, and the step
+/// is free perpendicular to all c. Directed forces and yielding primitives act with their full
+/// strength, so their ds/dx counts. D is the derivative at G of the pull of sliding lines and
+/// points, divided by k. It neglects that a friction's strength depends on its load. M' is M
+/// without the planes of surfaces. r is the place where the primitives were read; before a tick's
+/// first reading, it is that of the last tick. For a primitive that holds and does not turn, the
+/// condition is that of the balance. The method distinguishes n from c and includes the turn of n
+/// along n. n and c differ most in a groove. With n in place of c, every step would be too short by
+/// the same factor. Beyond the centre of curvature of a convex edge, the balance is a ridge. Then
+/// the step leads down from the ridge. It uses the magnitudes of the eigenvalues, each at least
+/// 0.05.
 ///
 /// @param balance     G(x), the balance of the primitives [m].
 /// @param from        x, where the step begins [m].

@@ -18,23 +18,23 @@ inline Vec3 across(const Vec3& q, const Vec3& v) noexcept {
   return v - q.dot(v) * q;
 }
 
-/// One plane, its friction, and drags: points at the grip of that friction, the old proxy. All
-/// lengths are in metres, forces are divided by k. N is the depth of the spring's end behind the
-/// plane, T its distance from the grip along the plane. r is the distance from the grip, u its part
-/// along the plane.
+/// Balances one plane, its friction and drags. Drags are points at the old proxy, where the
+/// friction grips. All lengths are in metres, and forces are divided by k. N is the depth of the
+/// spring's end behind the plane, and T is its distance from the grip along the plane. r is the
+/// distance of the proxy from the grip, and u the part of r along the plane.
 ///
-/// If a plane bears N and also all drags, the proxy is on it. If the plane is in front of the grip,
-/// by micrometres, drags would press on it, friction would slip at two loads, and the balance would
-/// have two or three answers. In that case the proxy is dragged along the plane only, from the
-/// grip's foot:
+/// If the plane bears N and also all drags, the proxy is on the plane. The plane may be some
+/// micrometres in front of the grip. Drags would then press on the plane, friction would slip at
+/// two loads, and the balance would have two or three solutions. In that case the drags act only
+/// along the plane, from the foot of the grip:
 ///
-///     n = max(0, N),   friction min(T, mu n),   drags the rest, s_d at most.
+///     n = max(0, N),   friction = min(T, mu n),   drags = the rest, at most s_d.
 ///
-/// A grip in front of its plane holds where it is; for a proxy on the plane
+/// A grip in front of the plane holds the proxy from its own place. For a proxy on the plane
 ///
-///     u + mu n + s_d u/r = T,   n = N - s_d h/r,   h the grip's height.
+///     u + mu n + s_d u/r = T,   n = N - s_d h/r,   where h is the grip's height.
 ///
-/// The left side grows with u. Without drags the first line holds for any height, with n <= s.
+/// The left side grows with u. Without drags, the first line is valid for any height, with n <= s.
 class OnePlane {
  public:
   OnePlane(const Vec3& probe, double stiffness, const PrimitiveSet& set) noexcept
@@ -55,7 +55,8 @@ class OnePlane {
     }
   }
 
-  /// Returns true if only one plane, its friction, drags and directed forces have strength.
+  /// Returns true if the only primitives with strength are one plane, its friction, drags and
+  /// directed forces.
   [[nodiscard]] static bool fits(const PrimitiveSet& set) noexcept {
     if (set.links().size() != 1) return false;
     const FrictionLink& link = set.links()[0];
@@ -102,13 +103,14 @@ class OnePlane {
     return true;
   }
 
-  /// Returns the answer and fills `forces` as solveProxy does. Leaves the strength and place of the
-  /// friction and the place of the drags in the set.
+  /// Returns the result and fills `forces` as solveProxy does. Writes the strength and place of the
+  /// friction and the place of the drags to the set.
   SolveResult tell(const Vec3& probe, PrimitiveSet& set, std::span<Vec3> forces) const noexcept {
     SolveResult result;
     result.offset = from_ + moved_;
     result.proxy = probe + result.offset;
-    // Rounding of positions (from the probe, from the plane, and of the drags' place) and of sums.
+    // Bound on rounding, of sums and of positions relative to the probe, to the plane and to the
+    // drags.
     const double reach = from_.lpNorm<Eigen::Infinity>() +
                          (grip_ - plane_.position).lpNorm<Eigen::Infinity>() + size_ +
                          (foot_.isZero(0.0) ? 0.0 : grip_.lpNorm<Eigen::Infinity>());
@@ -131,14 +133,14 @@ class OnePlane {
   }
 
  private:
-  /// Returns the displacement by a pull of a proxy that drags hold.
+  /// Returns the displacement of a proxy that `pull` moves against the drags.
   [[nodiscard]] Vec3 pulled(const Vec3& pull) const noexcept {
     const double length = pull.norm();
     return length > drags_ ? Vec3((1.0 - drags_ / length) * pull) : Vec3(Vec3::Zero());
   }
 
-  /// Loads the drags with `pull`, their load if friction holds all it can. If the proxy has not
-  /// moved, friction and drags share the load in proportion to their strengths.
+  /// Loads the drags with `pull`, which is their load if friction is at its limit. If the proxy has
+  /// not moved, friction and drags share the load in proportion to their strengths.
   void share(Vec3 pull) noexcept {
     if (!(drags_ > 0.0)) return;
     const double sliding = link_.coefficient * load_;
@@ -154,7 +156,7 @@ class OnePlane {
     dragged_ = pull / drags_;
   }
 
-  /// Finds the proxy on a plane behind its grip, by Newton between bounds.
+  /// Finds the proxy on a plane that is behind the grip, by Newton's method between bounds.
   bool solveInFront(double into) noexcept {
     constexpr int kMost = 60;
     const double mu = link_.coefficient;
@@ -172,8 +174,8 @@ class OnePlane {
         const double slope = 1.0 + drags_ * height_ * (height_ + mu * u) / (r * r * r);
         double next = u - left / slope;
         if (!(next >= low && next <= high)) next = 0.5 * (low + high);
-        // The limits are the rounding of the left side, and the accuracy of the direction from the
-        // grip.
+        // The accuracy is limited by the rounding of the left side and by that of the direction
+        // from the grip.
         const double least = std::numeric_limits<double>::epsilon() * (r + way / slope);
         const bool there = std::abs(next - u) <= 4.0 * least;
         u = next;
@@ -201,8 +203,8 @@ class OnePlane {
   double most_;    ///< Strength of the plane.
   double drags_ = 0.0;
   double size_ = 0.0;  ///< Sum of all strengths.
-  Vec3 spring_;        ///< End of the spring, moved by directed forces; from the grip, as all that
-                       ///< follow.
+  Vec3 spring_;  ///< End of the spring, displaced by directed forces. This and the members below
+                 ///< are relative to the grip.
   Vec3 foot_ = Vec3::Zero();
   Vec3 along_ = Vec3::Zero();
   Vec3 friction_ = Vec3::Zero();

@@ -1,4 +1,4 @@
-/// Private to engine/balance: a plane and one other primitive, by a scalar equation.
+/// Private to engine/balance: the balance of a plane and one other primitive, by a scalar equation.
 #pragma once
 
 #include <algorithm>
@@ -11,18 +11,18 @@
 namespace palpate::solver {
 
 /// Balances a plane and one other primitive, such as a surface with its friction or drag, by a
-/// scalar equation. This is the commonest case of all. The plane's force a = sigma_plane zeta
-/// shifts the spring's end for the other primitive; the balance of that one is the soft threshold.
-/// The plane's own condition (y before it: zeta = 1; on it: between; behind it: zeta = -1) is
-/// monotone in that force.
+/// scalar equation. This is the most common case. The plane's force a = sigma_plane zeta shifts the
+/// spring's end for the other primitive, which a soft threshold then balances. zeta is -1 behind
+/// the plane, 1 in front of it, and between on it. This condition is monotone in the force.
 ///
-/// Let e = P q, d the other's displacement from its kink before its own force acts, and s = q.d.
-/// Then a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, and the height over the plane is
+/// Let e = P q, let d be the displacement of the other primitive from its kink before its own force
+/// acts, and s = q.d. Then a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, and the height over
+/// the plane is
 ///
 ///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,
 ///
-/// with s_0 and h_0 at a = 0. h(s) is a line where the other holds (|d| <= sigma), and beyond it
-/// convex on one side and concave on the other.
+/// with s_0 and h_0 at a = 0. h(s) is linear where the other primitive holds (|d| <= sigma). Beyond
+/// that range it is convex on one side and concave on the other.
 class Pair {
  public:
   Pair(const Problem& problem, std::size_t plane, std::size_t other) noexcept
@@ -32,7 +32,7 @@ class Pair {
         sigma_(problem.terms.sigma[other]),
         e_(project(problem.terms, other, q_)),
         d_(project(problem.terms, other, problem.spring) - get(problem.terms.b, other)),
-        // A point's kink is one point, to the last digit.
+        // For a point, the kink is exactly one place.
         kink_(problem.terms.beta[other] == 0.0 ? get(problem.terms.b, other)
                                                : Vec3(problem.spring - d_)),
         e2_(e_.squaredNorm()),
@@ -41,7 +41,8 @@ class Pair {
         h0_(q_.dot(kink_) - foot_),
         aside2_((d_ - (s0_ / e2_) * e_).squaredNorm()) {}
 
-  /// Finds the plane's force, to a height of `enough`. Returns the number of heights evaluated.
+  /// Finds the plane's force at which the magnitude of the height is at most `enough`. Returns the
+  /// number of heights evaluated.
   int solve(double enough) noexcept {
     double low = s0_ - most_ * e2_;
     double high = s0_ + most_ * e2_;
@@ -51,7 +52,7 @@ class Pair {
       ++evaluations;
       s = high;
       if (height(high) > 0.0) {
-        // The other primitive holds for s from -edge to edge.
+        // The other primitive holds if s is between -edge and edge.
         const double room = sigma_ * sigma_ - aside2_;
         const double edge = room > 0.0 ? std::sqrt(room * e2_) : 0.0;
         const double left = std::clamp(-edge, low, high);
@@ -61,7 +62,7 @@ class Pair {
         } else if (held(left) > 0.0) {
           evaluations += slide(low, left, left, enough, s);
         } else {
-          // If both kinks are one, a point holds at any force of the plane.
+          // If both kinks coincide, a point holds for any force of the plane.
           s = slope_ > kEpsilon ? std::clamp(s0_ - h0_ / slope_, left, right) : left;
         }
       }
@@ -70,8 +71,8 @@ class Pair {
     return evaluations;
   }
 
-  /// Returns the proxy. Off the kink y - b keeps the direction of d to the last digit, however
-  /// small.
+  /// Returns the proxy. Off the kink, y - b has the direction of d to the last digit, even if it is
+  /// very small.
   [[nodiscard]] Vec3 proxy() const noexcept {
     const Vec3 d = d_ - force_ * e_;
     const Vec3 kink = kink_ - force_ * (q_ - e_);
@@ -86,9 +87,9 @@ class Pair {
     return d / std::max(d.norm(), sigma_);
   }
 
-  /// Returns an upper bound on |y - y*|: in the duality gap the other's term and the imbalance
-  /// vanish. The possible rounding error of h counts. For a point the kink is exact and q - e = 0,
-  /// for a line or a plane not.
+  /// Returns an upper bound on |y - y*|. In the duality gap, the term of the other primitive and
+  /// the imbalance vanish. The bound includes the possible rounding error of h. For a point, the
+  /// kink is exact and q - e = 0; for a line or a plane not.
   [[nodiscard]] double bound(const Vec3& y) const noexcept {
     const double h = q_.dot(y) - foot_;
     const double lever = e_ == q_ ? 0.0 : std::abs(force_) + d_.norm();
@@ -97,7 +98,7 @@ class Pair {
   }
 
  private:
-  /// Returns h(s) while the other holds.
+  /// Returns h(s) where the other primitive holds.
   [[nodiscard]] double held(double s) const noexcept { return h0_ - slope_ * (s0_ - s); }
   [[nodiscard]] double distance(double s) const noexcept {
     return std::sqrt(s * s / e2_ + aside2_);
@@ -106,8 +107,8 @@ class Pair {
     return held(s) + (1.0 - sigma_ / std::max(distance(s), sigma_)) * s;
   }
 
-  /// Runs Newton from `start` within [low, high], h(low) <= 0 <= h(high), where h is convex or
-  /// concave: it can overshoot only once. Returns the number of heights evaluated.
+  /// Runs Newton from `start` within [low, high], where h(low) <= 0 <= h(high). There h is convex
+  /// or concave, so that Newton overshoots at most once. Returns the number of heights evaluated.
   int slide(double low, double high, double start, double enough, double& s) const noexcept {
     constexpr int kMost = 22;
     const double last_digit = kEpsilon * (std::abs(s0_) + most_ * e2_);
@@ -132,7 +133,8 @@ class Pair {
   double sigma_;  ///< sigma of the other
   Vec3 e_;
   Vec3 d_;     ///< d at zero force of the plane
-  Vec3 kink_;  ///< the other's kink nearest to the spring's end, at zero force of the plane
+  Vec3 kink_;  ///< at zero force of the plane, the place of the other's kink that is nearest to the
+               ///< spring's end
   double e2_;
   double slope_;
   double s0_;

@@ -1,5 +1,5 @@
-/// Private to engine/balance: planes alone, by pivots between the cells that they divide space
-/// into.
+/// Private to engine/balance: the balance of planes alone, by pivots between the cells into which
+/// they divide space.
 #pragma once
 
 #include <algorithm>
@@ -12,12 +12,11 @@
 
 namespace palpate::solver {
 
-/// Balances planes alone, by pivots. The planes divide space into cells, and the potential is
-/// quadratic in each cell. So it falls along a straight line to a plane that holds or to a cell's
-/// own minimum. A plane in the active set that would need more than its strength is released.
-/// Planes are not smoothed. In three dimensions at most three hold at once. A few pivots are
-/// enough, however many planes there are, unless many kinks meet in one point in which the proxy
-/// stays.
+/// Balances planes by pivots. The planes divide space into cells, and the potential is quadratic in
+/// each cell. In each pivot, y moves along a straight line to a plane that holds or to the minimum
+/// of its cell. A plane of the active set whose force would exceed its strength is released. Kinks
+/// are not smoothed. At most three planes hold at the same time. A few pivots are enough for any
+/// number of planes, unless many kinks meet at the proxy.
 class Pivots {
  public:
   explicit Pivots(Problem& problem) noexcept : problem_(problem), terms_(problem.terms) {}
@@ -27,8 +26,8 @@ class Pivots {
     return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
   }
 
-  /// Moves y towards the balance and sets the multipliers there. Returns false if it did not reach
-  /// it.
+  /// Moves y towards the balance and sets the multipliers there. Returns false if the balance was
+  /// not reached.
   bool solve(Vec3& y) noexcept {
     place(y);
     while (pivots_ < kMostPivots) {
@@ -46,8 +45,8 @@ class Pivots {
     setMultipliers(gradient(y));
     return false;
   }
-  /// Returns the solution again, after the origin has been moved to it: heights there keep their
-  /// digits, and those of the planes that hold vanish. Sets the multipliers, too.
+  /// Returns the solution again after the origin has been moved to it. Heights then keep their
+  /// digits, and those of the planes that hold vanish. Also sets the multipliers.
   [[nodiscard]] Vec3 onHeld() noexcept {
     Vec3 y = Vec3::Zero();
     for (std::size_t k = 0; k < held_; ++k) {
@@ -61,7 +60,8 @@ class Pivots {
 
  private:
   static double square(double x) noexcept { return x * x; }
-  /// Height q.y - q.b of term i; its rate along the step; its side, 0 if the plane holds.
+  /// Height q.y - q.b of term i, its rate along the step, and its side, which is 0 if the plane
+  /// holds.
   [[nodiscard]] double& height(std::size_t i) const noexcept { return terms_.u[0][i]; }
   [[nodiscard]] double& rate(std::size_t i) const noexcept { return terms_.u[1][i]; }
   [[nodiscard]] double& side(std::size_t i) const noexcept { return terms_.u[2][i]; }
@@ -90,8 +90,8 @@ class Pivots {
     return {gx, gy, gz};
   }
 
-  /// Returns the component of v perpendicular to the normals that hold, projected twice as
-  /// Gram-Schmidt needs.
+  /// Returns the component of v perpendicular to the normals that hold. Projects twice, for the
+  /// accuracy of Gram-Schmidt.
   [[nodiscard]] Vec3 across(Vec3 v) const noexcept {
     for (int twice = 0; twice < 2; ++twice) {
       for (std::size_t k = 0; k < held_; ++k) v -= basis_[k].dot(v) * basis_[k];
@@ -107,8 +107,8 @@ class Pivots {
     ++held_;
   }
 
-  /// Finds the lowest place along the step d and returns its share of d: past planes, at one that
-  /// stops the step, or where the slope vanishes by itself.
+  /// Finds the lowest place along the step d and returns its share of d. The step passes planes,
+  /// and ends at a plane that stops it or where the slope vanishes.
   double lineSearch(const Vec3& d, double slope) noexcept {
     const Terms& t = terms_;
     const double dx = d.x();
@@ -118,8 +118,8 @@ class Pivots {
     for (std::size_t i = 0; i < t.count; ++i) {
       t.u[1][i] = t.q[0][i] * dx + t.q[1][i] * dy + t.q[2][i] * dz;
     }
-    // Finds the planes on the step, and those that it passes: a weighted median, by repeated
-    // partition about one plane.
+    // Finds the plane at which the step ends and those that it passes. This is a weighted median,
+    // found by repeated partition about one plane.
     std::size_t count = 0;
     for (std::size_t i = 0; i < t.count; ++i) {
       const double toward = -side(i) * rate(i);
@@ -129,11 +129,11 @@ class Pivots {
     const auto less = [&](const Met& met) {
       return 2.0 * t.sigma[met.plane] * std::abs(rate(met.plane)) / slope;
     };
-    double way = 1.0;  // the share of d at which the slope would vanish
+    double way = 1.0;  // share of d at which the slope would vanish without further planes
     std::size_t stop = t.count;
     Met* first = met_.data();
     Met* last = first + count;
-    constexpr int kMostPartings = 64;  // six are enough on average
+    constexpr int kMostPartings = 64;  // on average, six are enough
     for (int parting = 0; first != last && parting < kMostPartings; ++parting) {
       const double at = first[(last - first) / 2].way;
       Met* const here = std::partition(first, last, [at](const Met& m) { return m.way < at; });
@@ -141,7 +141,7 @@ class Pivots {
       double before = 0.0;
       for (const Met* m = first; m != here; ++m) before += less(*m);
       if (way - before <= at) {
-        last = here;  // the step ends before
+        last = here;  // the step ends before this plane
         continue;
       }
       for (const Met* m = first; m != here; ++m) side(m->plane) = -side(m->plane);
@@ -176,8 +176,8 @@ class Pivots {
     return push;
   }
 
-  /// Releases the plane of the active set whose force exceeds its strength most. Returns false if
-  /// no force exceeds its strength.
+  /// Releases the plane of the active set whose force exceeds its strength by the most. Returns
+  /// false if none does.
   bool release(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     double worst = 64.0 * kEpsilon;
@@ -199,8 +199,8 @@ class Pivots {
     return true;
   }
 
-  /// Sets the multipliers of the present place: from the sides, and from the forces of planes that
-  /// hold.
+  /// Sets the multipliers at the present place, from the sides of planes and the forces of planes
+  /// that hold.
   void setMultipliers(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));
@@ -214,12 +214,12 @@ class Pivots {
 
   Problem& problem_;
   const Terms& terms_;
-  /// A plane on the step, and the share of the step at which the step reaches it.
+  /// A plane on the step, and the share of the step up to it.
   struct Met {
     double way;
     std::size_t plane;
   };
-  std::array<Met, kMaxPrimitives> met_;  ///< Scratch.
+  std::array<Met, kMaxPrimitives> met_;  ///< Scratch memory of lineSearch().
   std::array<std::size_t, 3> holder_{};
   std::array<Vec3, 3> basis_;  ///< The normals that hold, each made orthogonal to those before it.
   std::size_t held_ = 0;

@@ -10,8 +10,9 @@
 
 namespace palpate {
 
-/// Kind of a primitive. The paper's list is complete: directed force, and constraints of three, two
-/// and one degrees of freedom. A fifth kind should cause a compiler warning in every `switch`.
+/// Kind of a primitive. The list is that of the paper: directed force, and constraints of three,
+/// two and one degrees of freedom. Do not add a default to a `switch` over it, so that the compiler
+/// warns about a missing kind.
 enum class PrimitiveKind : std::uint8_t {
   kForce,  ///< eq. (8): constant force along `direction`; `position` is ignored.
   kPoint,  ///< eq. (9): constant pull towards `position`; `direction` is ignored.
@@ -30,12 +31,12 @@ struct Primitive {
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
 
-/// Returns true if a balance can take the primitive: a kind that exists, finite numbers, a strength
-/// >= 0 and a direction of unit length. RT: no allocation.
+/// Returns true if a balance accepts the primitive: its kind exists, its numbers are finite, its
+/// strength is >= 0 and its direction has unit length. RT: no allocation.
 [[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the distance of x from the places where the primitive exerts no force [m]: from its
-/// point or line, or behind its plane; 0 for a force. RT: no allocation.
+/// Returns the distance [m] of x from the point or line, or the depth behind the plane. There the
+/// primitive would exert no force. 0 for a directed force. RT: no allocation.
 [[nodiscard]] double distanceTo(const Primitive& primitive,
                                 const Vec3& x) noexcept PALPATE_NONBLOCKING;
 
@@ -54,24 +55,25 @@ enum class Load : std::uint8_t {
   return load >= kAll * primitive.strength ? Load::kYielding : Load::kHeld;
 }
 
-/// Derivatives of a primitive by the place x where properties were read, for Newton's step
+/// Derivatives of a primitive by the place x where properties were read. Newton's step uses them
 /// (newton.h).
 struct Varying {
-  std::size_t index = 0;       ///< Index of the primitive that varies.
-  Mat3 turn = Mat3::Zero();    ///< dn/dx [1/m], n the direction of a force or a plane.
-  Vec3 slope = Vec3::Zero();   ///< ds/dx [N/m], s the strength.
-  Vec3 across = Vec3::Zero();  ///< For a plane: the place stays on it if across . step = -height.
-                               ///< For a surface: c, the slope of the interpolated value at x,
-                               ///< unit, outwards; in trilinear data it is not n.
-  double height = 0.0;         ///< Height of x above the plane, along `across` [m].
-  bool surface = false;        ///< True for the plane of a surface, false for all others.
+  std::size_t index = 0;      ///< Index of the primitive that varies.
+  Mat3 turn = Mat3::Zero();   ///< dn/dx [1/m], where n is the direction of a force or a plane.
+  Vec3 slope = Vec3::Zero();  ///< ds/dx [N/m], where s is the strength.
+  /// For a plane: a step from x stays on the plane if across . step = -height. For a surface: c,
+  /// the outward unit vector along the slope of the interpolated value at x. In trilinear data it
+  /// differs from n.
+  Vec3 across = Vec3::Zero();
+  double height = 0.0;   ///< Height of x above the plane, along `across` [m].
+  bool surface = false;  ///< True for the plane of a surface.
 };
 
 /// Largest number of primitives in the balance of one tick.
 inline constexpr std::size_t kMaxPrimitives = 1024;
 
 /// Coulomb friction: a line through the old proxy along a plane's normal. Its strength is mu times
-/// the load that the plane bears in the same balance. See friction.h.
+/// the load of the plane in the same balance. See friction.h.
 struct FrictionLink {
   std::size_t plane = 0;     ///< Index of the plane in its set.
   std::size_t line = 0;      ///< Index of the friction's line in the same set.
@@ -83,16 +85,15 @@ class PrimitiveSet {
  public:
   PrimitiveSet() : items_(kMaxPrimitives), links_(kMaxPrimitives), varying_(kMaxPrimitives) {}
 
-  /// Appends one primitive. Returns false and changes nothing if the set is full. RT: no
-  /// allocation.
+  /// Appends a primitive. Returns false and changes no state if the set is full. RT: no allocation.
   [[nodiscard]] bool tryAdd(const Primitive& primitive) noexcept {
     if (count_ == items_.size()) return false;
     items_[count_++] = primitive;
     return true;
   }
-  /// Appends friction at `position` [m] to the plane appended last. Returns false if the set is
-  /// full, the last primitive is not a plane, or the coefficient is not within 0 to 1e9. RT: no
-  /// allocation.
+  /// Appends friction at `position` [m] to the plane that was appended last. Returns false if the
+  /// set is full, the last primitive is not a plane, or the coefficient is not within 0 to 1e9. RT:
+  /// no allocation.
   [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
     const std::size_t plane = count_ - 1;
     if (count_ == 0 || items_[plane].kind != PrimitiveKind::kPlane || !(coefficient >= 0.0) ||
@@ -103,8 +104,8 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
-  /// Returns the entry of the primitive appended last, for writing; a second call returns the same
-  /// entry. In an empty set the entry belongs to no primitive. RT: no allocation.
+  /// Returns the entry of the primitive that was appended last, for writing. A second call returns
+  /// the same entry. If the set is empty, the entry belongs to no primitive. RT: no allocation.
   Varying& vary() noexcept {
     if (count_ == 0) return varying_[0];
     if (varying_count_ == 0 || varying_[varying_count_ - 1].index + 1 != count_) {
@@ -121,14 +122,15 @@ class PrimitiveSet {
   /// Moves primitive i to `position` [m]. RT: no allocation.
   void setPosition(std::size_t i, const Vec3& position) noexcept { items_[i].position = position; }
 
-  /// Removes all primitives, friction links and entries; keeps the memory. RT: no allocation.
+  /// Removes all primitives, friction links and entries, and keeps the memory. RT: no allocation.
   void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
-  [[nodiscard]] std::size_t size() const noexcept { return count_; }  ///< Friction lines included.
+  /// Number of primitives, friction lines included.
+  [[nodiscard]] std::size_t size() const noexcept { return count_; }
   /// Returns the primitives in the order of adding, friction lines included.
   [[nodiscard]] std::span<const Primitive> items() const noexcept {
     return {items_.data(), count_};
   }
-  /// Returns the friction links in the order of adding, by indices into items().
+  /// Returns the friction links in the order of adding. Their indices refer to items().
   [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
     return {links_.data(), link_count_};
   }

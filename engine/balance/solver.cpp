@@ -18,8 +18,8 @@ namespace {
 
 using namespace solver;
 
-// Method. Lengths are in units of T/k and forces in units of T, T the strengths of points and lines
-// and half of those of planes. The potential of solver.h becomes
+// Method. The unit of length is T/k and the unit of force is T. T is the sum of the strengths of
+// points and lines, and of half the strengths of planes. The potential of solver.h becomes
 //
 //     |y - spring|^2 / 2 + sum sigma |P y - b|,   sum sigma = 1.
 //
@@ -30,18 +30,18 @@ using namespace solver;
 //     eq. (14)        minus the gradient; on a kink, where P y = b, any -sigma z with |z| <= 1
 //     eq. (15)        y, and a z for each primitive, with gradient zero
 //
-// balance(), at the end of this file, tries exact and cheap methods first: orthogonal primitives
-// one by one; a plane and one other by a scalar equation (pair.h); pivots if all are planes
-// (pivots.h); Newton on the primitives that held the proxy a tick ago; the method of multipliers
-// (multipliers.h). A bound proves each answer (certificate.h). docs/decisions/0005 and 0012 give
-// the reasons.
+// balance(), at the end of this file, tries the methods in this order, exact and cheap ones first.
+// It balances orthogonal primitives one by one, a plane and one other primitive by a scalar
+// equation (pair.h), and planes alone by pivots (pivots.h). Then it tries Newton on the primitives
+// that held the proxy in the last tick, and finally the method of multipliers (multipliers.h). A
+// bound proves each result (certificate.h). docs/decisions/0005 and 0012 give the reasons.
 
-/// Returns true if the projectors annihilate each other, to rounding.
+/// Returns true if the projectors annihilate each other, within rounding.
 bool orthogonal(const Terms& terms) noexcept {
   constexpr double kNothing = 1e-30;
   for (std::size_t i = 1; i < terms.count; ++i) {
     for (std::size_t j = 0; j < i; ++j) {
-      // One of the two must be a plane, and the other's projector must map its normal to zero.
+      // One of the two must be a plane whose normal the other's projector maps to zero.
       const std::size_t plane = terms.alpha[i] == 0.0 ? i : j;
       const std::size_t other = plane == i ? j : i;
       if (terms.alpha[plane] != 0.0) return false;
@@ -51,15 +51,15 @@ bool orthogonal(const Terms& terms) noexcept {
   return true;
 }
 
-/// Balances orthogonal primitives. Each acts as if it were alone: the soft threshold, exact. Only
-/// in this case is eq. (2) right.
+/// Balances orthogonal primitives. Each acts as if it were alone, by the soft threshold, and the
+/// result is exact. Only in this case is eq. (2) correct.
 Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   const Terms& terms = problem.terms;
   Vec3 pull = Vec3::Zero();
   for (std::size_t i = 0; i < terms.count; ++i) {
     const Vec3 d = project(terms, i, problem.spring) - get(terms.b, i);
     const double r = d.norm();
-    // On its kink a primitive takes all of d, off it as much as its strength.
+    // On its kink, a primitive takes all of d. Off its kink, it takes as much as its strength.
     pull += r > terms.sigma[i] ? Vec3((terms.sigma[i] / r) * d) : d;
     set(terms.z, i, d / std::max(r, terms.sigma[i]));
   }
@@ -73,8 +73,8 @@ Vec3 unit(const Vec3& q) noexcept {
   return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
 }
 
-/// Returns true if plane i and the next are opposed: same place and strength, opposite normals.
-/// Together they are a slab, s |q.(x - x_i)|: one norm and no constant force.
+/// Returns true if planes i and i + 1 are opposed, with the same place and strength. Together they
+/// are a slab, s |q.(x - x_i)|: one norm without a constant force.
 bool slab(std::span<const Primitive> primitives, std::size_t i) noexcept {
   if (i + 1 >= primitives.size()) return false;
   const Primitive& a = primitives[i];
@@ -83,7 +83,7 @@ bool slab(std::span<const Primitive> primitives, std::size_t i) noexcept {
          a.strength == b.strength && a.position == b.position && a.direction == -b.direction;
 }
 
-/// Returns a primitive's strength as a norm [N]: max(0, t) = (t + |t|)/2, so a plane is half a
+/// Returns the strength of a primitive's norm [N]. As max(0, t) = (t + |t|)/2, a plane is half a
 /// directed force and half a norm.
 double share(const Primitive& primitive) noexcept {
   switch (primitive.kind) {
@@ -101,18 +101,18 @@ double share(const Primitive& primitive) noexcept {
 /// Further results of makeProblem.
 struct Remainder {
   Vec3 origin = Vec3::Zero();  ///< origin of the terms, from the probe [m]
-  double bound = 0.0;          ///< largest effect on the answer of rounding and of omitted
-                               ///< primitives [m]
+  double bound = 0.0;  ///< largest effect of rounding and of omitted primitives on the result [m]
 };
 
-/// Builds eqs (8) to (13), dimensionless. `terms` is empty if only directed forces are left.
+/// Makes the dimensionless problem from eqs (8) to (13). `terms` is empty if only directed forces
+/// are left.
 Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
                     const Terms& storage, Remainder& remainder) noexcept {
   Problem problem;
   problem.terms = storage;
 
-  // Sizes that enter the bound on rounding [m]: the largest distance, and the sum of the directed
-  // forces before they cancel, divided by k.
+  // Lengths that determine the bound on rounding [m]: the largest distance, and the sum of the
+  // magnitudes of directed forces divided by k.
   const double per_stiffness = 1.0 / stiffness;
   double sum = 0.0;
   double reach = 0.0;
@@ -136,16 +136,15 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   problem.length = sum * per_stiffness;
   remainder.bound = 8.0 * kEpsilon * (reach + problem.length) + (8.0 + pushes) * kEpsilon * pushed;
 
-  // Strengths that cannot move the proxy beyond rounding enter the bound only.
+  // If the strengths cannot move the proxy by more than rounding, they enter only the bound.
   if (problem.length <= remainder.bound || problem.length < std::numeric_limits<double>::min()) {
     remainder.bound += problem.length;
     return problem;
   }
 
-  // The origin is the nearest anchor that the proxy can reach, so that kinks that share an anchor
-  // do so to the last digit. If all are farther than T/k, the origin is the spring's end.
-  // Primitives too weak to matter beside the rest are omitted, and their effect goes into the
-  // bound.
+  // The origin is the nearest anchor that the proxy can reach. So kinks with a common anchor
+  // coincide to the last digit. If all anchors are farther than T/k, the origin is the spring's
+  // end. Primitives that are too weak to matter are omitted, and the bound includes their effect.
   constexpr double kNothing = 1e-20;
   Terms& terms = problem.terms;
   remainder.origin = problem.w;
@@ -184,7 +183,8 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   return problem;
 }
 
-/// Balances two or more primitives that are not orthogonal, nor a plane and one other.
+/// Balances two or more primitives in the general case, if they are not orthogonal and not a plane
+/// and one other primitive.
 void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
                     const SolverParams& params, WarmStart* warm, SolveResult& result) noexcept {
   result.solver = SolverKind::kGeneral;
@@ -225,7 +225,8 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
   }
 }
 
-/// Writes the force of each primitive on the proxy [N]: its constant part, and -sigma z in newtons.
+/// Writes the force of each primitive on the proxy [N], the sum of its constant part and of -sigma
+/// z.
 void writeForces(const Terms& terms, std::span<const Primitive> primitives,
                  std::span<Vec3> forces) noexcept {
   for (std::size_t i = 0; i < primitives.size(); ++i) {
@@ -257,7 +258,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   Remainder remainder;
   Problem problem = makeProblem(probe, stiffness, primitives, storage.view(), remainder);
   const std::size_t count = problem.terms.count;
-  // The tolerance is at least the rounding of the input.
+  // The tolerance cannot be less than the rounding of the input.
   SolverParams wanted = params;
   const double least = remainder.bound / problem.length;
   wanted.tolerance = params.tolerance > least ? params.tolerance : least;
@@ -269,7 +270,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   } else if (count == 2 && trySolvePair(problem, wanted, result)) {
     result.solver = SolverKind::kPair;
   } else {
-    // The proxy is expected to move as it did last time.
+    // The proxy is expected to move as in the last tick.
     Vec3 guess = Vec3::Zero();
     if (warm != nullptr) guess = start - probe + warm->motion - remainder.origin;
     balanceGeneral(problem, guess / problem.length, primitives.size(), wanted, warm, result);
@@ -281,7 +282,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   warm->motion = probe + result.offset - start;
 }
 
-/// Balances no primitive or one, before anything is set up: most ticks need no more.
+/// Balances no primitive or one primitive without the general setup. This is enough for most ticks.
 SolveResult balanceFew(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
                        const Vec3& start, WarmStart* warm, std::span<Vec3> forces) noexcept {
   SolveResult result;
@@ -324,7 +325,8 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
                     std::all_of(primitives.begin(), primitives.end(), isValid);
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
-    // Most ticks balance few primitives: their terms fit into a few cache lines of stack.
+    // Few primitives need only a few cache lines of stack for their terms, which is enough for most
+    // ticks.
     if (primitives.size() <= 1) {
       result = balanceFew(probe, stiffness, primitives, start, warm, forces);
     } else if (primitives.size() <= kFew) {
@@ -333,7 +335,7 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
       balance<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, forces, result);
     }
   }
-  // Sums and quotients of finite numbers can still overflow.
+  // Sums and quotients of finite numbers may still overflow.
   if (!good || !result.offset.allFinite() || !std::isfinite(result.error_bound)) {
     result = {};
     result.status = SolveStatus::kBadInput;

@@ -1,5 +1,5 @@
-/// Private to engine/balance: the primitives of one balance as terms of the potential of solver.h,
-/// dimensionless.
+/// Private to engine/balance: the primitives of one balance as dimensionless terms of the potential
+/// in solver.h.
 #pragma once
 
 #include <array>
@@ -14,27 +14,29 @@ namespace palpate::solver {
 inline constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
 /// The primitives of one balance, without directed forces, as terms sigma |P y - b|. P = alpha I +
-/// beta q q^T is the projector on the constrained directions: three of a point, two of a line, one
-/// of a plane. Stored field by field, so that the loops below run several terms at a time.
+/// beta q q^T is the projector on the constrained directions: three for a point, two for a line,
+/// one for a plane. Each member is an array over the terms, so that the loops below process several
+/// terms at a time.
 ///
-/// b = P a, a the anchor. The position of the anchor along its line or plane does not matter. b is
-/// small if the kink is near the origin, so that distances to near kinks keep their digits.
+/// b = P a, where a is the anchor. The position of the anchor along its line or plane has no
+/// effect. If the kink is near the origin, b is small, and distances to the kink keep their digits.
 struct Terms {
   std::size_t count = 0;
   double* sigma;
-  double* alpha;             ///< point 1, line 1, plane 0
-  double* beta;              ///< point 0, line -1, plane 1
+  double* alpha;             ///< 1 for a point, 1 for a line, 0 for a plane
+  double* beta;              ///< 0 for a point, -1 for a line, 1 for a plane
   std::array<double*, 3> q;  ///< unit direction
   std::array<double*, 3> b;
   std::array<double*, 3> z;  ///< multiplier: the force is -sigma z, |z| <= 1, in the range of P
   std::array<double*, 3>
-      u;                ///< scratch: u of the last envelopeGradient, then Line's fields; or Pivots'
+      /// scratch of envelopeGradient, of Line and of Pivots
+      u;
   std::size_t* source;  ///< index of the primitive
 
   /// Sets b to P (scale (b - origin)).
   void placeFeet(const Vec3& origin, double scale) noexcept;
-  /// Projects the multipliers of a tick ago into the range of P, turned with their line or plane.
-  /// Keeps their length, at most 1, which says whether the primitive held the proxy.
+  /// Projects the multipliers of the last tick into the range of P of this tick. Keeps their
+  /// length, at most 1, which states whether the primitive held the proxy.
   void turnMultipliers() noexcept;
 
   static constexpr std::size_t kFields = 15;
@@ -42,7 +44,8 @@ struct Terms {
 
 template <std::size_t Capacity>
 struct Storage {
-  // One cache line more than needed: at a power of two all fields would share one set of the cache.
+  // Has one cache line more than needed. With a power of two, all fields would share one set of the
+  // cache.
   std::array<std::array<double, Capacity + 8>, Terms::kFields> fields;
   std::array<std::size_t, Capacity> source;
 
@@ -68,7 +71,8 @@ inline void set(const std::array<double*, 3>& field, std::size_t i, const Vec3& 
   for (std::size_t axis = 0; axis < 3; ++axis) field[axis][i] = v[static_cast<Eigen::Index>(axis)];
 }
 
-/// std::max by value: the references of std::max keep the compiler from vectorising the loops.
+/// Returns the larger value. std::max returns a reference, which prevents the compiler from
+/// vectorising the loops.
 inline double larger(double a, double b) noexcept {
   return a > b ? a : b;
 }
@@ -91,7 +95,7 @@ inline Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
   return x;
 }
 
-/// Three doubles that, unlike a Vec3, the loops below can keep in vector registers.
+/// Three doubles. Unlike a Vec3, the compiler keeps them in vector registers in the loops below.
 struct Triple {
   double x;
   double y;
@@ -120,7 +124,8 @@ inline void Terms::placeFeet(const Vec3& origin, double scale) noexcept {
   const double oz = origin.z();
 #pragma omp simd
   for (std::size_t i = 0; i < count; ++i) {
-    // Projected twice: the rounding error outside the range of P is not small beside a near foot.
+    // The projection is repeated, because the rounding error outside the range of P is not small
+    // compared with a near foot.
     const auto [ax, ay, az] = constrained(*this, i, scale * (b[0][i] - ox), scale * (b[1][i] - oy),
                                           scale * (b[2][i] - oz));
     const auto [bx, by, bz] = constrained(*this, i, ax, ay, az);
@@ -147,10 +152,11 @@ inline void Terms::turnMultipliers() noexcept {
   }
 }
 
-/// The potential to minimise, and the numbers that convert its solution to metres.
+/// The potential to minimise, and the numbers that convert the solution to metres.
 struct Problem {
-  Vec3 w = Vec3::Zero();  ///< the spring's end, moved by directed forces, relative to the probe [m]
-  double length = 0.0;    ///< T/k [m]
+  /// the spring's end, displaced by directed forces, relative to the probe [m]
+  Vec3 w = Vec3::Zero();
+  double length = 0.0;         ///< T/k [m]
   Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of T/k from the origin
   Terms terms;
 

@@ -9,7 +9,7 @@
 namespace palpate {
 namespace {
 
-/// A vector field as one smooth piece, in voxels.
+/// Presents a vector field to traceCells as one smooth piece. Coordinates are in voxels.
 struct SmoothFlow {
   static constexpr bool kCells = false;
   const VectorField& field;

@@ -11,14 +11,15 @@ namespace {
 /// Halley's method.
 ///
 /// The eigenvalue farthest from the others is a well-conditioned root of the characteristic
-/// polynomial. The other two are not, if they are close: they come from the matrix deflated by the
-/// first one. Written out, without acos and cos, this takes 60 ns instead of 150 ns.
+/// polynomial. The other two may be close and ill-conditioned. They come from the matrix deflated
+/// by the first one. Without acos and cos this takes 60 ns instead of 150 ns.
 double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, double yz) noexcept {
   const double mean = (xx + yy + zz) * (1.0 / 3.0);
   xx -= mean;
   yy -= mean;
   zz -= mean;
-  // |M - mean I|^2 = 6 p^2: divided by p, its eigenvalues are 2 cos(a + i 120 deg) with cos 3a = h.
+  // |M - mean I|^2 = 6 p^2. The eigenvalues of (M - mean I) / p are 2 cos(a + i 120 deg), where cos
+  // 3a = h.
   const double p =
       std::sqrt((xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + xz * xz + yz * yz)) / 6.0);
   if (p < 1e-150) return mean;
@@ -27,8 +28,8 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
   const double h =
       0.5 * (xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz));
 
-  // The root of x^3 - 3 x - 2 |h| = 0 from sqrt(3) to 2: a polynomial accurate to 1e-6, then one
-  // step of Halley's method, which cubes that error.
+  // Finds the root of x^3 - 3 x - 2 |h| = 0 between sqrt(3) and 2. A polynomial is accurate to
+  // 1e-6, and one step of Halley's method cubes that error.
   const double size = std::min(std::abs(h), 1.0);
   double x =
       1.73205212 +
@@ -68,7 +69,7 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
 }  // namespace
 
 double lambda2(const Mat3& J) noexcept {
-  // S and O: symmetric and antisymmetric parts of J. S^2 + O^2 is the symmetric part of J J.
+  // S is the symmetric and O the antisymmetric part of J. S^2 + O^2 is the symmetric part of J J.
   const auto middle = [](const Mat3& A) {
     const double* a = A.data();
     const double xx = a[0] * a[0] + a[3] * a[1] + a[6] * a[2];

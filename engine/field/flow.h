@@ -1,5 +1,5 @@
-/// Derived quantities of a vector field at a point, from its Jacobian J(i, j) = d v_i / d x_j, its
-/// strain S = (J + J^T) / 2 and its rotation O = (J - J^T) / 2.
+/// Quantities derived from the Jacobian J(i, j) = d v_i / d x_j of a vector field at a point. The
+/// strain is S = (J + J^T) / 2 and the rotation O = (J - J^T) / 2.
 #pragma once
 
 #include "palpate/engine/types.h"
@@ -16,31 +16,32 @@ namespace palpate {
   return J.trace();
 }
 
-/// Returns Q = (|O|^2 - |S|^2) / 2, Hunt, Wray and Moin 1988, Frobenius norms: > 0 where rotation
-/// prevails, in a vortex. Departure: if the flow is not free of divergence, Q is still this
-/// difference, not the second invariant of J.
+/// Returns Q = (|O|^2 - |S|^2) / 2 with Frobenius norms (Hunt, Wray and Moin 1988). Q > 0 in a
+/// vortex, where rotation prevails. Departure: if the flow is not free of divergence, Q is still
+/// this difference, not the second invariant of J.
 [[nodiscard]] inline double qCriterion(const Mat3& J) noexcept {
   // tr(J J) = |S|^2 - |O|^2.
   return -0.5 * (J(0, 0) * J(0, 0) + J(1, 1) * J(1, 1) + J(2, 2) * J(2, 2)) -
          (J(0, 1) * J(1, 0) + J(0, 2) * J(2, 0) + J(1, 2) * J(2, 1));
 }
 
-/// Returns the middle eigenvalue of S^2 + O^2, Jeong and Hussain 1995: < 0 in a vortex.
+/// Returns the middle eigenvalue of S^2 + O^2 (Jeong and Hussain 1995). It is below zero in a
+/// vortex.
 ///
-/// Accurate to a few roundings of |J|^2, also if eigenvalues coincide. 0 if |J| < 1e-160; NaN if J
-/// is not finite; infinite if the square overflows.
+/// The result is accurate to a few roundings of |J|^2, also if eigenvalues coincide. It is 0 if |J|
+/// < 1e-160, NaN if J is not finite, and infinite if the square overflows.
 ///
 /// RT: no allocation. Cost: some 60 ns.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
-/// Least length of a vector that has a direction, in the data's unit: the reciprocal of a shorter
-/// one would be beyond what volumes may hold (samplers/grid/prepare_values.h, 1e100).
+/// The shortest vector that has a direction, in the data's unit. The reciprocal of a shorter length
+/// would exceed the range of volumes (1e100, samplers/grid/prepare_values.h).
 inline constexpr double kShortest = 1e-100;
 
-/// Returns v / |v|; zero if |v| < kShortest (in the data's unit) or not finite.
+/// Returns v / |v|. Returns zero if |v| is below kShortest (in the data's unit) or not finite.
 [[nodiscard]] inline Vec3 unit(const Vec3& v) noexcept {
   const double length = v.norm();
-  // False for NaN as well.
+  // The comparison is also false for NaN.
   if (!(length >= kShortest) || !(length * 0.0 == 0.0)) return Vec3::Zero();
   return v / length;
 }

@@ -35,14 +35,15 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
                WarpPtr warp)
     : warp_(std::move(warp)), repeat_(repeat), id_(nextMotionId()) {
   if (keyframes.empty()) {
-    throw SceneError(path, "there is no keyframe", "give one, or leave \"keyframes\" out");
+    throw SceneError(path, "there is no keyframe", "give one, or remove \"keyframes\"");
   }
   std::vector<Eigen::Quaterniond> turns;
   for (std::size_t i = 0; i < keyframes.size(); ++i) {
     const Keyframe& key = keyframes[i];
     const std::string here = path + "/" + std::to_string(i);
     if (!(std::abs(key.time) <= 1e9)) {
-      throw SceneError(here + "/time", "it is not a time within 30 years", "give seconds");
+      throw SceneError(here + "/time", "it is not a time within 30 years",
+                       "give the time in seconds");
     }
     if (i > 0 && !(key.time > keyframes[i - 1].time)) {
       throw SceneError(here + "/time", "the times do not ascend", "sort the keyframes by time");
@@ -50,20 +51,20 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
     const auto& q = key.rotation_wxyz;
     const Eigen::Quaterniond turn(q[0], q[1], q[2], q[3]);
     if (!(turn.norm() > 1e-6) || !std::isfinite(turn.norm())) {
-      throw SceneError(here + "/rotation_wxyz", "it is no rotation",
-                       "give w, x, y, z, as [1, 0, 0, 0]");
+      throw SceneError(here + "/rotation_wxyz", "it is not a rotation",
+                       "give w, x, y, z, such as [1, 0, 0, 0]");
     }
     if (!(key.translate.norm() < 1e6)) {
-      throw SceneError(here + "/translate", "it is not a place within 1,000 km", "give metres");
+      throw SceneError(here + "/translate", "it is not a position within 1,000 km", "give metres");
     }
     turns.push_back(turn.normalized());
     knots_.push_back({key.time, Pose::rigid(turns.back().toRotationMatrix(), key.translate)});
     if (i == 0) continue;
-    // The rotation from the last keyframe, by the shorter arc.
+    // The rotation from the last keyframe takes the shorter arc.
     Eigen::Quaterniond way = turns[i - 1].conjugate() * turns[i];
     if (std::abs(way.w()) < 1e-6) {
       throw SceneError(here + "/rotation_wxyz",
-                       "it is half a turn from the keyframe before: either way round is as short",
+                       "it is half a turn from the keyframe before, so its direction is ambiguous",
                        "put a keyframe between them");
     }
     if (way.w() < 0.0) way.coeffs() = -way.coeffs();
@@ -76,7 +77,7 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
   }
   if (!repeat_) return;
   if (knots_.size() < 2) {
-    throw SceneError(path, "one keyframe has nothing to repeat", "give two or more");
+    throw SceneError(path, "a motion of one keyframe cannot repeat", "give two or more");
   }
   constexpr double kSame = 1e-6;
   const double turned = turns.front().angularDistance(turns.back());
@@ -84,7 +85,7 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
   if (turned > kSame || shifted > kSame) {
     throw SceneError(path + "/" + std::to_string(knots_.size() - 1),
                      "a repeated motion must end where it began",
-                     "make the last keyframe's pose the first's, or do not repeat");
+                     "give the last keyframe the pose of the first, or do not repeat");
   }
 }
 
@@ -126,7 +127,7 @@ Pose Motion::poseAt(double time, const Deformation& about) const noexcept {
 Pose Motion::poseOf(const Vec3& p_rest, double time) const noexcept {
   if (warp_ == nullptr) return poseAt(time);
   constexpr int kMost = 8;
-  constexpr double kThere = 1e-9;  // [m]
+  constexpr double kThere = 1e-9;  // [m]: Newton's method ends at this error
   Vec3 x = p_rest;
   Deformation about;
   for (int i = 0; i < kMost; ++i) {
@@ -145,7 +146,8 @@ Box Motion::deformed(const Box& at_rest) const {
 }
 
 Box Motion::sweep(const Box& at_rest) const {
-  constexpr double kStep = 0.1;  // [rad]: an arc is 0.05^2 / 2 of its radius beyond its chord
+  // [rad]: an arc of this angle exceeds its chord by 0.05^2 / 2 of the radius
+  constexpr double kStep = 0.1;
   Box box;
   if (at_rest.empty()) return box;
   const Box rest = deformed(at_rest);

@@ -1,4 +1,4 @@
-/// The properties of the volumes at one point, between the fields and the modes.
+/// The properties of the volumes at one point. Fields provide them, and modes read them.
 #pragma once
 
 #include <array>
@@ -7,31 +7,32 @@
 
 namespace palpate {
 
-/// Largest number of scalars, and of vectors, that the modes of one scene may read.
+/// Largest number of scalars, and also of vectors, that the modes of one scene may read.
 inline constexpr int kMaxProperties = 64;
 
-/// Properties sampled at the proxy, step 1 of the paper's figure 1, by the small indices that the
-/// graph assigns. Modes read no other data of the volumes.
+/// Properties sampled at the proxy: step 1 of the paper's figure 1. The graph assigns an index to
+/// each. Modes read no other data of the volumes.
 struct Properties {
-  /// A scalar property where properties were read.
+  /// A scalar property at the place of the reading.
   struct Scalar {
-    double value = 0.0;         ///< Value in the data's unit; the background if the volume was not
-                                ///< sampled.
+    /// Value in the data's unit. If the volume was not sampled, the background.
+    double value = 0.0;
     bool inside = false;        ///< False where there is no data.
-    Vec3 slope = Vec3::Zero();  ///< Slope of the interpolated value [its unit / m], in W; zero if
-                                ///< no mode's strength depends on the value or it is unknown.
+    Vec3 slope = Vec3::Zero();  ///< Slope of the interpolated value [its unit / m], in W. Zero if
+                                ///< it is unknown, or if no mode's strength depends on the value.
   };
-  /// A vector property where properties were read.
+  /// A vector property at the place of the reading.
   struct Vector {
-    Vec3 value = Vec3::Zero();     ///< Value in W; derivatives per unit of the data's own space.
+    /// Value in W. Derived vectors are per unit of the data's own space.
+    Vec3 value = Vec3::Zero();
     bool inside = false;           ///< False where there is no data.
-    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W; zero for a
-                                   ///< curl, and for a gradient without a primitive along it.
+    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W. Zero for a
+                                   ///< curl, and for a gradient that no primitive follows.
   };
-  std::array<Scalar, kMaxProperties> scalars;  ///< Named in Graph::scalar_properties.
-  std::array<Vector, kMaxProperties> vectors;  ///< Named in Graph::vector_properties.
+  std::array<Scalar, kMaxProperties> scalars;  ///< Graph::scalar_properties has their names.
+  std::array<Vector, kMaxProperties> vectors;  ///< Graph::vector_properties has their names.
   bool coarse =
-      false;  ///< Some are from data coarser than their volume's, or from data of another moment.
+      false;  ///< True if some values come from coarser data or from data of another moment.
 };
 
 }  // namespace palpate

@@ -1,7 +1,7 @@
-/// Traces a stream by RK4 with two estimates of its error, one cell of the grid at a time. A
-/// trilinear field has kinks at the faces of its cells, and over a kink every method is of second
-/// order. A step that is cut at the face keeps the fourth order. A short step within a cell, such
-/// as a hand's path in a tick, is made by the midpoint rule.
+/// Traces a stream one grid cell at a time, by RK4 with two error estimates. A trilinear field has
+/// kinks at the faces of its cells, and a step over a kink is of second order only. A step that
+/// ends at the face keeps the fourth order. A short step within a cell, such as the path of a hand
+/// in a tick, uses the midpoint rule.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace palpate {
 
-/// Traces through a `Flow`, which knows cells:
+/// Traces a stream through a `Flow`, which provides the cells:
 ///
 ///     bool enter(const Vec3& u, const Vec3& direction)  enters the cell that holds u; on a
 ///         face, the one that the direction leads into; false without data
@@ -23,22 +23,23 @@ namespace palpate {
 ///     Vec3 value(const Vec3& u)         v by the cell's own polynomial, a little outside as well
 ///     Vec3 rate(const Vec3& v)          du / ds of a unit vector of W, s in voxels
 ///
-/// u, the direction of `enter` and the result's position are in the cells' own coordinates, the
-/// result's direction in W; `length`, order.length and order.hand are in voxels. The trace ends
-/// where v has no direction.
+/// Cell coordinates are used for u, for the direction of `enter` and for the resulting position.
+/// The resulting direction is in W. `length`, order.length and order.hand are in voxels. The trace
+/// ends where v has no direction.
 ///
-/// A trace to the hand minimises E(s) = d.Md / 2, d = hand - x(s), M = order.metric, down the slope
-/// from its start:
+/// A trace to the hand descends from its start to a minimum of E(s) = d.Md / 2, with d = hand -
+/// x(s) and M = order.metric:
 ///
 ///     g = -E' = x'.Md,   -g' = E'' = x'.Mx' - x''.Md,   Newton's step g / max(E'', 0.1 x'.Mx')
 ///
-/// If E'' <= 0, beyond the centre of curvature, the trace walks on: the distance falls while g > 0.
-/// The first root of g is the end. A step past it is shortened to g = 0 on the step's own cubic.
+/// Beyond the centre of curvature E'' <= 0. There the trace continues, because the distance falls
+/// while g > 0. The trace ends at the first root of g. If a step passes the root, it is shortened
+/// to the root of g on the cubic of that step.
 template <class Flow>
 class CellTrace {
  public:
-  /// Begins at `start`, in the cells' own coordinates; `flow` and `order` must outlive it. The step
-  /// to try first is order.stride, limited to 0.05 to 1 voxel.
+  /// Begins at `start`, in cell coordinates. `flow` and `order` must outlive the object. The first
+  /// step to try is order.stride, limited to 0.05 to 1 voxel.
   CellTrace(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept
       : flow_(flow),
         order_(order),
@@ -50,14 +51,14 @@ class CellTrace {
         stride_(std::clamp(order.stride, kLeast, kLongest)),
         turn_(order.bend) {}
 
-  /// Traces until it reaches the length or, if requested, the place nearest to the hand. Also ends
-  /// when the steps are used up, and where v has no direction or no data. Call it once.
+  /// Traces until the requested length or the place nearest to the hand. The trace ends earlier if
+  /// the steps are used up, or where v has no direction or no data. Call it once.
   [[nodiscard]] Trace run() noexcept {
     bool capped = false;
     if (begin()) {
       way_ = k1_;
       int steps = 0;
-      const int most = 4 * order_.max_steps;  // steps that were too long included
+      const int most = 4 * order_.max_steps;  // counts the steps that were too long
       for (int tries = 0; left_ > kEnough; ++tries) {
         if (order_.to_hand && atHand()) break;
         capped = steps >= order_.max_steps || tries >= most;
@@ -73,22 +74,27 @@ class CellTrace {
   }
 
  private:
-  static constexpr double kLeast = 0.05;      // shortest step [voxels]
-  static constexpr double kLongest = 1.0;     // longest step [voxels]
-  static constexpr double kPast = 1.03;       // factor on the length of a step to reach a face
+  static constexpr double kLeast = 0.05;   // shortest step [voxels]
+  static constexpr double kLongest = 1.0;  // longest step [voxels]
+  // factor that lengthens a step to a face, so that it reaches the face
+  static constexpr double kPast = 1.03;
   static constexpr double kMostGrowth = 4.0;  // growth of a step without error, before the clamps
   static constexpr double kRough =
-      1.0 / 75.0;                           // share of the rougher estimate that counts: measured
-  static constexpr double kEnough = 1e-12;  // [voxels] left at which a trace has arrived
-  static constexpr double kNudge = 0.02;    // longest step by the bend alone [voxels]
-  static constexpr double kShort = 0.1;     // longest midpoint step [voxels]
-  static constexpr double kShare = 0.35;    // error of a midpoint step, as a share of tolerance x
-                                            // its length
+      1.0 / 75.0;  // weight of the rough error estimate, found by measurement
+  // [voxels]: a trace with no more length left than this is complete
+  static constexpr double kEnough = 1e-12;
+  // [voxels]: longest step that follows the known bend alone
+  static constexpr double kNudge = 0.02;
+  static constexpr double kShort = 0.1;  // [voxels]: longest midpoint step
+  // error of a midpoint step, as a share of the tolerance times the step's length
+  static constexpr double kShare = 0.35;
   static constexpr double kSteepest = 0.1;  // least E'' of Newton's step, as a share of x'.Mx'
-  static constexpr double kStuck = 1e-6;    // [voxels]: two faces nearer than this are one
+  // [voxels]: two faces closer together than this count as one
+  static constexpr double kStuck = 1e-6;
   enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
-  /// Enters the first cell in the direction of the trace. Returns false without data or direction.
+  /// Enters the first cell in the direction of the trace. Returns false if there is no data or no
+  /// direction.
   [[nodiscard]] bool begin() noexcept {
     const Vec3 pull = order_.metric * order_.hand;
     if (order_.to_hand && way_.dot(pull) < 0.0) turnRound();
@@ -104,7 +110,8 @@ class CellTrace {
     way_ = -way_;
   }
 
-  /// Writes v/|v| to `d`, turned to the side of `like`. Returns false where v has no direction.
+  /// Writes v/|v| to `d`, with the sign that agrees with `like`. Returns false where v has no
+  /// direction.
   bool direction(const Vec3& u, const Vec3& like, Vec3& d) noexcept {
     ++samples_;
     const Vec3 v = flow_.value(u);
@@ -116,7 +123,7 @@ class CellTrace {
     return true;
   }
 
-  /// Returns the distance to the face ahead, on the parabola of the last bend [voxels].
+  /// Returns the distance to the face ahead [voxels], on the parabola that continues the last bend.
   [[nodiscard]] double toFace() const noexcept {
     double face = 1e9;
     for (int a = 0; a < 3; ++a) {
@@ -134,7 +141,7 @@ class CellTrace {
     return face;
   }
 
-  /// Reads the direction k2_ in the middle of a straight step of length h_, once for both rules.
+  /// Reads the direction k2_ in the middle of a straight step of length h_. Both rules share it.
   [[nodiscard]] bool middle() noexcept {
     if (h_ == middle_of_) return true;
     middle_of_ = 0.0;
@@ -143,10 +150,11 @@ class CellTrace {
     return true;
   }
 
-  /// Makes a step of length h_ by the midpoint rule, with one value of v instead of four. Its error
-  /// is at most h^3 x''' / 6. x''' is estimated by the change of the bend since the last step, as
-  /// if that step was as long. If it was shorter, and v is smooth, the estimate can be too low.
-  /// Returns false and makes no step if the estimate is too large or the step leaves its cell.
+  /// Makes a step of length h_ by the midpoint rule, with one value of v instead of four. The error
+  /// is at most h^3 x''' / 6. The estimate of x''' is the change of the bend since the last step,
+  /// divided by the length of this step. If the last step was shorter and v is smooth, the estimate
+  /// can be too low. Returns false and makes no step if the estimate is too large or the step
+  /// leaves its cell.
   [[nodiscard]] bool shortStep() noexcept {
     if (!middle()) return false;
     const Vec3 change = 2.0 * (k2_ - k1_);
@@ -183,7 +191,7 @@ class CellTrace {
     bool to_face = false;
     r1_ = flow_.rate(k1_);
     middle_of_ = 0.0;
-    // Longer traces need the stride that RK4 finds.
+    // Longer traces use RK4, because they need the stride that it finds.
     if (wanted <= kShort && shortStep())
       return !order_.to_hand || backToHand() ? Tried::kMade : Tried::kEnds;
     if constexpr (Flow::kCells) {
@@ -192,14 +200,14 @@ class CellTrace {
       h_ = std::min(h_, reach);
     }
     if (!stages()) {
-      // A place without a direction is near.
+      // A place where v has no direction is near.
       if (h_ <= kLeast) return Tried::kEnds;
       stride_ = std::max(0.5 * std::min(h_, stride_), kLeast);
       return Tried::kTooLong;
     }
-    // One estimate is by the derivative at the end, of fourth order in h; it sometimes vanishes
-    // where the error does not. The other is the trapezoidal rule less the midpoint rule, of third
-    // order.
+    // The first estimate uses the derivative at the end. It is of fourth order in h, but can vanish
+    // where the error does not. The second is the difference between the trapezoidal and midpoint
+    // rules, of third order.
     const double error = h_ / 6.0 * (k4_ - k5_).norm();
     const double rough = kRough * h_ / 2.0 * (k1_ - k2_ - k3_ + k4_).norm();
     double grow = kMostGrowth;
@@ -209,18 +217,18 @@ class CellTrace {
       stride_ = std::clamp(h_ * std::clamp(grow, 0.3, 0.9), kLeast, kLongest);
       return Tried::kTooLong;
     }
-    // A step cut short by a face shows only that longer steps may be as long as before.
+    // If a face has cut the step short and the error is small, the stride does not shrink.
     const double next = h_ * std::clamp(grow, 0.5, 2.0);
     const bool cut = to_face || h_ >= wanted;
     stride_ = std::clamp(cut && grow >= 1.0 ? std::max(stride_, next) : next, kLeast, kLongest);
     return !order_.to_hand || backToHand() ? Tried::kMade : Tried::kEnds;
   }
 
-  /// Goes where the step led, or to the face that it passes. Returns false where the trace ends
-  /// there.
+  /// Moves to the end of the step, or to the face that the step crosses. Returns false if the trace
+  /// ends there.
   [[nodiscard]] bool goOn() noexcept {
     const Vec3 r5 = flow_.rate(k5_);
-    // E'' < 0 half-way along the step.
+    // The condition means E'' < 0 in the middle of the step.
     const Vec3 pull = order_.metric * (order_.hand - gone_ - 0.5 * chord_);
     if ((k5_ - k1_).dot(pull) * h_ > chord_.dot(order_.metric * chord_)) hairpin_ = true;
     bend_ = (r5 - r1_) / h_;
@@ -236,16 +244,16 @@ class CellTrace {
     return true;
   }
 
-  /// Returns g / max(E'', 0.1 x'.Mx') for a curve with the direction `way` and the second
-  /// derivative `turn`; `pull` is Md there.
+  /// Returns g / max(E'', 0.1 x'.Mx') for a curve with direction `way` and second derivative
+  /// `turn`, where `pull` is Md.
   [[nodiscard]] double newtonStep(double g, const Vec3& way, const Vec3& turn,
                                   const Vec3& pull) const noexcept {
     const double straight = way.dot(order_.metric * way);
     return g / std::max(straight - turn.dot(pull), kSteepest * straight);
   }
 
-  /// Returns true at a place nearest to the hand, where g <= near. Else Newton's step to that place
-  /// is `aim_`.
+  /// Returns true at a place nearest to the hand, where g <= near. Else sets `aim_` to Newton's
+  /// step to that place.
   [[nodiscard]] bool atHand() noexcept {
     const Vec3 pull = order_.metric * (order_.hand - gone_);
     const double g = way_.dot(pull);
@@ -253,8 +261,9 @@ class CellTrace {
     return g <= order_.near;
   }
 
-  /// Moves the end of a step that passes the place nearest to the hand to that place. Returns false
-  /// where v has no direction. Cost: four values of v if the step passes it, one for the last bit.
+  /// If the step passes the place nearest to the hand, moves its end to that place. Returns false
+  /// where v has no direction. Cost: four values of v if the step passes it, and one for the final
+  /// correction.
   [[nodiscard]] bool backToHand() noexcept {
     constexpr int kMost = 4;
     for (int i = 0; i < kMost; ++i) {
@@ -279,12 +288,12 @@ class CellTrace {
     return true;
   }
 
-  /// Returns the share of the step at which g = 0 on its cubic, by regula falsi (Illinois).
-  /// `g_end`: g at the step's end, < 0.
+  /// Returns the share of the step at which g = 0 on the cubic of the step, by regula falsi
+  /// (Illinois). `g_end` < 0 is g at the end of the step.
   [[nodiscard]] double shareToHand(double g_end) const noexcept {
     const Vec3 d = order_.hand - gone_;
     constexpr int kMost = 8;
-    constexpr double kExact = 0.1;  // share of `near` that may be left
+    constexpr double kExact = 0.1;  // share of `near` that may remain
     double low = 0.0;
     double high = 1.0;
     double g_low = k1_.dot(order_.metric * d);
@@ -304,7 +313,8 @@ class CellTrace {
     return t;
   }
 
-  /// Returns the displacement at share t of the step, on the cubic through both of its ends, in W.
+  /// Returns the displacement in W at share t of the step, on the cubic through both ends of the
+  /// step.
   [[nodiscard]] Vec3 goneAt(double t) const noexcept {
     const double t2 = t * t;
     const double t3 = t2 * t;
@@ -326,7 +336,8 @@ class CellTrace {
     double share = 2.0;  ///< Share of the step at which it leaves.
   };
 
-  /// Returns coordinate `a` at share t of the step, on the cubic through both of its ends, in u.
+  /// Returns coordinate `a` of u at share t of the step, on the cubic through both ends of the
+  /// step.
   [[nodiscard]] double cubic(double t, int a, const Vec3& r5) const noexcept {
     const double t2 = t * t;
     const double t3 = t2 * t;
@@ -363,7 +374,8 @@ class CellTrace {
     left_ -= face.share * h_;
     gone_ += goneAt(face.share);
     way_ = k1_ + face.share * (k5_ - k1_);
-    // Directions without a sign may point into a face from both sides: there the stream ends.
+    // If the directions have no sign, they may point into a face from both sides. The stream ends
+    // there.
     const bool back = face.axis == last_.axis && face.side == -last_.side;
     if (back && face.share * h_ < kStuck) {
       way_.normalize();
@@ -384,25 +396,25 @@ class CellTrace {
   Vec3 u_;
   Vec3 way_;  ///< Unit direction in which the trace goes, in W.
   double left_;
-  double wanted_;  ///< Length requested, in all [voxels].
+  double wanted_;  ///< Requested length of the whole trace [voxels].
   double stride_;
   int samples_ = 0;
   bool hairpin_ = false;
-  double aim_ = 0.0;          ///< Newton's step to the place nearest to the hand [voxels].
-  Vec3 turn_;                 ///< Second derivative of the curve, by the last step, in W [1/voxel].
+  double aim_ = 0.0;  ///< Newton's step to the place nearest to the hand [voxels].
+  Vec3 turn_;         ///< Second derivative of the curve from the last step, in W [1/voxel].
   Vec3 gone_ = Vec3::Zero();  ///< Displacement from the trace's start, in W [voxels].
   Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
   Face last_;                 ///< The face that was crossed last.
-  // The step that is tried: k are directions in W, r the same in u.
+  // The step under trial. k1_ to k5_ are directions in W, and r1_ is the first of them in u.
   double h_ = 0.0;
-  double middle_of_ = 0.0;  ///< The length of the step for which k2_ was read.
+  double middle_of_ = 0.0;  ///< Step length for which k2_ was read.
   Vec3 k1_, k2_, k3_, k4_, k5_, r1_;
   Vec3 end_, chord_;  ///< The step's end in u; its chord in W.
 };
 
-/// Returns the trace of a CellTrace from `start`, in the cells' own coordinates. RT: no allocation,
-/// if the flow makes none. Cost: four values of v a step, five where it crosses a face; a trace
-/// below 0.1 voxel needs one, if that is enough. Rejected steps count.
+/// Returns the trace of a CellTrace from `start`, in cell coordinates. RT: no allocation, if `flow`
+/// allocates no memory. Cost: four values of v for a step, five if it crosses a face. A trace below
+/// 0.1 voxel needs one value if that is accurate enough. Rejected steps count.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

@@ -1,4 +1,5 @@
-/// Deformation of a volume: a displacement field from the place of its matter to its resting place.
+/// Deformation of a volume: a displacement field from the place of a material point to its resting
+/// place.
 #pragma once
 
 #include <array>
@@ -10,21 +11,21 @@
 
 namespace palpate {
 
-/// A displacement field at one place and time.
+/// The value of a displacement field at one place and time.
 struct Displacement {
   Vec3 shift = Vec3::Zero();  ///< u [m]
   Mat3 slope = Mat3::Zero();  ///< slope(i, j) = d u_i / d x_j
   Vec3 rate = Vec3::Zero();   ///< du/dt at a fixed x [m/s]
-  /// bend[i](j, k) = d^2 u_i / dx_j dx_k [1/m]: how surfaces bend by u. Zero is allowed; it only
-  /// costs readings.
+  /// bend[i](j, k) = d^2 u_i / dx_j dx_k [1/m]: the curvature that u adds to surfaces. A warp may
+  /// leave it zero, which costs more readings.
   std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(), Mat3::Zero()};
 };
 
-/// The matter at x at time t rests at X = x + u(x, t), both in the volume's resting frame [m]. u
-/// points back, as in image registration from a fixed image to a moving one. A reading of the
-/// volume at x gives the value at X. With F = dX/dx = I + du/dx, a gradient g at X is F^T g at x, a
-/// vector v of the matter F^-1 v, and matter at x moves at -F^-1 du/dt. (Fortmeier, Wilms,
-/// Mastmeyer, Handels, ToH 2015.) Const and shared between threads.
+/// A displacement field. The material at x at time t rests at X = x + u(x, t), both in the volume's
+/// resting frame [m]. Like the displacement in image registration, u points back to the resting
+/// place. A reading of the volume at x gives the value at X. With F = dX/dx = I + du/dx, a gradient
+/// g at X becomes F^T g at x, and a material vector v becomes F^-1 v. The material at x moves at
+/// -F^-1 du/dt. (Fortmeier, Wilms, Mastmeyer, Handels, ToH 2015.) Const and shared between threads.
 class Warp {
  public:
   Warp() = default;
@@ -32,37 +33,38 @@ class Warp {
   Warp& operator=(const Warp&) = delete;
   virtual ~Warp() = default;
 
-  /// Returns the displacement at x [m] and `time` [s]. It must be continuous, and its slope must be
-  /// continuous except at the rim of a bounded region. It must be finite for finite input. RT: no
+  /// Returns the displacement at x [m] and `time` [s]. It must be finite for finite input, and
+  /// continuous. Its slope must be continuous except at the rim of a bounded region. RT: no
   /// allocation, no lock. Cost: one reading of a vector.
   [[nodiscard]] virtual Displacement at(const Vec3& x,
                                         double time) const noexcept PALPATE_NONBLOCKING = 0;
-  /// Returns a box that holds x - X of every place and time [m].
+  /// Returns a box that contains x - X for every place and time [m].
   [[nodiscard]] virtual Box shifts() const = 0;
-  /// Returns an upper bound of the speed of the matter, as sampled [m/s].
+  /// Returns an upper bound of the speed of the material, as sampled [m/s].
   [[nodiscard]] virtual double topSpeed() const = 0;
-  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]; it limits the prediction of u
-  /// by its rate. Unknown: infinite, at the cost of one more reading a tick.
+  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]. It limits how far the rate can
+  /// predict u. The default, infinity, means unknown and costs one more reading in a tick.
   [[nodiscard]] virtual double topAcceleration() const noexcept {
     return std::numeric_limits<double>::infinity();
   }
 };
 
-using WarpPtr = std::shared_ptr<const Warp>;  ///< Null: the motion is rigid.
+using WarpPtr = std::shared_ptr<const Warp>;  ///< Null if the motion is rigid.
 
-/// A warp about a place and a time: X = slope x + origin + rate (t - time), in the resting frame.
-/// The default does not deform.
+/// A warp, linearised about a place and a time: X = slope x + origin + rate (t - time), in the
+/// resting frame. The default is the identity.
 struct Deformation {
   Mat3 slope = Mat3::Identity();  ///< F = dX/dx
   Mat3 back = Mat3::Identity();   ///< F^-1
-  Vec3 origin = Vec3::Zero();     ///< [m]
+  Vec3 origin = Vec3::Zero();     ///< X at x = 0 and t = `time`, by this linear map [m]
   Vec3 rate = Vec3::Zero();       ///< du/dt [m/s]
-  double time = 0.0;              ///< [s]
-  Vec3 at = Vec3::Zero();         ///< x [m]
+  double time = 0.0;              ///< Time of the reading [s].
+  Vec3 at = Vec3::Zero();         ///< Place x of the reading [m].
   std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(),
                            Mat3::Zero()};  ///< d^2 X_i / dx_j dx_k [1/m]
 
-  /// Returns the possible error of this X at a place and a time [m], to second order.
+  /// Returns the largest possible error of X at a place and a time [m], to second order.
+  /// `acceleration` is Warp::topAcceleration().
   [[nodiscard]] double errorAt(const Vec3& x, double when, double acceleration) const noexcept {
     const double later = when - time;
     const double bent =
@@ -76,15 +78,15 @@ struct Deformation {
     out << (bend[0] * w).transpose(), (bend[1] * w).transpose(), (bend[2] * w).transpose();
     return out;
   }
-  /// Returns the term that the bend adds to the derivative of a gradient: sum g_i bend_i, in the
-  /// resting frame.
+  /// Returns the term that the second derivatives of X add to the derivative of a gradient: sum g_i
+  /// bend_i, in the resting frame.
   [[nodiscard]] Mat3 bendOf(const Vec3& g) const noexcept {
     return g.x() * bend[0] + g.y() * bend[1] + g.z() * bend[2];
   }
 };
 
-/// Returns the deformation about x [m], by one reading. If u folds space (det F below a twentieth),
-/// F is taken as I. RT: no allocation.
+/// Returns the deformation about x [m], with one reading. If u folds space (det F below 0.05), F is
+/// replaced by I. RT: no allocation.
 [[nodiscard]] Deformation deformationAt(const Warp& warp, const Vec3& x,
                                         double time) noexcept PALPATE_NONBLOCKING;
 

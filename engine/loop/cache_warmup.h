@@ -1,8 +1,8 @@
-/// Cache warm-up: a tick without output, shortly before the one that counts. It brings the code and
-/// the data of the tick back into the processor's caches, which other programs have used meanwhile.
-/// Without it, a tick after a millisecond of sleep takes several times as long as one right after
-/// another. The tick's code lies in some 600 cache lines with 360 taken branches, which a busy
-/// neighbour makes the processor forget.
+/// Cache warm-up: a tick without output, shortly before the real tick. It loads the code and the
+/// data of the tick into the processor's caches, which other programs have used meanwhile. Without
+/// a warm-up, a tick after a millisecond of sleep takes several times as long as one right after
+/// another. The code of a tick has some 600 cache lines and 360 taken branches, which the processor
+/// forgets if other programs are busy.
 #pragma once
 
 #include <cstdint>
@@ -13,20 +13,20 @@
 
 namespace palpate {
 
-/// A twin of a proxy, which goes where the hand is about to be. The real proxy stays untouched: its
-/// time, memory, tank and reader.
+/// A copy of a proxy that moves to the expected place of the hand. The state of the real proxy does
+/// not change: its time, memory, tank and reader.
 class CacheWarmup {
  public:
-  /// `limits` are those of the device. Allocates as a ProxyState and a Reader do.
+  /// Allocates memory like a ProxyState and a Reader. `limits` are those of the device.
   explicit CacheWarmup(const ForceLimits& limits) : twin_(limits) {}
 
-  /// Call it after every tick, with the tick's hand and report.
+  /// Records the hand and the report of a tick. Call it after every tick.
   void look(const HandState& hand, const StepReport& report) noexcept;
 
-  /// Runs a tick of the twin, at the hand's last place plus its displacement in the tick before. If
-  /// the twin has strayed from the proxy, it first takes over the whole state of `real`. It does
-  /// not run if the force is cut, or before two ticks were looked at. Nor does it run if the scene
-  /// has the user's own modes, which would be called twice.
+  /// Runs a tick of the twin. The expected place of the hand is its last place plus its last
+  /// displacement. If the twin has strayed from the proxy, it first copies the whole state of
+  /// `real`. No tick runs if the force is cut, or before look() has recorded two ticks. Scenes with
+  /// user-defined modes have no warm-up either, because it would call these modes twice.
   ///
   /// RT: no allocation. Cost: a tick; if the twin has strayed, also a copy of a ProxyState.
   /// @return  True if a tick ran.
@@ -36,19 +36,19 @@ class CacheWarmup {
   [[nodiscard]] const StepReport& warmed() const noexcept { return warmed_; }
 
  private:
-  /// Returns true if the twin's last tick was not in the situation of the real one.
+  /// Returns true if the last tick of the twin differed too much from the real one.
   [[nodiscard]] bool strayed() const noexcept;
 
   ProxyState twin_;
   Reader reader_;
   std::uint64_t scene_ = 0;     ///< Scene::id of the last run.
-  bool user_ = false;           ///< That scene has the user's own modes.
+  bool user_ = false;           ///< True if that scene has user-defined modes.
   HandState hand_;              ///< Hand of the last tick.
-  Vec3 before_ = Vec3::Zero();  ///< Position of the hand in the tick before [m].
-  int seen_ = 0;                ///< Number of ticks looked at: at most 2.
+  Vec3 before_ = Vec3::Zero();  ///< Position of the hand in the second-last tick [m].
+  int seen_ = 0;                ///< Number of recorded ticks, at most 2.
   StepReport real_;             ///< Report of the last tick.
   StepReport warmed_;           ///< Report of the twin's last tick.
-  bool fresh_ = false;          ///< The two reports are of the same tick.
+  bool fresh_ = false;          ///< True if both reports are of the same tick.
 };
 
 }  // namespace palpate

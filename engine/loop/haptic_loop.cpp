@@ -13,9 +13,9 @@ namespace palpate {
 
 namespace {
 
-constexpr double kWriteTime = 0.020;  ///< A write that takes longer than this is blocked [s].
+constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer counts as blocked
 
-constexpr double kClock = 1.2;  ///< Longest time between two ticks that are not late, in periods.
+constexpr double kClock = 1.2;  ///< longest time between two ticks that are not late, in periods
 
 ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   ForceLimits limits = info.limits;
@@ -23,7 +23,7 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   ArmDissipation& arm = limits.tank.arm;
   if (arm.period == 0.0) arm.period = kClock / rate;
   // If the loop sends more forces than the device takes, a force may wait for the device's next
-  // output. It is not known whether the stated delay includes these waits: `doubt` covers both
+  // output. It is not known whether the stated delay includes these waits, so `doubt` covers both
   // cases.
   if (info.output_rate > 0.0 && info.output_rate < rate) {
     const double waits = 1.0 / info.output_rate;
@@ -41,10 +41,11 @@ void require(const DeviceInfo& info, bool good, const char* what, double value,
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
 }
 
-/// Returns why the force may not return by itself after a tick: kLate or kNone if it may.
+/// Returns the fault that keeps the force from returning by itself after a tick. kLate or kNone
+/// means that the force may return.
 ///
-/// @param deaf    The device takes no writes.
-/// @param jumped  The position jumped while no force went out.
+/// @param deaf    True if the device takes no writes.
+/// @param jumped  True if the position jumped while no force was sent.
 Fault whyNotBack(const TickInput& in, bool deaf, bool jumped) noexcept {
   const auto late = [](Fault one) { return one == Fault::kNone || one == Fault::kLate; };
   if (jumped) return Fault::kJump;
@@ -78,7 +79,7 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
   require(cool || positive(limits.heating), "the heating time", limits.heating);
   if (limits.tank.use != TankUse::kOff) {
     const ArmDissipation& arm = limits.tank.arm;
-    require(positive(arm.viscous), "the friction that the tank relies on", arm.viscous);
+    require(positive(arm.viscous), "the viscous friction for the tank", arm.viscous);
     require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
     const std::pair<const char*, double> numbers[] = {{"the tank's Coulomb friction", arm.coulomb},
                                                       {"the tank's encoder step", arm.step},
@@ -90,18 +91,18 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
                                                       {"the tank's refill", limits.tank.refill}};
     for (const auto& [what, x] : numbers) require(noLess(x), what, x, "give zero or more");
     require(arm.doubt <= arm.delay, "the delay's doubt", arm.doubt,
-            "give at most the delay: no force comes before its reading");
+            "give at most the delay, because no force comes before its reading");
     require(arm.jitter <= arm.doubt, "the positions' jitter", arm.jitter,
             "give at most the delay's doubt, which contains it");
     const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
       throw DeviceError(info.name,
                         "at " + std::to_string(std::lround(rate)) +
-                            " Hz more forces are on their way at once than the tank remembers",
+                            " Hz more forces are on their way at once than the tank can store",
                         "use less than " + std::to_string(std::lround(most)) + " Hz");
     }
     require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks",
-            arm.period, "give at least 1/rate, or 0 for the loop's own");
+            arm.period, "give at least 1/rate, or 0 for the default");
   }
   return limits;
 }
@@ -121,7 +122,7 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);
   scenes_.publish();
-  // The haptic thread has never taken the scene in the new draft, or has finished with it.
+  // The draft holds a scene that the haptic thread has never taken, or no longer uses.
   scenes_.draft().reset();
 }
 
@@ -151,7 +152,7 @@ Fault HapticLoop::ordered() noexcept {
 Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   if (const Fault order = ordered(); order != Fault::kNone) return order;
   if (time.late > late_) {
-    // The cause of the delay may have held up the guardian as well.
+    // The guardian may have been delayed for the same reason.
     guard_.since = time.now;
     return Fault::kLate;
   }
@@ -165,10 +166,11 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   }
   const Scene* scene = scenes_.current().get();
   if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
-  // A recorded path may jump, because it does not move an arm that could hurt a hand.
+  // A recorded path may jump, because there is no arm that could hurt a hand.
   if (!device_.info().hand) return hand.fault;
   Fault wrong = watch_.look(hand, time.now);
-  // Homing may put the arm anywhere. After a tick without force, a jump is a new beginning.
+  // Homing may change the position by any amount. After a tick without force, a jump only begins a
+  // new path.
   if (wrong == Fault::kJump && !hand_.mayPull()) {
     jumped_ = true;
     watch_.forget();
@@ -178,8 +180,8 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
 }
 
 Fault HapticLoop::withheld(double took, const TickTime& time) noexcept {
-  // If a tick hung (in a device, a user's mode or a stopped process), the force has been taken off
-  // from outside meanwhile.
+  // If a tick hung (in a device, a user-defined mode or a stopped process), the guardian has
+  // removed the force meanwhile.
   if (!device_.info().hand) return Fault::kNone;
   return time.real && took > late_ ? Fault::kLate : ordered();
 }
@@ -217,7 +219,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   const bool linked = links_ != nullptr && scene != nullptr && hand.ready &&
                       in.wrong == Fault::kNone && !hand_.state().faulted();
   if (linked) {
-    // A proxy that is not placed yet begins at the hand.
+    // A proxy that is not yet placed begins at the hand.
     const Vec3& proxy = told_.tick > 0 && hand_.mayPull() ? hand_.state().proxy() : hand.position;
     in.pull = links_->pull(proxy, hand, time.dt);
   } else if (links_ != nullptr) {
@@ -233,7 +235,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   send(told_.report.force, time.real, in);
   hand_.sent(in);
   if (linked) {
-    // After a failed write, the force that acted is unknown.
+    // After a failed write it is unknown which force acted.
     const double left = in.unsent == Fault::kNone ? in.given * told_.report.left : 0.0;
     links_->pulled(left, hand, hand_.state().proxy(), told_.report.force);
   }
@@ -259,7 +261,7 @@ bool HapticLoop::warmUp(double dt, double lead) noexcept {
   return warmup_ && scene != nullptr && soon_enough && warmup_->run(*scene, hand_.state(), dt);
 }
 
-/// Sends the force as it left the gate; without a scene the force is zero.
+/// Sends the force of the report. Without a scene the force is zero.
 void HapticLoop::send(const Vec3& force, bool timed, TickInput& in) noexcept {
   const auto start = std::chrono::steady_clock::now();
   device_.carry(hand_.mayPull());
@@ -270,7 +272,8 @@ void HapticLoop::send(const Vec3& force, bool timed, TickInput& in) noexcept {
     in.unsent = Fault::kWrite;
     deaf_ = true;
   }
-  // If the device takes no writes, it is left to the guardian, which has another access to it.
+  // If the device takes no writes, the loop stops its heartbeat. The guardian then cuts the force
+  // through its own descriptor.
   if (watch_by_.heart != nullptr && !deaf_) {
     watch_by_.heart->fetch_add(1, std::memory_order_release);
   }

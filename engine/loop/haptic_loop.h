@@ -1,5 +1,5 @@
-/// One hand's loop without its clock: the work of every tick. HapticThread calls it by the real
-/// clock; tests and virtual time call it as fast as they can.
+/// One hand's loop without its clock: it performs the work of every tick. HapticThread calls it in
+/// real time. Tests and virtual time call it as fast as possible.
 #pragma once
 
 #include <atomic>
@@ -19,83 +19,86 @@
 
 namespace palpate {
 
-/// Receives every tick, on the haptic thread: a log or counters. A sink that needs a ring has its
-/// own.
+/// Receives the telemetry of every tick on the haptic thread, for a log or counters. A sink that
+/// needs a ring buffer must own it.
 class TickSink {
  public:
   TickSink() = default;
   TickSink(const TickSink&) = delete;
   TickSink& operator=(const TickSink&) = delete;
   virtual ~TickSink() = default;
-  /// Receives one tick. RT: must not allocate, lock or wait.
+  /// Receives one tick. RT: it must not allocate, lock or wait.
   virtual void take(const Telemetry& tick,
                     const ProxyState& state) noexcept PALPATE_NONBLOCKING = 0;
 };
 
-/// Words that a loop shares with the guardian that looks after it, perhaps in another process.
+/// Atomic words that a loop shares with its guardian, which may be in another process.
 struct LoopWatch {
-  std::atomic<std::uint64_t>* heart = nullptr;        ///< Counts ticks, except while writes fail.
-  const std::atomic<std::uint32_t>* stops = nullptr;  ///< Counts stop orders: each cuts the force,
-                                                      ///< as HapticLoop::cut does.
-  const std::atomic<std::uint64_t>* guard = nullptr;  ///< Counts while the guardian watches. If it
-                                                      ///< stands still for patience(), the force is
-                                                      ///< cut.
-  const std::atomic<std::uint32_t>* cuts = nullptr;   ///< Counts how often the guardian has cut the
-                                                      ///< force because the loop was late.
-  const std::atomic<bool>* punctual = nullptr;  ///< The guardian runs with real-time priority.
+  /// Incremented by the loop in every tick, except while writes fail.
+  std::atomic<std::uint64_t>* heart = nullptr;
+  /// Incremented for each stop order. Each order cuts the force, as HapticLoop::cut does.
+  const std::atomic<std::uint32_t>* stops = nullptr;
+  /// Incremented by the guardian while it watches. If it does not change for patience(), the loop
+  /// cuts the force.
+  const std::atomic<std::uint64_t>* guard = nullptr;
+  /// Incremented each time the guardian has cut the force because the loop was late.
+  const std::atomic<std::uint32_t>* cuts = nullptr;
+  /// True if the guardian runs with real-time priority.
+  const std::atomic<bool>* punctual = nullptr;
 
   /// Returns the longest permitted pause of the guardian [s].
   [[nodiscard]] double patience() const noexcept;
 };
 
-inline constexpr double kUnguardedTime = 0.05;   ///< LoopWatch::patience if punctual [s].
-inline constexpr double kUnguardedUsual = 0.25;  ///< LoopWatch::patience otherwise [s].
+inline constexpr double kUnguardedTime = 0.05;   ///< LoopWatch::patience() if punctual [s].
+inline constexpr double kUnguardedUsual = 0.25;  ///< LoopWatch::patience() otherwise [s].
 
-/// A counter, and the time since when it has stood still.
+/// A counter, and the time of its last change.
 struct Pulse {
-  std::uint64_t count = 0;  ///< Count at the last look.
-  double since = 0.0;       ///< Time of its last change [s].
+  std::uint64_t count = 0;  ///< Value at the last call of still().
+  double since = 0.0;       ///< Time of the last change [s].
 
-  /// Returns how long the counter, which shows `seen` at the time `now` [s], has stood still [s].
+  /// Returns how long the counter has not changed [s]. `seen` is its value at the time `now` [s].
   [[nodiscard]] double still(std::uint64_t seen, double now) noexcept {
     if (seen != count) *this = {seen, now};
     return now - since;
   }
 };
 
-/// The time of a tick.
+/// Timing of a tick.
 struct TickTime {
   double now = 0.0;          ///< Time since the start [s].
   double dt = 1e-3;          ///< Time since the last tick [s].
-  double late = 0.0;         ///< Delay of the tick's start after its time [s].
-  bool missed = false;       ///< The tick began after the next tick's time.
-  std::int64_t wake_ns = 0;  ///< Delay after the deadline that was slept for, for the log [ns].
-  bool real = false;         ///< By a real clock: the durations of a tick and of a write count.
+  double late = 0.0;         ///< Delay of the tick's start after its deadline [s].
+  bool missed = false;       ///< True if the tick began after the next tick's deadline.
+  std::int64_t wake_ns = 0;  ///< Delay after the deadline of the thread's sleep, for the log [ns].
+  bool real = false;  ///< True for a real clock: the durations of a tick and of a write then count.
 };
 
-/// Returns the limits of a device in a loop of this rate [Hz]. At a hand a force is ramped in over
-/// at least kEngage, whatever the device's maker allows. Throws DeviceError if a limit is not a
-/// usable number.
+/// Returns the limits of a device in a loop of this rate [Hz]. If there is a hand, the ramp of an
+/// engagement is at least kEngage, even if the device's limits are less strict. Throws DeviceError
+/// if a limit is not a usable number.
 [[nodiscard]] ForceLimits limitsInLoop(const DeviceInfo& info, double rate);
 
-/// A proxy, a reader and the gate of one device, over the newest scene.
+/// The loop of one device: its proxy, its reader and the newest scene.
 ///
-/// Two threads use it, each with its own functions: the haptic thread and the scene thread. Stop
-/// orders may come from any thread and from signal handlers. They are atomic flags, because a
-/// mailbox has only one writer.
-// In the mailboxes, the data that each side writes are on cache lines of their own.
+/// Two threads use it: the haptic thread and the scene thread. Each function belongs to one of
+/// them, except stop orders. These may come from any thread and from signal handlers. They are
+/// atomic flags, because a mailbox has only one writer.
+// The padding in the mailboxes keeps the data of each side on separate cache lines.
 class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Allocates the memory that ticks need. The device and the sink must outlive the loop.
+  /// Allocates all memory that ticks need. The device and the sink must outlive the loop.
   ///
   /// @param rate       Nominal rate of the ticks [Hz].
-  /// @param heartbeat  The application's longest pause between beats [s]; 0: not required.
+  /// @param heartbeat  Longest permitted pause between beats of the application [s]; 0 if beats are
+  ///                   not required.
   /// Throws DeviceError if a limit of the device, or the heartbeat, is not a usable number.
   HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
              const LoopWatch& watch = {});
 
-  // For the scene thread.
-  /// Publishes the scene of the next ticks. Frees old scenes here, never in a tick.
+  // Functions for the scene thread.
+  /// Publishes the scene for the next ticks. Frees old scenes in this call, never in a tick.
   void publish(std::shared_ptr<const Scene> scene) noexcept;
   /// Returns the newest tick, valid until the next call. Only one thread may read.
   [[nodiscard]] const Telemetry& latest() noexcept {
@@ -103,13 +106,14 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
     return telemetry_.current();
   }
 
-  // For any thread, and signal handlers.
-  /// Cuts the force with the next tick, until clear(): for Esc, or when a window closes.
+  // Functions for any thread and for signal handlers.
+  /// Cuts the force from the next tick until clear(), for example for the Esc key or a closed
+  /// window.
   void cut() noexcept { stop_.store(true, std::memory_order_relaxed); }
-  /// Clears any fault with the next tick; an engagement lets force out again.
+  /// Clears any fault in the next tick. The force returns through an engagement.
   void clear() noexcept {
     stop_.store(false, std::memory_order_relaxed);
-    // Orders given up to now are taken back. Orders between now and the tick stay.
+    // Withdraws the orders given so far. Orders that come between now and the tick stay valid.
     if (watch_by_.stops != nullptr) stops_cleared_ = watch_by_.stops->load();
     if (watch_by_.cuts != nullptr) cuts_cleared_ = watch_by_.cuts->load();
     clear_.store(true, std::memory_order_release);
@@ -117,44 +121,45 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Signals that the application is alive.
   void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
 
-  /// Sets the clock that gives the play position of sequences. Call it before the first tick. The
-  /// clock must outlive the loop. Without a clock, sequences stand at 0.
+  /// Sets the clock for the play position of sequences. Call it before the first tick. The clock
+  /// must outlive the loop. Without a clock, sequences stay at position 0.
   void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
 
-  /// Sets how long after the last late tick the force returns by itself [s], 0 (never) to 60. Call
-  /// it before the first tick. Throws DeviceError for another number.
+  /// Sets the time after the last late tick at which the force returns by itself [s]: 0 (never) to
+  /// 60. Call it before the first tick. Throws DeviceError for other numbers.
   void reengageAfter(double seconds);
 
   /// Sets the links to remote hands. Call it before the first tick. They must outlive the loop.
   void linkBy(HandLinks* links) noexcept { links_ = links; }
 
-  // For the haptic thread.
-  /// Runs one tick: newest scene, hand, checks, hapticStep, force to the device, telemetry. RT: no
-  /// allocation, no lock, no system call but the device's own.
+  // Functions for the haptic thread.
+  /// Runs one tick. It takes the newest scene, reads and checks the hand, calls hapticStep, writes
+  /// the force to the device and publishes the telemetry. RT: no allocation, no lock, no system
+  /// call except those of the device.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
   /// Allocates the memory for warmUp(). Call it before the first warmUp().
   void prepareWarmup() { warmup_ = std::make_unique<CacheWarmup>(hand_.state().limits()); }
-  /// Warms up the caches for the tick that comes in `lead` [s], about `dt` after the last one
-  /// (cache_warmup.h). Does not run if the last tick took more than a quarter of `lead`: the
-  /// warm-up would end too late. Sends, reports and remembers no result. Returns true if the
-  /// warm-up ran. RT: no allocation, no lock, no system call but the clock's.
+  /// Warms up the caches for the tick that comes in `lead` [s], about `dt` [s] after the last one
+  /// (cache_warmup.h). Does not run if the last tick took more than a quarter of `lead`, because
+  /// the warm-up would end too late. The warm-up sends, reports and stores no result. Returns true
+  /// if the warm-up ran. RT: no allocation, no lock, no system call except those of the clock.
   bool warmUp(double dt, double lead) noexcept PALPATE_NONBLOCKING;
-  /// Writes zero force, after the last tick.
+  /// Writes zero force. Call it after the last tick.
   void end() noexcept PALPATE_NONBLOCKING;
 
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
-  /// Returns the fault that withholds the force of a tick that took `took` [s]; kNone: the force is
-  /// sent.
+  /// Returns the fault because of which the force of a tick that took `took` [s] is not sent; kNone
+  /// if it is sent.
   [[nodiscard]] Fault withheld(double took, const TickTime& time) noexcept;
-  /// Returns kStopped after a stop order, kLate (once) after the guardian has cut the force, else
-  /// kNone.
+  /// Returns kStopped after a stop order, kLate (once) after the guardian has cut the force, and
+  /// kNone otherwise.
   [[nodiscard]] Fault ordered() noexcept;
   void send(const Vec3& force, bool timed, TickInput& in) noexcept;
 
   Device& device_;
   TickSink* sink_;
-  double late_;  ///< Lateness that is a fault [s]; less is only counted.
+  double late_;  ///< Delay of a tick that is a fault [s]. Smaller delays are only counted.
   double heartbeat_;
   LoopWatch watch_by_;
   Mailbox<std::shared_ptr<const Scene>> scenes_;
@@ -172,12 +177,13 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   HandWatch watch_;
   HandTick hand_;
   Reengagement reengagement_{0.0};
-  std::unique_ptr<CacheWarmup> warmup_;  ///< Null: ticks have no warm-up.
+  std::unique_ptr<CacheWarmup> warmup_;  ///< Null if ticks have no warm-up.
   Telemetry told_;
-  std::uint32_t stops_seen_ = 0;  ///< Count of LoopWatch::stops that is taken back.
-  std::uint32_t cuts_seen_ = 0;   ///< Count of LoopWatch::cuts that the loop has followed.
-  bool deaf_ = false;             ///< The device takes no writes: it is left to the guardian.
-  bool jumped_ = false;           ///< The position jumped while no force went out.
+  std::uint32_t stops_seen_ = 0;  ///< Number of orders in LoopWatch::stops that were withdrawn.
+  std::uint32_t cuts_seen_ = 0;  ///< Number of cuts in LoopWatch::cuts that the loop has processed.
+  /// True if the device takes no writes. The guardian then handles the device.
+  bool deaf_ = false;
+  bool jumped_ = false;  ///< True if the position jumped while no force was sent.
 
   Pulse beat_;
   Pulse guard_;

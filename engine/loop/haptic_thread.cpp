@@ -18,12 +18,11 @@ constexpr double kFastest = 20000.0;
 double checked(const LoopParams& params) {
   const double rate = params.rate;
   if (!(rate >= kSlowest && rate <= kFastest)) {
-    throw DeviceError("rate", std::to_string(rate) + " Hz is not a rate for a hand",
-                      "give 500 to 20000");
+    throw DeviceError("rate", std::to_string(rate) + " Hz is out of range", "give 500 to 20000 Hz");
   }
   if (params.early && !(*params.early >= 0.0 && *params.early <= 0.25 / rate)) {
-    throw DeviceError("early", std::to_string(*params.early) + " s is not a time to wake early by",
-                      "give 0 to a quarter of a period");
+    throw DeviceError("early", std::to_string(*params.early) + " s is out of range",
+                      "give 0 s to a quarter of a period");
   }
   return rate;
 }
@@ -54,13 +53,14 @@ void HapticThread::waitFor(std::int64_t due) noexcept {
   if (!(early_ > 0.0)) return sleepUntil(due);
   const auto lead = static_cast<std::int64_t>(std::llround(1e9 * early_));
   sleepUntil(due - lead);
-  // If the thread wakes too late for a warm-up, the tick comes first.
+  // If the thread wakes up too late for a warm-up, the tick comes first.
   if (due - nowNs() > lead / 2) (void)loop_.warmUp(1.0 / params_.rate, early_);
   while (nowNs() < due) continue;
 }
 
 void HapticThread::run() noexcept {
-  // Other threads receive the process's signals. This thread receives only its own errors.
+  // The thread blocks the process's signals, so that other threads receive them. It receives only
+  // signals of its own errors.
   sigset_t others;
   sigfillset(&others);
   for (const int own : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&others, own);
@@ -73,14 +73,14 @@ void HapticThread::run() noexcept {
   ready_.store(true, std::memory_order_release);
   ready_.notify_one();
 
-  // Deadlines are a whole number of periods apart, so that errors do not add up. A deadline that
-  // can no longer be kept is left out.
+  // Deadlines are whole periods after the start, so that errors do not add up. A deadline that has
+  // passed is skipped.
   const double period = 1e9 / params_.rate;
   const std::int64_t begin = nowNs();
   const std::int64_t faults_before = pageFaults();
   std::int64_t count = 0;                                             // number of the next deadline
-  std::int64_t last = -1;                                             // the last tick's deadline
-  std::int64_t last_now = begin - static_cast<std::int64_t>(period);  // when the last tick began
+  std::int64_t last = -1;                                             // deadline of the last tick
+  std::int64_t last_now = begin - static_cast<std::int64_t>(period);  // start of the last tick
   while (!quit_.load(std::memory_order_relaxed) && !device_.ended()) {
     const auto due =
         begin + static_cast<std::int64_t>(std::llround(static_cast<double>(count) * period));
@@ -92,7 +92,7 @@ void HapticThread::run() noexcept {
     time.dt = 1e-9 * static_cast<double>(now - last_now);
     time.wake_ns = now - due;
     // A tick is late if it begins after the deadline that follows the last tick's, and more than a
-    // period after that tick.
+    // period after the last tick began.
     const double asked =
         std::max(static_cast<double>(due) - static_cast<double>(count - last - 1) * period,
                  static_cast<double>(last_now) + period);
@@ -102,7 +102,7 @@ void HapticThread::run() noexcept {
     last_now = now;
     loop_.tick(time);
 
-    // The next deadline that is still to come.
+    // Finds the next deadline in the future.
     const auto passed = static_cast<std::int64_t>(static_cast<double>(nowNs() - begin) / period);
     count = std::max(count, passed) + 1;
     if ((count & 1023) == 0) {

@@ -10,14 +10,14 @@ namespace palpate {
 namespace {
 
 constexpr double kFarthest = 1e6;  ///< Largest coordinate of a hand [m].
-constexpr double kPeriods = 16.0;  ///< Number of periods in their mean.
+constexpr double kPeriods = 16.0;  ///< Number of periods over which the mean is taken.
 
 bool isPlace(const Vec3& p) noexcept {
   return p.allFinite() && p.cwiseAbs().maxCoeff() < kFarthest;
 }
 
 /// Returns the energy of a spring that pulls with at most `peak` [J]. Beyond kLengths times the
-/// length at which the spring reaches the peak, its energy stays the same.
+/// length at which the spring reaches the peak, the energy is constant.
 double energyOf(const LinkParams& params, double length) noexcept {
   constexpr double kLengths = 10.0;
   const double full = params.peak / params.stiffness;
@@ -29,7 +29,7 @@ double energyOf(const LinkParams& params, double length) noexcept {
 }  // namespace
 
 void Link::forgetOther() noexcept {
-  // The energy that a returning end gave to the old life no longer counts.
+  // An end that returns has given its energy to the old life. That energy no longer counts.
   ++life_;
   begin(0);
 }
@@ -46,7 +46,7 @@ void Link::hear(const LinkWord& word) noexcept {
   const bool sane = isPlace(word.proxy) && std::isfinite(word.given);
   if (word.from < other_ || word.from == 0 || !sane) return;
   if (word.from > other_) begin(word.from);
-  // A sender that does not know this life yet begins a new sum when it does.
+  // If the sender does not know this life yet, it will begin a new sum when it does.
   if (word.to != life_) return;
   if (word.number > newest_) {
     newest_ = word.number;
@@ -97,7 +97,7 @@ void Link::rest(const Vec3& hand) noexcept {
 void Link::pulled(double share) noexcept {
   const double left = std::max(0.0, share);
   least_ = std::min(least_, left);
-  // If the share is unknown, the force may have taken any share and come back.
+  // If the share is unknown, it may have had any value, and may have changed twice.
   if (share < 0.0) energy_ -= params_.step * force_.norm();
   change(left * force_);
 }
@@ -119,8 +119,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 way = first ? Vec3::Zero() : Vec3(hand.position - last_);
   count(hand.position);
   last_ = hand.position;
-  // The next period is expected to be as long as the mean, or as the shorter of the last two if
-  // that is more: a short tick follows a late one.
+  // The next period is expected to be the mean, or the shorter of the last two if that is longer. A
+  // short tick often follows a late one.
   mean_ = mean_ > 0.0 ? mean_ + (span_ - mean_) / kPeriods : span_;
   const double period = std::max(mean_, std::min(span_, before_));
   before_ = span_;
@@ -133,7 +133,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 offset = there_ - proxy;
   const double length = offset.norm();
   held_ = newest_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
-  // Each end keeps its half of the spring's energy, and what the readings' step may have hidden.
+  // Each end keeps half of the spring's energy, and the energy that the resolution of the readings
+  // may hide.
   const double hidden = 0.5 * params_.step * sent_.norm();
   const double spare = energy_ - params_.start - 0.5 * held_ - hidden;
   if (other_ != 0 && spare > 0.0) {
@@ -144,14 +145,15 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   if (first || presence_ == 0.0 || length == 0.0) return force_;
   const double size = part * presence_ * std::min(params_.stiffness, params_.peak / length);
   const Vec3 wanted = hand.drives * (size * offset);
-  // The most work until the next reading: the hand continues as it moved, except for a turn.
+  // Computes the largest work until the next reading, if the hand continues as it moved with a
+  // bounded acceleration.
   const double turn = wanted.norm() * kLinkNimble * period * period;
   const double worst = speeds * wanted.dot(way) + turn;
   double pays = worst > 0.0 ? 0.0 : trust_;  // for a tank in debt
-  constexpr double kRounding = 1e-13;        // [J]: not a debt
+  constexpr double kRounding = 1e-13;        // [J]: a smaller debt is rounding
   if (energy_ >= -kRounding) {
-    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This is convex in s, so the
-    // straight line between its values at s = 0, `hidden`, and s = 1 bounds it.
+    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This is convex in s. So the
+    // straight line between its values at s = 0, `hidden`, and at s = 1 bounds it.
     const double changes = 0.5 * params_.step * ((wanted - sent_).norm() + wanted.norm());
     const double more = std::max(0.0, worst) + changes - hidden;
     pays = more > 0.0 ? std::clamp((energy_ - hidden) / more, 0.0, 1.0) : 1.0;

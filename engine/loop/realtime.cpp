@@ -19,10 +19,11 @@ namespace palpate {
 namespace {
 
 constexpr std::int64_t kSecond = 1000000000;  // [ns]
-// This clock continues while a machine sleeps: a loop that wakes up with the machine is late.
+// This clock continues while the machine is suspended, so that a loop is late after the machine
+// resumes.
 constexpr clockid_t kSystemClock = CLOCK_BOOTTIME;
 
-/// Touches more stack than a tick uses, so that no tick takes the page faults.
+/// Touches more stack than a tick uses, so that ticks cause no page faults.
 [[gnu::noinline]] void touchStack() noexcept {
   std::array<std::byte, std::size_t{256} * 1024> stack;
   volatile std::byte* at = stack.data();
@@ -57,14 +58,14 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
   report.awake = awake.granted();
   if (request.awake && !awake.granted()) {
     refuse(report, "cores that stay awake", awake.error(),
-           "let your group write /dev/cpu_dma_latency");
+           "give your group write access to /dev/cpu_dma_latency");
   }
   if (request.lock_memory) {
     report.memory = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
     if (!report.memory) {
       refuse(report, "locked memory", errno, "raise memlock in /etc/security/limits.d");
     }
-    // Locked pages may still be merged into a huge page. The merge delays a thread by a tick.
+    // Locked pages may still be merged into a huge page, which delays a thread by a tick.
     (void)prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
   }
   if (request.priority > 0) {
@@ -84,7 +85,8 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     const int error = pthread_setaffinity_np(pthread_self(), sizeof(cores), &cores);
     report.core = error == 0;
     if (error != 0) {
-      refuse(report, "core " + std::to_string(request.core), error, "choose one that nproc counts");
+      refuse(report, "core " + std::to_string(request.core), error,
+             "choose a number below that of nproc");
     }
   }
   touchStack();

@@ -1,5 +1,5 @@
-/// Requests of a thread to the system before it ticks: priority, a core, memory that stays. Each is
-/// requested once and reported, and is never required.
+/// Requests of a thread to the operating system before its first tick: priority, a core and locked
+/// memory. Each is requested once, and the result is reported. None is required.
 #pragma once
 
 #include <cstdint>
@@ -7,58 +7,63 @@
 
 namespace palpate {
 
-/// Highest priority of a loop; a guardian is above every loop.
+/// Highest priority of a loop. The priority of a guardian is above that of every loop.
 inline constexpr int kMostPriority = 90;
 
-/// Requests of becomeRealtime. The thread does without those that are refused.
+/// Requests for becomeRealtime(). If the system refuses one, the thread continues without it.
 struct RealtimeRequest {
-  int priority = 80;  ///< Priority of SCHED_FIFO, 1 to kMostPriority; 0: no request.
-  int core = -1;      ///< Core to stay on; -1, or a refused priority: any core, because one may be
-                      ///< free.
-  bool lock_memory = true;  ///< Lock all memory of the process, also later; then no huge pages.
-  bool awake = true;  ///< Keep the cores awake meanwhile: in a virtual machine a sleeping core may
-                      ///< wake a millisecond late. Costs power.
+  int priority = 80;  ///< SCHED_FIFO priority, 1 to kMostPriority; 0 if not requested.
+  int core = -1;  ///< Core on which to stay. -1 means any core. A thread without priority uses any
+                  ///< core, because one may be free.
+  /// Lock the present and future memory of the process. This prevents huge pages.
+  bool lock_memory = true;
+  bool awake = true;  ///< Keep the cores awake meanwhile, at the cost of power. In a virtual
+                      ///< machine a sleeping core may wake up a millisecond late.
 };
 
-/// The granted requests; for those refused, the reason and the remedy.
+/// The requests that were granted, and the reasons and remedies for those that were refused.
 struct RealtimeReport {
-  bool priority = false;  ///< SCHED_FIFO, at the priority asked for (at most kMostPriority).
-  bool core = false;      ///< The thread stays on the core asked for.
-  bool memory = false;    ///< The memory of the process is locked (mlockall).
-  bool awake = false;     ///< The caller's StayAwake::granted.
-  std::string refused;  ///< "priority 80: not permitted: ...", several joined by "; "; else empty.
+  /// True if the thread has the requested SCHED_FIFO priority (at most kMostPriority).
+  bool priority = false;
+  bool core = false;    ///< True if the thread stays on the requested core.
+  bool memory = false;  ///< True if the memory of the process is locked (mlockall).
+  bool awake = false;   ///< Copy of StayAwake::granted().
+  /// Refused requests, such as "priority 80: not permitted: ...", joined by "; ".
+  std::string refused;
 };
 
-/// Keeps the machine's cores from sleeping during its lifetime, if that is permitted
+/// Keeps the machine's cores from sleeping while the object lives, if the system permits
 /// (/dev/cpu_dma_latency).
 class StayAwake {
  public:
-  /// If `wanted`, requests cores that wake up at once: a latency of 0 us.
+  /// If `wanted`, requests a wake-up latency of 0 us from all cores.
   explicit StayAwake(bool wanted) noexcept;
   ~StayAwake();
   StayAwake(const StayAwake&) = delete;
   StayAwake& operator=(const StayAwake&) = delete;
-  /// Returns true if that was wanted and permitted; valid until destruction.
+  /// Returns true if the request was made and granted.
   [[nodiscard]] bool granted() const noexcept { return descriptor_ >= 0; }
-  [[nodiscard]] int error() const noexcept { return error_; }  ///< errno, or 0.
+  /// Returns errno of the request, or 0.
+  [[nodiscard]] int error() const noexcept { return error_; }
 
  private:
   int descriptor_ = -1;
   int error_ = 0;
 };
 
-/// Makes the requests for the calling thread, and for memory on behalf of the process. The caller
-/// keeps `awake`; the report repeats whether that was granted. Touches the stack that ticks need.
-/// Slow: call it before the first tick.
+/// Makes the requests for the calling thread, and the memory request for the process. The caller
+/// owns `awake`; the report repeats its result. Also touches the stack that ticks need. Slow: call
+/// it before the first tick.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
-/// Returns the time of the clock that deadlines are in [ns]; it continues while the machine is
+/// Returns the time of the clock of all deadlines [ns]. The clock continues while the machine is
 /// suspended. Signal-safe.
 [[nodiscard]] std::int64_t nowNs() noexcept;
-/// Sleeps until nowNs() reaches `ns` [ns], even if signals come. RT: a system call.
+/// Sleeps until nowNs() reaches `ns` [ns], even if signals interrupt. RT: a system call.
 void sleepUntil(std::int64_t ns) noexcept;
 
-/// Returns the page faults of the calling thread so far: minor and major. RT: a system call.
+/// Returns the number of page faults of the calling thread so far, minor and major. RT: a system
+/// call.
 [[nodiscard]] std::int64_t pageFaults() noexcept;
 
 }  // namespace palpate

@@ -10,14 +10,16 @@
 namespace palpate {
 namespace {
 
-/// The greatest distance from which a reading places the plane on its surface [voxels].
+/// Largest distance between a reading and the surface at which the reading places the plane
+/// [voxels].
 constexpr double kSight = 2.0;
-/// The greatest distance from the place of a reading at which that reading puts the plane [voxels].
+/// Largest distance from the place of a reading at which that reading puts the plane [voxels].
 constexpr double kStep = 0.5;
-/// A proxy this near to its surface is on it: kinks that differ only by rounding are one [voxels].
+/// If the proxy is this near to its surface, the plane goes through the proxy, so that kinks which
+/// differ only by rounding coincide [voxels].
 constexpr double kOnIt = 1e-9;
-/// Height above its surface at which a path of the proxy along it is swept, as a share of the path;
-/// at most a voxel of the path counts.
+/// Height above the surface at which a path of the proxy along it is swept, as a share of the
+/// path's length. Of longer paths one voxel counts.
 constexpr double kLift = 0.25;
 
 void put(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
@@ -41,14 +43,15 @@ SurfaceReading look(const SurfaceSource& skin, double level, const Properties& r
   Vec3 outwards = skin.sign * gradient;
   if (seam != nullptr) outwards += seam->gradient;
   if (!value.inside || !unit(outwards, sight.normal)) return sight;
-  // The slope of the interpolated V along the normal; the gradient's norm if that is not positive.
+  // Uses the slope of the interpolated V along the normal. If that is not positive, uses the
+  // gradient's norm.
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
   const double above = skin.sign * (value.value - level) * skin.metres_per_unit / skin.voxel;
   sight.height = above / slope;
-  // The steeper of both slopes decides whether the surface is near. Deep in a groove the normal
-  // points out of the groove and the cell's slope across it, so the height along the normal is not
-  // a distance.
+  // The steeper slope decides whether the surface is near. Deep in a groove the normal points out
+  // of the groove and the cell's slope points across it. The height along the normal is then not a
+  // distance.
   if (!unit(skin.sign * own, sight.across)) sight.across = sight.normal;
   sight.off = above / std::max(own.norm(), 1e-3 * gradient.norm());
   sight.clear = std::abs(above) <= kSight * std::max(own.norm(), gradient.norm());
@@ -58,7 +61,7 @@ SurfaceReading look(const SurfaceSource& skin, double level, const Properties& r
 void place(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
            const Vec3& x) noexcept {
   if (contact.placed && !contact.touched && sight.normal.dot(contact.normal) < 0.0) {
-    // The sweep of the proxy's path finds the surface that it reaches next, past an edge.
+    // If the proxy has passed an edge, the sweep of its path finds the next surface.
     if (sight.height >= 0.0) leave(contact);
     return;
   }
@@ -71,8 +74,8 @@ void place(Contact& contact, const SurfaceSource& skin, const SurfaceReading& si
 
 void drag(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
           const Vec3& x) noexcept {
-  // Deep in a thin wall the normal turns over: the surface seen is the wall's other side, not the
-  // one that was pushed through.
+  // Deep in a thin wall the normal reverses. The reading then shows the other side of the wall, not
+  // the one that was pushed through.
   const bool near = sight.clear && std::abs(sight.height) <= kSight;
   if (!near || !(sight.normal.dot(contact.normal) > 0.5)) return;
   put(contact, skin, sight, x - sight.height * skin.voxel * sight.normal);
@@ -95,7 +98,7 @@ void readTurn(Contact& contact, const SurfaceSource& skin, const Properties& rea
 void tellTurn(const Contact& contact, const SurfaceSource& skin, const Vec3& x, bool foreseen,
               Varying& plane) noexcept {
   plane.turn = contact.turn;
-  // If no reading put the plane on the surface, the plane's own normal serves as the slope.
+  // If no reading has put the plane on the surface, the normal of the plane replaces the slope.
   plane.across = contact.seen ? contact.across : contact.normal;
   const double over = plane.across.dot(contact.normal) * contact.normal.dot(x - contact.anchor);
   const double most = kStep * skin.voxel;

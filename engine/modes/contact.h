@@ -1,4 +1,4 @@
-/// The contact of a proxy with a surface: one plane, its turn, and its load.
+/// The contact of a proxy with a surface: its plane, the turn of the plane, and its load.
 #pragma once
 
 #include <span>
@@ -10,68 +10,70 @@
 
 namespace palpate {
 
-/// The surface of a scalar volume: the properties that it reads, its solid side and its scale.
+/// The surface of a scalar volume: indices of the properties that it reads, its solid side and its
+/// scale.
 struct SurfaceSource {
   int field = -1;                ///< Index into Graph::scalar_fields.
   int value = -1;                ///< Index into Properties::scalars.
-  int gradient = -1;             ///< Index into Properties::vectors: continuous gradient.
-  int cell_gradient = -1;        ///< Index into Properties::vectors: slope as interpolated.
+  int gradient = -1;             ///< Index into Properties::vectors of the continuous gradient.
+  int cell_gradient = -1;        ///< Index into Properties::vectors of the interpolated slope.
   double sign = -1.0;            ///< Outward normal = sign * gradient: -1 if high values are solid.
   double voxel = 1e-3;           ///< Shortest edge of a voxel [m].
   double metres_per_unit = 1.0;  ///< Metres per unit of the field's own space.
-  bool grooves = false;  ///< The friction grows in grooves: there is friction, and the field is a
-                         ///< distance (FieldFrame::distance).
+  bool grooves = false;  ///< True if grooves increase the friction. This needs friction and a field
+                         ///< that is a distance (FieldFrame::distance).
 };
 
-/// Terms that other solids and other walls add to the plane of a surface; see seams.h.
+/// Corrections to the plane of a surface for other solids and other walls; see seams.h.
 struct Seam {
-  Vec3 gradient = Vec3::Zero();  ///< Added to sign * gradient, in W [its unit].
-  Mat3 turn = Mat3::Zero();      ///< Its derivative [its unit / m].
+  Vec3 gradient = Vec3::Zero();  ///< Added to sign * gradient, in W [unit of the gradient].
+  Mat3 turn = Mat3::Zero();      ///< Derivative of `gradient` [unit of the gradient / m].
   double walls = 1.0;            ///< Sum of the loads of a groove's walls, divided by the load of
                                  ///< the plane.
 };
 
-/// The plane (eq. 13) on a surface V = Va. Its normal n is that of the continuous gradient. c is
+/// The plane (eq. 13) on a surface V = Va. n is the direction of the continuous gradient, and c
 /// that of the interpolated value's slope where V was read. In a trilinear volume n and c differ.
 struct Contact {
   Vec3 anchor = Vec3::Zero();   ///< A point of the plane [m].
-  Vec3 normal = Vec3::UnitX();  ///< n, unit, outwards.
+  Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
   Mat3 turn = Mat3::Zero();     ///< dn/dx [1/m].
-  Vec3 across = Vec3::UnitX();  ///< c, unit, outwards: normal to the interpolated surface.
-  double height = 0.0;          ///< Height along c of the last reading above the surface [m].
+  Vec3 across = Vec3::UnitX();  ///< c, the outward unit normal of the interpolated surface.
+  double height = 0.0;          ///< Height of the last reading above the surface, along c [m].
   double walls = 1.0;           ///< Seam::walls of the last reading.
-  bool placed = false;          ///< There is a plane.
-  bool seen = false;            ///< The last reading put the plane on the surface.
-  bool touched = false;         ///< A sweep reached the surface where properties are read next.
-  int plane = -1;               ///< Index of the plane in the last balance; -1: none.
-  int varies = -1;              ///< Index of the plane in the last PrimitiveSet::varying().
-  Load load = Load::kNone;      ///< Load of the plane in the last balance.
+  bool placed = false;          ///< True if there is a plane.
+  bool seen = false;            ///< True if the last reading put the plane on the surface.
+  /// True if a sweep has reached the surface, where properties are read next.
+  bool touched = false;
+  int plane = -1;   ///< Index of the plane in the last balance; -1 if it was not in the balance.
+  int varies = -1;  ///< Index of the plane in the last PrimitiveSet::varying().
+  Load load = Load::kNone;  ///< Load of the plane in the last balance.
 };
 
-/// The surface V = Va, seen from the place where properties were read.
+/// The surface V = Va as computed from one reading of properties.
 struct SurfaceReading {
-  bool data = false;            ///< There is a value.
-  bool clear = false;           ///< There is a normal, and the surface is near enough to place the
-                                ///< plane.
-  double height = 0.0;          ///< Height above the surface along n [voxels].
-  Vec3 normal = Vec3::UnitX();  ///< n, unit, outwards.
-  Vec3 across = Vec3::UnitX();  ///< c, unit, outwards.
-  double off = 0.0;             ///< Height above the surface along c [voxels].
+  bool data = false;  ///< True if there is a value.
+  /// True if there is a normal, and the surface is near enough to place the plane.
+  bool clear = false;
+  double height = 0.0;          ///< Height of the reading above the surface along n [voxels].
+  Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
+  Vec3 across = Vec3::UnitX();  ///< c, the outward unit normal of the interpolated surface.
+  double off = 0.0;             ///< Height of the reading above the surface along c [voxels].
 };
-/// Finds the surface V = level from a reading: near if within two voxels, by the steeper of two
-/// slopes. The normal is that of the gradient plus the terms of the seam, if any. RT: no
-/// allocation.
+/// Computes where the surface V = level is, from a reading. The surface is near if it is within two
+/// voxels, by the steeper of two slopes. The normal is that of the gradient plus the correction of
+/// the seam, if any. RT: no allocation.
 [[nodiscard]] SurfaceReading look(const SurfaceSource& skin, double level, const Properties& read,
                                   const Seam* seam = nullptr) noexcept PALPATE_NONBLOCKING;
 
 /// Puts the plane on the surface, at most half a voxel from x [m], where properties were read. If
-/// the normal has turned over and no sweep reached the surface, it is the other side of a thin
-/// wall. Then the plane stays if x is behind the surface; if x is in front of it, the contact ends.
-/// RT: no allocation.
+/// the normal has reversed and no sweep reached the surface, the reading shows the other side of a
+/// thin wall. The plane then stays if x is behind the surface, and the contact ends if x is in
+/// front of it. RT: no allocation.
 void place(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
            const Vec3& x) noexcept PALPATE_NONBLOCKING;
-/// Puts the plane of a yielding surface on that surface in one step, within two voxels and 60 deg
-/// of the last n.
+/// Moves the plane of a yielding surface to that surface, if the surface is within two voxels and
+/// its normal within 60 deg of the last n. RT: no allocation.
 void drag(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
           const Vec3& x) noexcept PALPATE_NONBLOCKING;
 /// Ends the contact.
@@ -79,30 +81,31 @@ inline void leave(Contact& contact) noexcept {
   contact.placed = contact.touched = false;
 }
 
-/// Computes the turn of the plane that the last reading placed: dn/dx, n the normalised gradient.
+/// Computes dn/dx, the turn of the plane that the last reading placed, where n is the normalised
+/// gradient.
 ///
 /// @param jacobian  Derivative of the gradient [its unit / m], in W. RT: no allocation.
 void readTurn(Contact& contact, const SurfaceSource& skin, const Properties& read,
               const Mat3& jacobian, const Seam* seam = nullptr) noexcept PALPATE_NONBLOCKING;
-/// Writes how the plane varies about x [m], for Newton's step from there. `foreseen`: there was no
-/// reading at x, and the plane is where it is remembered. RT: no allocation.
+/// Writes how the plane varies about x [m], for Newton's step from there. If `foreseen`, there was
+/// no reading at x, and the remembered plane is used. RT: no allocation.
 void tellTurn(const Contact& contact, const SurfaceSource& skin, const Vec3& x, bool foreseen,
               Varying& plane) noexcept PALPATE_NONBLOCKING;
 
-/// Adds the plane and, with friction, a line (eq. 11) through p [m] along its normal. Without load
-/// the line has no strength, so that the set of a contact stays the same from tick to tick. Returns
-/// false if the set was full. RT: no allocation.
+/// Adds the plane and, with friction, a line (eq. 11) through p [m] along the normal. A line is
+/// added even without load, then with zero strength, so that the primitives of a contact stay the
+/// same from tick to tick. Returns false if the set was full. RT: no allocation.
 ///
 /// @param slope  Gradient of the strength [N/m].
 [[nodiscard]] bool addContact(Contact& contact, double strength, const Vec3& slope, double friction,
                               const Vec3& p, PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
-/// Reads the load of the plane from a balance. RT: no allocation.
+/// Sets the load of the contact from a balance. RT: no allocation.
 void readLoad(Contact& contact, std::span<const Primitive> primitives,
               std::span<const Vec3> forces) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the offset, to the free side, of a sweep from a path of this length [m] along the
-/// surface: a quarter of the path, at most a quarter of a voxel. It clears the chord of a surface
+/// Returns the offset to the free side at which a path of this length [m] along the surface is
+/// swept: a quarter of the path, at most a quarter of a voxel. It clears the chord of a surface
 /// with a radius of curvature of 5/8 of the path or more. Zero if there is no plane. RT: no
 /// allocation.
 [[nodiscard]] Vec3 liftOff(const Contact& contact, double voxel,

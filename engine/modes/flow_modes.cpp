@@ -1,5 +1,4 @@
-/// The modes of a vector volume that are planes and lines along it: follow, front shape and vortex
-/// tube.
+/// Modes of a vector volume that add planes and lines: follow, front shape and vortex tube.
 #include <algorithm>
 #include <cmath>
 
@@ -10,28 +9,28 @@
 namespace palpate {
 namespace {
 
-/// A flow that turns by less than this share of its speed over a voxel has no vortex: the turn is
-/// rounding.
+/// If a flow rotates by less than this share of its speed over a voxel, the rotation is within
+/// rounding and there is no vortex.
 constexpr double kNoVortex = 1e-5;
 
-/// Returns the direction of a primitive at the proxy that has to hold up to `read`: the mean of
-/// those at both places (the trapezoidal rule), unit. `q`: the direction where properties were read
-/// last; `before`: the direction at the proxy.
+/// Returns the unit direction of a primitive that is at the proxy and must hold as far as `read`.
+/// This is the mean of the directions at both places (the trapezoidal rule). `q` is the direction
+/// where properties were read last, and `before` that at the proxy.
 Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;
   return here ? q : Vec3((before + q).normalized());
 }
 
-/// Adds no primitive, since there is no direction, and forgets the direction at the proxy.
+/// Adds no primitive, because there is no direction. Forgets the direction at the proxy.
 bool nothing(Vec3& before) noexcept {
   before.setZero();
   return true;
 }
 
-/// Returns how a plane through `position` varies. Its normal turns with the place x where
-/// properties are read, half as much as the direction from which it is made (midway). Newton's step
-/// solves n(x + step) . (x + step - position) = 0, so (n + turn^T w) . step = -n . w, w = x -
+/// Returns how a plane through `position` varies with the place x where properties are read. Its
+/// normal turns half as much as the direction from which it is made (midway). Newton's step solves
+/// n(x + step) . (x + step - position) = 0, so (n + turn^T w) . step = -n . w with w = x -
 /// position.
 Variation planeVaries(const EmitContext& place, const Vec3& position, const Vec3& normal,
                       const Mat3& turn) noexcept {
@@ -71,8 +70,9 @@ bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory
     memory.placed = false;
     return nothing(memory.before);
   }
-  // Snap-drag: a proxy pulled away from its front is held by the remembered plane until it is
-  // farther away than `snap`, and then released until it rests. Otherwise the front is at p.
+  // Snap-drag: if the proxy is pulled away from its front, the remembered plane holds it up to the
+  // distance `snap`. Then the proxy is released until it rests. Otherwise the front goes through
+  // the proxy.
   constexpr double kOn = 1e-3;  // share of the snap distance
   const Vec3& p = place.stand.proxy;
   const double off = memory.placed ? memory.normal.dot(p - memory.anchor) : 0.0;
@@ -105,14 +105,16 @@ bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory
   const Vec3& curl = place.vector(mode.curl).value;
   Vec3 core;
   if (!v.inside || !unit(curl, core)) return nothing(memory.before);
-  // The flow's turn over a voxel, relative to its speed: a vortex within rounding has no strength.
+  // Rotation of the flow over a voxel, relative to its speed. If it is within rounding, the vortex
+  // has no strength.
   const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
   const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
   const double strength =
       v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
-  const double radius = 2.0 * outwards.norm() / spin;  // in voxels
-  // The core's line passes into the tube's planes over a voxel. The turn of the core is not read.
+  const double radius = 2.0 * outwards.norm() / spin;  // [voxels]
+  // Over one voxel, the tube's planes replace the line on the core. The turn of the core's
+  // direction is not known.
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
   if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;

@@ -1,4 +1,5 @@
-/// Haptic modes: from properties at the proxy to primitives (compiled form, indices only).
+/// Haptic modes, which turn properties at the proxy into primitives. This is the compiled form,
+/// with indices only.
 #pragma once
 
 #include <cassert>
@@ -18,228 +19,234 @@
 
 namespace palpate {
 
-/// Largest friction coefficient. Rubber on rubber is 1.2.
+/// Largest friction coefficient. For comparison: rubber on rubber has 1.2.
 inline constexpr double kMostFriction = 10.0;
 
-/// A material property of the paper's section 2 (strength, friction, viscosity, stiffness): a
+/// A material property of the paper's section 2 (strength, friction, viscosity, stiffness). It is a
 /// transfer function of one scalar property, or a product of several.
 struct Transfer {
   /// One transfer function, and the scalar property that it reads.
   struct Factor {
     TransferFunction curve;  ///< Outputs >= 0.
-    int scalar = -1;         ///< Index into Properties::scalars; -1: the value that the mode itself
-                             ///< measures.
+    /// Index into Properties::scalars; -1 for the value that the mode itself measures.
+    int scalar = -1;
   };
-  std::vector<Factor> factors;  ///< If empty, the property is zero.
+  /// Factors of the product. Without factors the material property is zero.
+  std::vector<Factor> factors;
 
-  /// Returns the product, >= 0; 0 if a factor's property has no data. `own` is the input of factors
-  /// with scalar -1. RT: no allocation.
+  /// Returns the product, >= 0; 0 if the property of a factor has no data. `own` is the input of
+  /// factors with scalar -1. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
-  /// Returns the gradient of the product at the place where its factors were read [its unit / m];
-  /// zero if a factor has no data. At a knot, a curve's slope is that beyond the knot. The value
-  /// that the mode itself measures counts as constant. RT: no allocation.
+  /// Returns the gradient of the product at the place of the reading [its unit / m]; zero if the
+  /// property of a factor has no data. At a knot, the slope is that of the curve just above the
+  /// knot. The value that the mode itself measures counts as constant. RT: no allocation.
   [[nodiscard]] Vec3 slope(const Properties& properties) const noexcept PALPATE_NONBLOCKING;
-  /// Returns the product with `value` for scalars `index` and -1; 0 if the property of another
-  /// factor has no data. RT: no allocation.
+  /// Returns the product, with `value` as the input of factors with scalar `index` or -1; 0 if the
+  /// property of another factor has no data. RT: no allocation.
   [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;
-  /// Returns the product with or without data: without data a scalar is its background, a magnitude
-  /// zero. For the coupling, which has a stiffness everywhere. RT: no allocation.
+  /// Returns the product even without data. A scalar without data has its background value, a
+  /// magnitude is zero. The coupling uses this, because its stiffness is needed everywhere. RT: no
+  /// allocation.
   [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
 };
 
-// Memory of the modes below between ticks.
+// The following types are the memories of the modes from tick to tick.
 
-/// Memory of a SurfaceMode: its plane, and the surface on which the plane stays.
+/// Memory of a SurfaceMode: its plane, and the surface that the plane follows.
 struct SurfaceMemory {
   Contact contact;        ///< The plane and its last load.
-  bool holds = false;     ///< The last balance lies on the contact's plane.
-  bool captured = false;  ///< The plane is on V = level.
+  bool holds = false;     ///< True if the last balance lies on the contact's plane.
+  bool captured = false;  ///< True if the plane is on V = level.
   double level = 0.0;     ///< Va, in the data's unit.
 };
 
-/// Side of an isosurface on which a proxy is.
+/// The side of an isosurface on which the proxy is.
 enum class Side : std::uint8_t {
-  kUnknown,  ///< No reading yet: the proxy takes the side that it finds, without force.
-  kOutside,  ///< On the free side: the surface holds.
-  kYielded,  ///< Pushed through: the plane pulls back until `depth` or until the hand returns.
-  kInside,   ///< On the solid side: free to move and to leave.
+  kUnknown,  ///< No reading yet. The proxy takes the side on which it is, without force.
+  kOutside,  ///< On the free side. The surface holds.
+  kYielded,  ///< Pushed through. The plane pulls back, until the proxy is `depth` behind it or the
+             ///< hand returns.
+  kInside,   ///< On the solid side. The proxy moves freely and may leave.
 };
-/// Memory of an IsosurfaceMode: its plane, and the side on which the proxy is.
+/// Memory of an IsosurfaceMode: its plane, and the side of the proxy.
 struct IsosurfaceMemory {
   Contact contact;             ///< The plane on V = level and its last load.
-  Side side = Side::kUnknown;  ///< Set by the last reading and by the last settle().
-  double share = 1.0;  ///< Share of the strength that is left while a yielded surface fades.
+  Side side = Side::kUnknown;  ///< Side of the proxy after the last reading and the last settle().
+  double share = 1.0;  ///< Share of the strength that is left while a yielding surface fades.
 };
 
 /// Memory of a curve that holds the proxy.
 struct OnCurve {
-  bool holds = false;        ///< The last balance lies on the mode's line.
-  double stride = 0.5;       ///< First step of the next trace [voxels].
+  bool holds = false;        ///< True if the last balance lies on the mode's line.
+  double stride = 0.5;       ///< First step of the next trace to try [voxels].
   Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve in its volume's resting frame
                              ///< [1/voxel].
 };
-/// Memory of a FollowMode: the direction of its stream, and whether its line holds.
+/// Memory of a FollowMode: the direction of its stream, and its curve.
 struct FollowMemory {
-  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
-  OnCurve on;                  ///< The curve along which the proxy goes.
+  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero if unknown.
+  OnCurve on;                  ///< The curve that the proxy follows.
 };
 
 /// Memory of a FrontShapeMode: the direction of its field, and its front.
 struct FrontShapeMemory {
-  Vec3 before = Vec3::Zero();   ///< Direction of the field at the proxy; zero: not known.
+  Vec3 before = Vec3::Zero();   ///< Direction of the field at the proxy; zero if unknown.
   Vec3 anchor = Vec3::Zero();   ///< A point of the front [m].
   Vec3 normal = Vec3::UnitX();  ///< Unit normal of the front.
-  bool placed = false;          ///< There is a front.
-  bool let_go = false;          ///< Snapped off the front; ends when the proxy rests.
+  bool placed = false;          ///< True if there is a front.
+  bool let_go = false;  ///< True if the proxy was released from the front, until the proxy rests.
 };
 
 /// Memory of a VortexTubeMode.
 struct VortexTubeMemory {
-  Vec3 before = Vec3::Zero();  ///< Direction of the radius at the proxy; zero: not known.
+  Vec3 before = Vec3::Zero();  ///< Direction of the radius at the proxy; zero if unknown.
 };
 
-/// A directed force (eq. 8) along a vector. It injects energy, as the user requested.
+/// A directed force (eq. 8) along a vector. It adds energy, as the scene requests.
 struct ForceMode {
-  using Memory = std::monostate;  ///< No memory.
+  using Memory = std::monostate;  ///< The mode has no memory.
   int vector = -1;                ///< Index into Properties::vectors.
   double sign = 1.0;              ///< +1 along the vector, -1 against it.
   Transfer strength;              ///< Strength of the force [N].
 };
 
-/// A point (eq. 9) at the proxy: a drag of constant size, not -b v.
+/// A point (eq. 9) at the proxy: a drag of constant magnitude, in contrast to -b v.
 struct ViscosityMode {
-  using Memory = std::monostate;  ///< No memory.
-  int scalar = -1;                ///< Index into Properties::scalars; without data there is no
-                                  ///< drag.
-  Transfer strength;              ///< Strength of the drag [N].
+  using Memory = std::monostate;  ///< The mode has no memory.
+  /// Index into Properties::scalars. Where it has no data there is no drag.
+  int scalar = -1;
+  Transfer strength;  ///< Strength of the drag [N].
 };
 
-/// A plane (eq. 13) through the proxy across the gradient. While the plane holds, it stays on the
-/// surface V = Va of the place where it began to hold; else the proxy would drift along the normal
-/// as the surface curves. A plane that is left or yields is at the proxy. Friction adds a line (eq.
-/// 11) along the normal, viscosity a point (eq. 9): the paper's surface, friction and viscosity.
+/// A plane (eq. 13) through the proxy across the gradient. While the plane holds the proxy, it
+/// stays on the surface V = Va of the place where it began to hold. Otherwise the proxy would drift
+/// along the normal of a curved surface. A plane that does not hold, or yields, goes through the
+/// proxy. Friction adds a line (eq. 11) along the normal, and viscosity adds a point (eq. 9). These
+/// are the paper's surface, friction and viscosity.
 struct SurfaceMode {
-  using Memory = SurfaceMemory;  ///< Kept in ModeMemory::of.
+  using Memory = SurfaceMemory;  ///< Memory of the mode.
   SurfaceSource skin;            ///< Properties read from the volume, its solid side and its scale.
   Transfer strength;             ///< Strength of the plane [N].
   Transfer friction;             ///< Coulomb's mu.
-  Transfer viscosity;            ///< Strength of the drag [N], wherever the surface acts.
+  Transfer viscosity;  ///< Strength of the drag [N]. The drag acts wherever the surface acts.
 };
 
-/// A plane (eq. 13) on the surface V = level, once the proxy has reached it; the mode remembers on
-/// which side the proxy is. Friction adds a line (eq. 11).
+/// A plane (eq. 13) on the surface V = level, from the time when the proxy reaches it. The mode
+/// remembers the side of the proxy. Friction adds a line (eq. 11).
 struct IsosurfaceMode {
-  using Memory = IsosurfaceMemory;  ///< Kept in ModeMemory::of.
+  using Memory = IsosurfaceMemory;  ///< Memory of the mode.
   SurfaceSource skin;               ///< Properties read from the volume, its solid side and its
                                     ///< scale.
   double level = 0.0;               ///< V0, in the data's unit.
-  double depth = 3e-3;              ///< After yielding, the plane pushes until the proxy is this
-                                    ///< far past the surface [m].
-  Transfer strength;   ///< Strength of the plane [N]; until it yields, that at V = level.
-  Transfer friction;   ///< Coulomb's mu.
-  Transfer viscosity;  ///< Drag by a point (eq. 9) on the solid side [N]: the body's material.
+  double depth = 3e-3;  ///< After yielding, the plane pushes until the proxy is this far behind the
+                        ///< surface [m].
+  Transfer strength;    ///< Strength of the plane [N]. Until the surface yields, that at V = level.
+  Transfer friction;    ///< Coulomb's mu.
+  Transfer viscosity;   ///< Strength of the drag in the solid [N], a point (eq. 9).
 };
 
-/// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. A weak line
-/// is the paper's transverse damping. If the line holds, the proxy goes along the stream's curve
-/// (VectorField::trace), as far as the balance took it along the line.
+/// A line (eq. 11) through the proxy along a vector, so that the hand slides along the stream. A
+/// weak line is the paper's transverse damping. If the line holds the proxy, the proxy follows the
+/// stream's curve (VectorField::trace), as far as the balance moved it along the line.
 struct FollowMode {
-  using Memory = FollowMemory;  ///< Kept in ModeMemory::of.
+  using Memory = FollowMemory;  ///< Memory of the mode.
   int vector = -1;              ///< Index into Properties::vectors.
-  int field = -1;       ///< Index into Graph::vector_fields; -1: derived, followed by its tangents.
-  double voxel = 1e-3;  ///< [m]
+  int field = -1;  ///< Index into Graph::vector_fields. -1 for a derived vector, whose tangents are
+                   ///< followed.
+  double voxel = 1e-3;  ///< Shortest edge of a voxel [m].
   Transfer strength;    ///< Strength of the line [N].
 };
 
-/// A plane (eq. 13) through the proxy across a vector: the front to which the vectors are normal,
-/// such as that of a wave. A two-sided front is two opposed planes.
+/// A plane (eq. 13) through the proxy across a vector. This is a front, such as that of a wave,
+/// with the vectors as its normals. A two-sided front consists of two opposed planes.
 struct FrontShapeMode {
-  using Memory = FrontShapeMemory;  ///< Kept in ModeMemory::of.
+  using Memory = FrontShapeMemory;  ///< Memory of the mode.
   int vector = -1;                  ///< Index into Properties::vectors.
-  bool two_sided = true;  ///< False: held only against the vector; along it the hand is free.
-  double snap = 0.0;      ///< Snap-drag [m]: a proxy pushed off its front is pulled back until it
-                          ///< is this far off. Then the front is given up, and the next one is
-                          ///< placed where the proxy rests. 0: the front moves along.
-  Transfer strength;      ///< Strength of each plane [N].
+  bool two_sided = true;  ///< If false, the front holds only against the vector, and the hand is
+                          ///< free along the vector.
+  double snap = 0.0;  ///< Distance of snap-drag [m]. A proxy that is pushed off its front is pulled
+                      ///< back until it is this far away. Then it is released, and the next front
+                      ///< is placed where the proxy rests. If 0, the front moves with the proxy.
+  Transfer strength;  ///< Strength of each plane [N].
 };
 
-/// Two opposed planes (eq. 13) through the proxy across the radius of a vortex: the hand stays on
-/// the tube, free round it and along it. Within a voxel of the core the radius is not defined, and
-/// a line (eq. 11) along the core holds. Up to two voxels the line passes into the planes. The
-/// radius is that of rigid rotation, r = 2 |v x w| / |curl v|, w the core's direction curl v /
-/// |curl v|; v x w points outwards.
+/// Two opposed planes (eq. 13) through the proxy across the radius of a vortex. They keep the hand
+/// on a tube, on which it moves freely. Within a voxel of the core the radius is not defined, and a
+/// line (eq. 11) along the core holds the proxy. Between one and two voxels, both act. The radius
+/// is that of a rigid rotation, r = 2 |v x w| / |curl v|, where w = curl v / |curl v| is the
+/// direction of the core. v x w points outwards.
 struct VortexTubeMode {
-  using Memory = VortexTubeMemory;  ///< Kept in ModeMemory::of.
-  int vector = -1;                  ///< Index into Properties::vectors.
-  int curl = -1;                    ///< Index into Properties::vectors.
-  double voxel = 1e-3;              ///< [m]
+  using Memory = VortexTubeMemory;  ///< Memory of the mode.
+  int vector = -1;                  ///< Index into Properties::vectors of v.
+  int curl = -1;                    ///< Index into Properties::vectors of curl v.
+  double voxel = 1e-3;              ///< Shortest edge of a voxel [m].
   double metres_per_unit = 1.0;     ///< Metres per unit of the field's own space.
-  Transfer strength;  ///< Strength of each plane, and of the line on the core [N]; zero in a flow
-                      ///< without turn.
+  Transfer strength;  ///< Strength of each plane, and of the line on the core [N]. Zero where the
+                      ///< flow does not rotate.
 };
 
 /// A point, line or plane that the scene places. It acts while the proxy is within `snap` of it. It
-/// draws the hand in, and releases the hand once it has pulled the proxy farther away. The energy
-/// of drawing in counts as injected.
+/// pulls the hand towards itself, and releases the hand when the proxy is farther away. The energy
+/// of this pull counts as injected.
 struct GuideMode {
-  using Memory = std::monostate;                ///< No memory.
-  PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Not kForce.
-  Vec3 position = Vec3::Zero();                 ///< Place [m]; of a moving guide, in the resting
-                                                ///< frame.
-  Vec3 direction = Vec3::UnitX();               ///< Unit vector along a line, or a plane's outward
-                                                ///< normal.
-  double snap = 0.0;                            ///< Range [m], > 0; infinite: it always acts.
-  double metres_per_unit = 1.0;                 ///< Metres per unit of the strength's input.
-  Transfer strength;                            ///< Strength [N], by the probe's distance to the
-                                                ///< guide.
+  using Memory = std::monostate;                ///< The mode has no memory.
+  PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Any kind except kForce.
+  Vec3 position = Vec3::Zero();    ///< Place [m]; for a moving guide, in the resting frame.
+  Vec3 direction = Vec3::UnitX();  ///< Unit vector along a line, or outward unit normal of a plane.
+  double snap = 0.0;               ///< Range [m], > 0; infinite if the guide always acts.
+  double metres_per_unit = 1.0;    ///< Metres per unit of the strength's input.
+  Transfer strength;  ///< Strength [N], as a function of the distance from the probe to the guide.
 };
 
 /// Input of a user-defined mode.
 struct ModeInput {
-  const Properties& properties;  ///< The last reading.
-  std::span<const int> reads;    ///< For each name in UserSpec::reads its index in
-                                 ///< properties.scalars or properties.vectors, by its kind.
-  const Vec3& proxy;  ///< Proxy before it moves [m], where primitives belong; carried along if all
-                      ///< that the mode reads moves as one.
-  const Vec3& probe;  ///< Probe [m]; in a tick of several slices, that of this slice.
-  const Vec3& read;   ///< Place where properties were read [m]: the previous balance led there, at
-                      ///< most a voxel or so from the proxy.
-  bool foreseen;      ///< No new reading yet: the properties are those read last.
+  const Properties& properties;  ///< Properties from the last reading.
+  std::span<const int> reads;    ///< For each name in UserSpec::reads, its index in
+                               ///< properties.scalars or properties.vectors, according to its type.
+  /// The proxy before it moves [m], where primitives should be placed. If all volumes that the mode
+  /// reads have the same motion, that motion carries this place along.
+  const Vec3& proxy;
+  const Vec3& probe;  ///< The probe [m]. In a tick of several slices, the probe of this slice.
+  const Vec3& read;   ///< Place where properties were read [m]. The previous balance led to this
+                      ///< place, which is at most about a voxel from the proxy.
+  bool foreseen;      ///< True if there was no new reading, so that the properties are those of the
+                      ///< last one.
 };
 
-/// Adds primitives; returns false if the set was full. Called in the tick, once a balance. The
-/// first balance of a tick, and of each slice of a tick, is foreseen; one more follows each
-/// reading. No allocation, no lock, no exception. The primitives should be anchored at the proxy,
-/// else they can make energy (counted as injected).
+/// Adds primitives. Returns false if the set was full. It is called for each balance of a tick. The
+/// first balance of each slice has no new reading (`foreseen`); one balance follows each reading.
+/// Do not allocate, lock or throw. Primitives should be anchored at the proxy, because others can
+/// add energy (counted as injected).
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
 
 /// A user-defined mode.
 struct UserMode {
-  using Memory = std::monostate;    ///< No memory.
-  PlacePrimitives place = nullptr;  ///< Called with `state`; not null in a graph.
-  std::shared_ptr<void> state;      ///< Of all proxies, whose threads may call at once.
-  std::vector<int> reads;           ///< Indices, as in ModeInput::reads.
+  using Memory = std::monostate;    ///< The mode has no memory.
+  PlacePrimitives place = nullptr;  ///< Called with `state`. Not null in a graph.
+  /// State for all proxies, whose threads may call `place` at the same time.
+  std::shared_ptr<void> state;
+  std::vector<int> reads;  ///< Indices, as in ModeInput::reads.
 };
 
-/// One mode as the tick runs it; compileGraph makes it from a ModeSpec.
+/// A mode as the tick runs it. compileGraph makes it from a ModeSpec.
 using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode,
                           FrontShapeMode, VortexTubeMode, GuideMode, UserMode>;
 
-/// Memory of a mode, of the type `Memory` of its kind.
+/// Memory of a mode. Its type is the `Memory` of the kind of mode.
 struct ModeMemory {
-  int emitted = 0;  ///< Primitives of this mode in the last balance.
+  int emitted = 0;  ///< Number of this mode's primitives in the last balance.
   std::variant<std::monostate, SurfaceMemory, IsosurfaceMemory, FollowMemory, FrontShapeMemory,
                VortexTubeMemory>
-      of;  ///< Memory of the mode's kind; see memoryFor() and memoryOf().
+      of;  ///< Memory of the kind of mode; see memoryFor() and memoryOf().
 };
 
-/// Returns the side of an isosurface on which the proxy is; kUnknown for other modes.
+/// Returns the side of the proxy at an isosurface; kUnknown for other modes.
 [[nodiscard]] Side sideOf(const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Returns the initial memory of a mode.
 [[nodiscard]] ModeMemory memoryFor(const Mode& mode) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the mode's own memory. @pre memoryFor() made it.
+/// Returns the memory of the kind of mode M. @pre memoryFor() made it.
 template <class M>
 [[nodiscard]] typename M::Memory& memoryOf(const M& /*mode*/, ModeMemory& memory) noexcept {
   auto* own = std::get_if<typename M::Memory>(&memory.of);
@@ -247,17 +254,20 @@ template <class M>
   return *own;
 }
 
-/// Places that the primitives of a mode refer to.
+/// Places to which the primitives of a mode refer.
 struct EvaluationPoint {
-  const Vec3& proxy;      ///< Proxy before it moves [m]: anchor of primitives without memory.
-  const Vec3& read;       ///< Place where properties were read [m].
-  const Vec3& probe;      ///< The hand [m].
-  const Pose* pose;       ///< Pose of the volume with which a guide moves; null: it stands still.
-  bool foreseen = false;  ///< No new reading: planes stay where they are remembered.
-  const Seam* seam = nullptr;  ///< Terms of other solids and walls at the last reading, if any.
+  /// The proxy before it moves [m]. Primitives without memory are anchored here.
+  const Vec3& proxy;
+  const Vec3& read;   ///< Place where properties were read [m].
+  const Vec3& probe;  ///< The hand [m].
+  /// Pose of the volume with which a guide moves; null if the guide stands still.
+  const Pose* pose;
+  bool foreseen = false;  ///< True if there was no new reading, so that planes stay as remembered.
+  /// Corrections for other solids and walls from the last reading, if any.
+  const Seam* seam = nullptr;
 };
 
-/// Adds the primitives of one mode at the proxy: step 2 of the paper's figure 1.
+/// Adds the primitives of one mode, step 2 of the paper's figure 1.
 ///
 /// @return  False if the set was full and a primitive was dropped.
 /// RT: no allocation.
@@ -268,59 +278,60 @@ struct EvaluationPoint {
 /// Moves a mode's memory along with its volume. RT: no allocation.
 void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The contact of a mode with its surface.
+/// A mode's contact with its surface.
 struct ContactReference {
-  const SurfaceSource* skin = nullptr;  ///< Null: the mode is not a surface.
-  Contact* contact = nullptr;           ///< In the mode's memory; null if skin is null.
-  const double* level = nullptr;  ///< V of the surface, in the data's unit; null: not known yet.
+  const SurfaceSource* skin = nullptr;  ///< Null if the mode is not a surface.
+  Contact* contact = nullptr;           ///< Contact in the mode's memory; null if skin is null.
+  const double* level = nullptr;  ///< V of the surface, in the data's unit; null if not yet known.
 };
-/// Returns the contact of a surface or isosurface mode; for other modes an empty one. RT: no
-/// allocation.
+/// Returns the contact of a surface or isosurface mode. For other modes all pointers are null. RT:
+/// no allocation.
 [[nodiscard]] ContactReference touchOf(const Mode& mode,
                                        ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The surface for which paths are swept: V = level, which a proxy on its free side can touch.
+/// The surface V = level that a sweep searches for, because a proxy on its free side can reach it.
 struct SurfaceAhead {
-  const SurfaceSource* skin = nullptr;  ///< Null: no path can touch a surface of this mode.
-  Contact* contact = nullptr;           ///< In the mode's memory; null if skin is null.
+  const SurfaceSource* skin = nullptr;  ///< Null if the mode has no surface that a path can reach.
+  Contact* contact = nullptr;           ///< Contact in the mode's memory; null if skin is null.
   double level = 0.0;                   ///< V0, in the data's unit.
-  const Transfer* strength = nullptr;   ///< Strength [N]; zero at V = level: it stops no path. Null
-                                        ///< if skin is null.
+  const Transfer* strength = nullptr;  ///< Strength [N]; null if skin is null. If it is zero at V =
+                                       ///< level, the surface does not stop a path.
 };
-/// Returns the surface of an isosurface mode, if the proxy is outside and the surface did not yield
-/// in the last balance; else an empty one. RT: no allocation.
+/// Returns the surface of an isosurface mode if the proxy is outside and the surface did not yield
+/// in the last balance. Otherwise all pointers are null. RT: no allocation.
 [[nodiscard]] SurfaceAhead surfaceAhead(const Mode& mode,
                                         ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The curve of a stream to which a mode holds the proxy.
+/// The streamline to which a mode holds the proxy.
 struct Curve {
-  OnCurve* on = nullptr;  ///< Null: the mode does not hold the proxy to a curve.
-  int field = -1;      ///< Index into Graph::vector_fields; -1: derived, followed by its tangents.
+  OnCurve* on = nullptr;  ///< Null if the mode does not hold the proxy to a curve.
+  int field = -1;  ///< Index into Graph::vector_fields. -1 for a derived vector, whose tangents are
+                   ///< followed.
   double voxel = 0.0;  ///< Finest voxel that the mode reads [m].
 };
-/// Returns the curve of a follow mode; for other modes an empty one. RT: no allocation.
+/// Returns the curve of a follow mode. For other modes `on` is null. RT: no allocation.
 [[nodiscard]] Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the longest move of the hand in one slice [m]: a voxel if the proxy is held to a curve,
-/// else infinite. RT: no allocation.
+/// Returns the longest move of the hand in one slice [m]: a voxel if a curve holds the proxy, else
+/// infinite. RT: no allocation.
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns true if a force of this mode depends on a value, so that a reading at one place need not
-/// hold at another. Returns false for surfaces and streams, which have means of their own for that.
+/// Returns true if a force of this mode depends on a value, so that a reading may be invalid at
+/// another place. Returns false for surfaces and streams, which handle this in other ways.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
-/// Updates a mode's memory from the last balance: all `primitives`, and the `forces` of each on the
-/// proxy [N]. RT: no allocation.
+/// Updates a mode's memory from the last balance. `forces` are the forces of all `primitives` on
+/// the proxy [N]. RT: no allocation.
 void readLoads(const Mode& mode, std::span<const Primitive> primitives,
                std::span<const Vec3> forces, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Makes a mode's surface yield, as if it could not hold. RT: no allocation.
+/// Makes a mode's surface yield, as if the load exceeded its strength. RT: no allocation.
 void followYielding(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Updates a mode's memory from the place that the proxy has reached; `arrived`: that place is the
-/// balance. A surface that bears no load is left. A surface that gave all its strength and has the
-/// proxy behind it is pushed through. A front that was let go may be placed again once the proxy
-/// rests. RT: no allocation.
+/// Updates a mode's memory from the place that the proxy has reached. `arrived` is true if that
+/// place is the balance. The contact with a surface without load ends. A surface that yields with
+/// the proxy behind it counts as pushed through. A released front may be placed again once the
+/// proxy rests. RT: no allocation.
 void settle(const Mode& mode, const Vec3& proxy, bool arrived,
             ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 

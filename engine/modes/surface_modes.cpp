@@ -1,4 +1,4 @@
-/// The modes that are surfaces of a scalar volume: surface and isosurface.
+/// Modes of a scalar volume that are surfaces: surface and isosurface.
 #include <algorithm>
 
 #include "palpate/engine/modes/mode_place.h"
@@ -6,15 +6,16 @@
 namespace palpate {
 namespace {
 
-/// A proxy pushed farther than this through its surface makes the surface yield [voxels].
+/// A surface counts as pushed through if the proxy is farther than this behind it [voxels].
 constexpr double kYield = 0.05;
-/// A proxy farther than this in front of its plane has left the surface [voxels].
+/// A proxy has left the surface if it is farther than this in front of the plane [voxels].
 constexpr double kLeft = 1e-4;
-/// Distance from its anchor within which a remembered plane holds [voxels]: twice the distance from
-/// which a surface is placed.
+/// Distance from its anchor up to which a remembered plane holds [voxels]. It is twice the distance
+/// at which a reading places a plane.
 constexpr double kPlaneHolds = 4.0;
 
-/// Puts the plane through the proxy, as in the paper; once it has held, on V = Va of that place.
+/// Puts the plane through the proxy, as in the paper. Once the plane has held the proxy, puts it on
+/// V = Va of that place.
 void see(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
   contact.seen = false;
@@ -42,36 +43,37 @@ void see(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memor
   contact.placed = true;
 }
 
-/// Returns the strength [N]; outside, that at the surface itself, also if V was read beside it.
+/// Returns the strength [N]. If the proxy is outside, this is the strength at V = level, even if V
+/// was read beside the surface.
 double strengthOf(const IsosurfaceMode& mode, const EmitContext& place, Side side) noexcept {
   if (side != Side::kOutside) return mode.strength(place.at);
   return mode.strength.at(place.at, mode.skin.value, mode.level);
 }
 
-/// Returns the derivative by the place of the strength of a surface that was pushed through [N/m].
-/// Before that, its strength matters in the last tick only. The change of `share` is left out: a
-/// fading surface snaps, and the place that it leads to is the same.
+/// Returns the gradient of the strength by the place [N/m], for a surface that was pushed through.
+/// The gradient is zero before that. The change of `share` is neglected, because a surface that
+/// fades releases the proxy at once, and the place to which it goes is the same.
 Vec3 slopeOf(const IsosurfaceMode& mode, const EmitContext& place,
              const IsosurfaceMemory& memory) noexcept {
   if (memory.side == Side::kOutside) return Vec3::Zero();
   return memory.share * mode.strength.slope(place.at);
 }
 
-/// Returns the side of the surface that the proxy is on, by the last reading.
+/// Returns the side of the proxy according to the last reading.
 Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const SurfaceReading& sight,
               bool free, IsosurfaceMemory& memory) noexcept {
   const Contact& contact = memory.contact;
   switch (memory.side) {
     case Side::kUnknown: {
-      // A proxy on the surface, to rounding or a light press, is outside.
+      // A proxy on the surface, within rounding or light pressure, is outside.
       const bool resting = sight.clear && sight.height > -kYield;
       return free || resting ? Side::kOutside : Side::kInside;
     }
     case Side::kInside:
       return free ? Side::kOutside : Side::kInside;
     case Side::kOutside: {
-      // A surface does not hold without data, without strength or without a known plane. If a
-      // reading is too far behind the surface to see it, the remembered plane holds.
+      // A surface does not hold if it has no data, no strength or no known plane. If the reading is
+      // too far behind the surface, the remembered plane holds.
       if (free && !contact.touched) return Side::kOutside;
       const bool near = contact.placed &&
                         (place.stand.read - contact.anchor).norm() <= kPlaneHolds * mode.skin.voxel;
@@ -81,7 +83,8 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
     }
     case Side::kYielded: {
       if (free) return Side::kOutside;
-      // Fig. 6 d: the plane stays; it fades over one voxel once the proxy is `depth` past it.
+      // As in fig. 6 d, the plane stays. Once the proxy is `depth` behind it, the plane fades over
+      // one voxel.
       const double past = contact.normal.dot(contact.anchor - place.stand.read);
       memory.share = std::clamp(1.0 - (past - mode.depth) / mode.skin.voxel, 0.0, 1.0);
       return memory.share <= 0.0 ? Side::kInside : Side::kYielded;
@@ -107,7 +110,7 @@ void see(const IsosurfaceMode& mode, bool free, const EmitContext& place,
     contact.touched = false;
     return;
   }
-  // The plane is placed in contact, or if the proxy was found behind the surface.
+  // A plane is placed if there is contact, or if the reading is behind the surface.
   const bool meets = contact.placed || contact.touched || !free;
   if (memory.side == Side::kInside || !meets || !sight.clear) {
     leave(contact);
@@ -136,7 +139,7 @@ bool emit(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memo
 
 bool emit(const IsosurfaceMode& mode, const EmitContext& place, IsosurfaceMemory& memory) noexcept {
   memory.contact.plane = -1;
-  // The sign of V - V0 counts outside the data as well: background is free or solid like the rest.
+  // The sign of V - V0 counts outside the data as well: the background is free or solid.
   const Properties::Scalar& value = place.scalar(mode.skin.value);
   const bool free = mode.skin.sign * (value.value - mode.level) >= 0.0;
   if (!place.stand.foreseen) see(mode, free, place, memory);

@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-[[noreturn]] void refuse(const char* why, const char* remedy = "mend the curve") {
+[[noreturn]] void refuse(const char* why, const char* remedy = "correct the curve") {
   throw SceneError("strength", why, remedy);
 }
 
@@ -39,7 +39,7 @@ TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
       refuse("a curve's points must be finite");
     }
     if (knot.second < 0.0) {
-      refuse("a curve's outputs must be >= 0", "turn a force round by sense");
+      refuse("a curve's outputs must be >= 0", "reverse a force with \"sense\"");
     }
   }
   const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };

@@ -1,5 +1,5 @@
-/// Readings of an arm beside the position of its tip, for the application: Telemetry::input has
-/// them. The force does not depend on them.
+/// Readings of an arm in addition to the position of its tip. Telemetry::input provides them to the
+/// application. The force does not depend on them.
 #pragma once
 
 #include <array>
@@ -10,30 +10,29 @@
 
 namespace palpate {
 
-inline constexpr std::size_t kMostJoints = 6;  ///< Most joints of an arm.
+inline constexpr std::size_t kMostJoints = 6;  ///< Largest number of joints of an arm.
 
-/// Numbers of one reading, all finite. HandleInfo states which numbers an arm has.
+/// Numbers of one reading. All are finite. HandleInfo states which of them an arm measures.
 struct Handle {
   std::uint32_t buttons = 0;  ///< Bit i: HandleInfo::buttons[i] is pressed.
-  /// Unit quaternion (w, x, y, z): turns the handle's axes into those of W.
+  /// Unit quaternion (w, x, y, z) that rotates the handle's axes into those of W.
   std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};
-  /// Velocity of the tip, as the arm itself measures it, in W [m/s]. HandState::velocity is
+  /// Velocity of the tip as measured by the arm, in W [m/s]. HandState::velocity, in contrast, is
   /// computed from positions.
   std::array<double, 3> velocity{};
-  double gripper = 0.0;                      ///< Opening of the gripper [rad]; [m] if it slides.
-  std::array<double, kMostJoints> joints{};  ///< Joints as measured [rad]; [m] for a joint that
-                                             ///< slides.
+  double gripper = 0.0;  ///< Opening of the gripper: angle [rad], or width [m] if it slides.
+  /// Measured joint angles [rad], or lengths [m] of joints that slide.
+  std::array<double, kMostJoints> joints{};
 };
 
-/// Members of a Handle that an arm has. The others keep their initial value.
+/// States which members of a Handle an arm measures. The others keep their initial values.
 struct HandleInfo {
-  static constexpr std::size_t kMostButtons = 32;  ///< Bits of Handle::buttons.
-  std::vector<std::string> buttons;                ///< Names, at most kMostButtons.
+  static constexpr std::size_t kMostButtons = 32;  ///< Number of bits in Handle::buttons.
+  std::vector<std::string> buttons;                ///< Names of the buttons, at most kMostButtons.
   bool orientation = false;                        ///< The arm measures its handle's orientation.
   bool gripper = false;                            ///< The arm has a gripper and measures it.
-  std::size_t joints = 0;                          ///< Number of joints measured, at most
-                                                   ///< kMostJoints.
-  bool velocity = false;                           ///< The arm measures its velocity itself.
+  std::size_t joints = 0;  ///< Number of measured joints, at most kMostJoints.
+  bool velocity = false;   ///< The arm measures its velocity.
 };
 
 }  // namespace palpate

@@ -1,17 +1,19 @@
-/// The share of its peak force that the motors' heat still allows.
+/// The force limit that follows from the heat of the motors.
 #pragma once
 
 #include "palpate/engine/types.h"
 
 namespace palpate {
 
-inline constexpr double kWarm = 0.8;  ///< Share of the heat at which a continuous limit sets in.
+inline constexpr double kWarm = 0.8;  ///< Share of the heat from which on the force is reduced.
 
-/// Returns the force that the heat allows to motors that can hold `continuous` for ever: `peak` up
-/// to kWarm of continuous^2, less from there on, and `continuous` at continuous^2 and beyond.
+/// Returns the largest force that motors with this heat may give. It is `peak` while the heat is at
+/// most kWarm times continuous^2. It then falls, and is `continuous` if the heat is continuous^2 or
+/// more.
 ///
-/// @param continuous  In any unit; <= 0, or >= peak: only the peak limits.
-/// @param heat        Mean of the squares of the sent force, as LimiterState::heat.
+/// @param continuous  Force that the motors can hold for ever, in any unit. If <= 0 or >= peak,
+///                    only the peak limits.
+/// @param heat        Mean of the squares of the sent force: LimiterState::heat.
 /// RT: no allocation.
 [[nodiscard]] double allowedByHeat(double continuous, double peak,
                                    double heat) noexcept PALPATE_NONBLOCKING;

@@ -9,7 +9,7 @@ namespace palpate {
 
 namespace {
 
-/// Returns |v|, finite if it can be. Uses stableNorm, which costs more, only near overflow and
+/// Returns |v|, finite if possible. stableNorm costs more, so it is used only near overflow and
 /// underflow.
 double lengthOf(const Vec3& v) noexcept {
   const double square = v.squaredNorm();
@@ -17,7 +17,7 @@ double lengthOf(const Vec3& v) noexcept {
   return plain ? std::sqrt(square) : v.stableNorm();
 }
 
-/// Advances an engagement by a time [s] and returns the share of the force that it lets through.
+/// Advances an engagement by a time [s] and returns the share of the force that it allows.
 double engaged(double asked, double time, LimiterState& state) noexcept {
   if (state.waiting) {
     state.waited += time;
@@ -44,21 +44,21 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   const Vec3 previous = state.sent;
   const double time = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
   if (limits.heating > 0.0) {
-    // The force that was sent was within the peak, whichever force is remembered.
+    // The force that was sent was at most the peak, even if the remembered force is not.
     const double sent =
         previous.allFinite() ? std::min(lengthOf(previous), std::max(limits.peak, 0.0)) : 0.0;
     state.heat += (1.0 - std::exp(-time / limits.heating)) * (sent * sent - state.heat);
   }
   state.sent.setZero();
 
-  // Finite, else zero. Limits that are not positive numbers allow no force.
+  // A force that is not finite becomes zero. Limits that are not positive numbers allow no force.
   const double asked = lengthOf(wanted);
   if (!wanted.allFinite() || !std::isfinite(asked)) {
     out.finite = false;
     (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
     return out;
   }
-  // Slightly below the peak, so that rounding cannot carry the result over it.
+  // The limit is slightly below the peak, so that rounding cannot raise the result above the peak.
   const double peak =
       limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
   double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;
@@ -67,19 +67,19 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
     state.gentle -= time;
   }
 
-  // Peak and continuous limit: the force is scaled, its direction kept.
+  // The peak and the continuous limit scale the force and keep its direction.
   Vec3 force = wanted;
   const double most = allowedByHeat(limits.continuous, peak, state.heat);
   out.peaked = asked > peak;
   out.heated = asked > most && most < peak;
   if (asked > most) force *= most / asked;
 
-  // Engagement: the force is scaled by the ramp.
+  // The ramp of an engagement scales the force.
   const double share = engaged(asked, time, state);
   out.ramped = share < 1.0 && asked > 0.0;
   force *= share;
 
-  // Slew: the part of the last force that is still wanted stays; the rest grows by at most
+  // Slew limit: the part of the last force that is still wanted is kept; the rest grows by at most
   // `growth`.
   Vec3 kept = Vec3::Zero();
   const double last = previous.allFinite() ? lengthOf(previous) : 0.0;
@@ -92,7 +92,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   out.slewed = grown > growth;
   out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
 
-  // The energy tank is the last limit: no later step changes the force.
+  // The energy tank is the last limit. No later step changes the force.
   out.share = passTank(out.force, hand, fresh, dt, limits, state.tank);
   out.drained = limits.tank.use == TankUse::kAct && out.share < 1.0;
   if (out.drained) out.force *= out.share;

@@ -5,12 +5,13 @@
 
 namespace palpate {
 
-/// The acting force over time: each order is held, and followed with a first-order lag.
+/// The acting force over time. Each order acts until the next one, with a first-order lag.
 struct Tank::Amplifier {
   Acting now;
   double lag;  ///< [s]
 
-  /// Advances by a time [s] in which `order` [N] holds, and adds what acts in it to `acted`.
+  /// Advances by a time [s] in which `order` [N] is constant, and adds the force that acts
+  /// meanwhile to `acted`.
   void hold(const Vec3& order, double time, Acted& acted) noexcept {
     if (time <= 0.0) return;
     const double square = order.squaredNorm();
@@ -67,7 +68,8 @@ void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
   since_.force += acted.force;
   since_.square += acted.square;
   span_ += dt;
-  // The most that any motion of the hand took out: the maximum of F v - b v^2 is F^2 / (4 b).
+  // The hand can have taken out at most this much with any motion, because the maximum of F v - b
+  // v^2 over v is F^2 / (4 b).
   sure_ -= acted.square / (4.0 * arm.viscous);
 }
 
@@ -92,7 +94,7 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
   }
   since_.change += ordered - arm.lag * (then.change - acting_.change);
   since_.most = std::max(since_.most, most);
-  // Each switch of the force in this time or before is among the jumps, or long over.
+  // A switch of the force in this time or before it is in Acting::jump or certainly over.
   recent_ = dt < 2.0 * arm.jitter ? std::max(recent_, square) : square;
   acting_.change = then.change;
   acting_.jump = then.jump;
@@ -100,26 +102,27 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
 
 void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   if (!(span_ > 0.0)) return;
-  // The mean of the force does the work. A hand that moves with the force's variation about the
-  // mean could take that part out, against b.
+  // The mean of the force does the work. A hand that moves with the variation of the force about
+  // its mean could gain that part as well, but against b.
   const Vec3 mean = since_.force / span_;
   const Vec3 moved = hand - last_;
   const double way = moved.norm();
-  // The time between the readings may have been longer than span_: friction took less.
+  // The time between the readings may have been longer than span_. Friction has then dissipated
+  // less.
   const double viscous = arm.viscous * span_ / (span_ + 2.0 * arm.jitter);
   double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   if (since_.change > 0.0) {
-    // The force may have differed by this much within the doubt of the delays.
+    // Because of the doubt in the delays, the force may have differed by this much.
     const double other = std::sqrt(varies) + std::sqrt(since_.change * since_.most);
     varies = other * other;
     counted_ -= since_.change / span_ * (way + arm.step);
   }
-  // Forces are on the hand: work that it does against them is minus their product.
+  // Forces are those on the hand. The work that the hand puts in is the negative of their work.
   counted_ -= mean.dot(moved) + varies / (4.0 * viscous) + 0.5 * arm.step * (mean - mean_).norm();
   const double surely = std::max(0.0, way - arm.step);
   counted_ += viscous / span_ * surely * surely;
-  // Coulomb's friction: a path is known to D/2 only. The motion of an anchor dragged on a rope of
-  // length D, times the cosine of 30 degrees, is certain.
+  // Coulomb friction: the path is known only to D/2. A certain part of it is the path of an anchor
+  // that the hand drags on a rope of length D, times the cosine of 30 degrees.
   const Vec3 rope = hand - anchor_;
   const double length = rope.norm();
   if (length > arm.step) {
@@ -134,8 +137,8 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
 }
 
 double Tank::certain(const ArmDissipation& arm) const noexcept {
-  // Forces may come later or stay longer than assumed, and more time may have passed since the
-  // reading. The possible cost of both is deducted.
+  // Forces may begin later or act longer than assumed, and the last reading may be older than
+  // assumed. The possible cost of both is deducted.
   double later = arm.lag * acting_.jump + arm.jitter * recent_;
   for (std::size_t i = 1; i < count_; ++i) later += arm.doubt * sent_[i].jump;
   return counted_ - 0.5 * arm.step * mean_.norm() - later / (4.0 * arm.viscous);
@@ -152,8 +155,8 @@ double Tank::reserve(const Vec3& next, const ArmDissipation& arm) const noexcept
     at = until;
   }
   amplifier.hold(next, arm.period, acted);
-  // The remaining output of the amplifier then decays with its lag. `next` may begin earlier by the
-  // doubt, or later; forces sent before have paid for their own doubt.
+  // Finally the output of the amplifier decays with its lag. `next` may begin earlier or later by
+  // the doubt. Forces that were sent before have already paid for their doubt.
   const double square = next.squaredNorm();
   const double jumps = std::abs(square - sent_[count_ - 1].force.squaredNorm()) + square;
   return (acted.square + arm.lag * amplifier.now.square + arm.doubt * jumps) / (4.0 * arm.viscous);
@@ -189,24 +192,24 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   const ArmDissipation& arm = params.arm;
   if (params.use == TankUse::kOff) return 1.0;
   const bool acts = params.use == TankUse::kAct;
-  constexpr double kFarthest = 1e6;  // [m]: a hand is nearer; false for NaN as well
+  constexpr double kFarthest = 1e6;  // [m]: positions beyond this are invalid
   if (!(hand.cwiseAbs().maxCoeff() < kFarthest) || !(arm.viscous > 0.0) || !(arm.period > 0.0)) {
     forget();
     return acts ? 0.0 : 1.0;
   }
-  constexpr double kShortest = 1e-9;  // [s]: ticks are farther apart
+  constexpr double kShortest = 1e-9;  // [s]: ticks that are closer together are ignored
   const bool timed = dt > kShortest && std::isfinite(dt);
   const bool recovers = recovers_;
   if (recovers) {
-    constexpr double kDead = 25.0;  // number of lags after which the force is over
+    constexpr double kDead = 25.0;  // number of lags after which a force is over
     recovers_ = false;
     blind_ = arm.delay + arm.doubt + 2.0 * arm.jitter + kDead * arm.lag;
   }
   if (timed) elapse(dt, arm);
   if (!known_) {
-    // No energy is credited for a time in which an unknown force may have acted, until the zero
-    // that is sent now acts. Nor is any for a path from a place that the hand left at an unknown
-    // time, or at which the arm was before homing: a call after forget() knows no position.
+    // No energy is credited while an unknown force may act, which is until the zero that is sent
+    // now acts. The same holds for a path from a place that the hand left at an unknown time, or
+    // from the place of an arm before homing. So after forget() the last position is unknown.
     if (timed && !recovers) blind_ -= dt;
     known_ = fresh && !recovers && blind_ <= 0.0;
     last_ = anchor_ = hand;
@@ -228,14 +231,15 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   sure_ = std::min(sure_, cap);
   if (!std::isfinite(sure_ + counted_) || count_ == kForces) {
-    // Energy that is not finite, or more forces on their way than kForces: the reserve covers zero.
+    // If the energy is not finite or more than kForces forces are on their way, the tank restarts.
+    // Its reserve then covers zero.
     forget();
     return acts ? 0.0 : 1.0;
   }
   double share = 1.0;
-  // The comparison is false for NaN, so NaN does not pay for a force.
+  // The comparison is false for NaN, so that NaN cannot pay for a force.
   if (!(reserve(wanted, arm) <= sure_)) {
-    // The reserve grows with the share: bisection finds the largest share that the tank can pay
+    // The reserve grows with the share. Bisection finds the largest share that the tank can pay
     // for.
     double more = 1.0;
     share = 0.0;

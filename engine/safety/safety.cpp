@@ -17,25 +17,24 @@ struct FaultWords {
 
 constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"none", "", ""},
-    {"not-finite", "a position, sample or force was not finite", "mend the device or the volume"},
-    {"late", "the loop was late", "give it a core, real-time priority or a lower rate"},
-    {"stale", "the device's reports are too old",
-     "see to its cable, or to the program that shares it"},
+    {"not-finite", "a position, sample or force was not finite", "repair the device or the volume"},
+    {"late", "the loop was late", "give the loop a core, real-time priority or a lower rate"},
+    {"stale", "the device's reports are too old", "check its cable, or the program that shares it"},
     {"jump", "the position jumped: an encoder lost count", "home the device"},
-    {"over-speed", "the device was too fast and could not be braked",
-     "hold it; if it runs away by itself its motors' signs are wrong"},
-    {"write", "the device did not take a force in time", "see to its cable"},
+    {"over-speed", "the device stayed too fast although it was braked",
+     "hold it; if it accelerates by itself, correct the signs of its motors"},
+    {"write", "the device did not take a force in time", "check its cable"},
     {"gone", "the device is unplugged", "plug it in again"},
-    {"miscounted", "nobody has read the device for so long that its counters may have gone round",
+    {"miscounted", "the device was not read for so long that its counters may have wrapped around",
      "home the arm again"},
     {"temperature", "the device is too hot", "let it cool"},
     {"power", "the device has no power", "switch it on"},
     {"switch", "the device's safety switch is open", "close it"},
-    {"heartbeat", "the application has shown no life", "see why it hangs"},
-    {"unguarded", "the guardian process has shown no life", "start the program again"},
+    {"heartbeat", "the application has sent no heartbeat in time", "find out why it hangs"},
+    {"unguarded", "the guardian process does not respond", "start the program again"},
     {"stopped", "the force was switched off", "switch it on again when the hand is ready"},
-    {"volume", "what a volume is fetched from is not there any more",
-     "bring its folder back, or see to the network"},
+    {"volume", "the source of a volume is no longer available",
+     "restore its folder, or check the network"},
 }};
 
 const FaultWords& wordsOf(Fault fault) noexcept {
@@ -66,7 +65,7 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
     velocity_.setZero();
   }
 
-  // The position is new, or the same one because the arm rests.
+  // The position is new, or it is repeated because the arm rests.
   const double since = measured - time_;
   const Vec3 step = hand.position - position_;
   if (step.norm() > std::max(kLeastJump, kJumpSpeed * since)) return Fault::kJump;

@@ -1,6 +1,6 @@
-/// Faults between an engine and a hand: causes, remedies, and the checks of the hand's position.
-/// Each cause cuts the force and is latched. ProxyState::clearFault lets force out again, by an
-/// engagement (limit_force.h).
+/// Faults: their causes and remedies, and the checks of the hand's position. A fault cuts the force
+/// and stays latched. ProxyState::clearFault lets the force return through an engagement
+/// (limit_force.h).
 #pragma once
 
 #include <array>
@@ -12,67 +12,68 @@
 
 namespace palpate {
 
-/// Cause of a cut of the force.
+/// The cause of a cut of the force, with the remedy.
 enum class Fault : std::uint8_t {
   kNone,
-  kNotFinite,    ///< A position, sample or force was not finite: repair the device or the volume.
-  kLate,         ///< A tick came later than WatchLimits::late: give the loop a core, real-time
-                 ///< priority or a lower rate.
-  kStale,        ///< The device's position is older than WatchLimits::stale, or another report of
-                 ///< the device is too old: check its cable, or the program that shares it.
-  kJump,         ///< The position stepped faster than a hand can move: an encoder lost count; home
-                 ///< the device.
-  kOverSpeed,    ///< The device was too fast, and stayed so although it was braked: hold it. If it
-                 ///< runs away by itself, the signs of its motors are wrong.
-  kWrite,        ///< The device did not take a force in time: check its cable.
-  kGone,         ///< The device is unplugged: plug it in again.
-  kMiscounted,   ///< The device was not read for so long that its counters may have wrapped round:
-                 ///< home the arm again.
-  kTemperature,  ///< The device reports that it is too hot: let it cool.
-  kPower,        ///< The device reports that it has no power: switch it on.
-  kSwitch,       ///< The device's safety switch is open: close it.
-  kHeartbeat,    ///< The application has not called HapticThread::beat in time: it hangs.
-  kUnguarded,    ///< The guardian process does not respond: start the program again.
-  kStopped,      ///< The cut was requested, by a key, a signal or HapticThread::cut.
-  kVolume,       ///< The source of a volume is missing: restore it.
+  kNotFinite,  ///< A position, sample or force was not finite. Repair the device or the volume.
+  kLate,   ///< A tick was later than WatchLimits::late. Give the loop a core, real-time priority or
+           ///< a lower rate.
+  kStale,  ///< The device's position is older than WatchLimits::stale, or another of its reports is
+           ///< too old. Check its cable, or the program that shares it.
+  kJump,   ///< The position changed faster than a hand can move, because an encoder lost counts.
+           ///< Home the device.
+  kOverSpeed,  ///< The device stayed too fast although it was braked. Hold it. If it accelerates by
+               ///< itself, the signs of its motors are wrong.
+  kWrite,      ///< The device did not take a force in time. Check its cable.
+  kGone,       ///< The device is unplugged. Plug it in again.
+  kMiscounted,   ///< The device was not read for so long that its counters may have wrapped around.
+                 ///< Home the arm again.
+  kTemperature,  ///< The device reports that it is too hot. Let it cool.
+  kPower,        ///< The device reports that it has no power. Switch it on.
+  kSwitch,       ///< The device's safety switch is open. Close it.
+  kHeartbeat,    ///< The application did not call HapticThread::beat in time, because it hangs.
+  kUnguarded,    ///< The guardian process does not respond. Start the program again.
+  kStopped,      ///< A key, a signal or HapticThread::cut requested the cut.
+  kVolume,       ///< The source of a volume is missing. Restore it.
 };
-inline constexpr std::size_t kFaults = 16;  ///< Number of values of Fault, kNone included.
+inline constexpr std::size_t kFaults = 16;  ///< Number of values of Fault, including kNone.
 
-/// Returns the description of a fault for messages: "the device's reports are too old".
+/// Returns the description of a fault for messages, such as "the device's reports are too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;
-/// Returns the remedy for a fault: "see to its cable".
+/// Returns the remedy for a fault, such as "check its cable".
 [[nodiscard]] const char* remedyFor(Fault fault) noexcept;
-/// Returns a fault's word for traces and JSON: "stale".
+/// Returns the word for a fault in traces and JSON, such as "stale".
 [[nodiscard]] const char* wordFor(Fault fault) noexcept;
 
 /// One reading of the hand.
 struct HandState {
-  Vec3 position = Vec3::Zero();  ///< The probe in W [m].
-  double age = 0.0;    ///< Time since `position` was read [s]: an arm that is slower than the loop
-                       ///< repeats the same position, older. All counts of paths and times (the
-                       ///< energy tank) rely on this: see NewReadings.
-  bool ready = true;   ///< The arm is homed and its dead-man switch held, if it has them. Else the
-                       ///< force is zero, and an engagement begins when the arm is ready.
-  double still = 0.0;  ///< Time for which its counters have stood still, to the last count [s]; 0
-                       ///< if the device does not measure this. See StillFade.
+  Vec3 position = Vec3::Zero();  ///< Position of the probe in W [m].
+  double age = 0.0;  ///< Time since `position` was read [s]. An arm that is slower than the loop
+                     ///< repeats a position, and its age grows. The energy tank and all other sums
+                     ///< over paths depend on this; see NewReadings.
+  /// True if the arm is homed and its dead-man switch is held, as far as it has these. If false,
+  /// the force is zero. An engagement begins when the arm becomes ready.
+  bool ready = true;
+  double still = 0.0;  ///< Time for which no counter has changed [s]; 0 if the device does not
+                       ///< measure this. See StillFade.
   Fault fault = Fault::kNone;  ///< Fault that the device reports.
-  /// Projects a force onto those that the motors can give at this position: a planar arm gives none
-  /// across its plane. The projected force is the one that is counted and limited.
+  /// Projects a force onto those that the motors can give at this position. For example, a planar
+  /// arm gives none across its plane. The engine counts and limits the projected force.
   Mat3 drives = Mat3::Identity();
   Handle handle{};  ///< Further readings of the arm.
-  /// HandWatch fills in the members from here on.
+  /// HandWatch fills in the members below.
   Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
-  bool too_fast = false;         ///< The hand is faster than `max_speed` and must be braked.
-  double max_speed = 0.0;        ///< WatchLimits::max_speed [m/s].
+  bool too_fast = false;   ///< True if the hand is faster than `max_speed` and must be braked.
+  double max_speed = 0.0;  ///< WatchLimits::max_speed [m/s].
 };
 
-/// Distinguishes new readings from repeated ones: a repeated position has the same bits and a
-/// greater age. A new reading with the same bits that happens to be older than the last one counts
-/// as repeated. The hand then rests, and the next reading counts for the whole time.
+/// Distinguishes new readings from repeated ones. A repeated position has the same bits and a
+/// greater age. A new reading that has the same bits and a greater age counts as repeated. In that
+/// case the hand rests, and the next new reading covers the whole time.
 class NewReadings {
  public:
-  /// Returns true if the position was read since the last call, or this is the first call. RT: no
-  /// allocation.
+  /// Returns true if the position was read since the last call. Also returns true at the first
+  /// call. RT: no allocation.
   [[nodiscard]] bool look(const HandState& hand) noexcept PALPATE_NONBLOCKING;
 
  private:
@@ -81,72 +82,77 @@ class NewReadings {
   double age_ = 0.0;
 };
 
-/// Limits for a hand. The defaults are safe for any desktop arm.
+/// Limits of the hand's motion and of its timing. The defaults are safe for any desktop arm.
 struct WatchLimits {
-  double stale = 0.05;     ///< Largest age of a position [s], set by the device's profile.
-  double max_speed = 3.0;  ///< Largest speed [m/s]: braked above it, cut after kBraked.
-  double late = 0.005;     ///< Largest delay of a tick [s], or three ticks if they are longer.
+  double stale = 0.05;  ///< Largest age of a position [s]. The device's profile sets it.
+  /// Largest speed [m/s]. A faster hand is braked, and after kBraked the force is cut.
+  double max_speed = 3.0;
+  double late = 0.005;  ///< Largest delay of a tick [s]; if three ticks are longer, three ticks.
 };
 
 /// Checks incoming positions.
 class HandWatch {
  public:
-  /// Starts without a position: the first one cannot be a jump, and has no velocity.
+  /// Starts without a position. The first position cannot be a jump, and has zero velocity.
   explicit HandWatch(const WatchLimits& limits = {}) noexcept : limits_(limits) {}
 
-  /// Fills in velocity, max_speed and too_fast, from positions alone: a velocity reported by the
-  /// device (Handle::velocity) neither brakes a hand nor hides that it is too fast.
+  /// Fills in velocity, max_speed and too_fast. Only positions are used. A velocity that the device
+  /// reports (Handle::velocity) has no effect on braking.
   ///
-  /// @param now   Time [s], of any clock that does not go back.
-  /// @return      Cause for a cut of the force; kNone: the force need not be cut.
+  /// @param now   Time [s] of any monotonic clock.
+  /// @return      The cause if the force must be cut, else kNone.
   /// RT: no allocation.
   [[nodiscard]] Fault look(HandState& hand, double now) noexcept PALPATE_NONBLOCKING;
-  /// Forgets all positions, as after a fault: the next position is the first.
+  /// Forgets all positions, as after a fault. The next position is then the first one.
   void forget() noexcept {
     known_ = false;
     fast_since_ = -1.0;
   }
 
  private:
-  static constexpr double kJumpSpeed = 5.0;   ///< [m/s]: a hand does not step faster.
-  static constexpr double kLeastJump = 1e-3;  ///< [m]: less is harmless; covers uneven time stamps.
-  static constexpr double kSmooth = 0.005;    ///< [s]: time constant of the velocity.
-  static constexpr double kBraked = 0.05;     ///< [s]: if a braked hand stays too fast for longer,
-                                              ///< the force is cut.
+  /// [m/s]: largest speed between two positions of a hand
+  static constexpr double kJumpSpeed = 5.0;
+  /// [m]: a smaller step is harmless, and may come from uneven time stamps
+  static constexpr double kLeastJump = 1e-3;
+  static constexpr double kSmooth = 0.005;  ///< [s]: time constant of the velocity
+  /// [s]: the force is cut if a braked hand stays too fast for longer
+  static constexpr double kBraked = 0.05;
 
   WatchLimits limits_;
   bool known_ = false;
   double time_ = 0.0;  ///< Time of the last new position [s].
   Vec3 position_ = Vec3::Zero();
   Vec3 velocity_ = Vec3::Zero();
-  double fast_since_ = -1.0;  ///< Time since when the hand is too fast [s]; below 0: it is not.
+  /// Time from which on the hand was too fast [s]; below 0 if it is not.
+  double fast_since_ = -1.0;
 };
 
-/// Lets the force return after a cut that only late ticks caused, as on a loaded machine. Any other
-/// fault stays latched until the application clears it. The same holds after a pause of more than
-/// kPause: a program that was stopped, or a machine that slept.
+/// Decides when the force returns after a cut that only late ticks caused, as on a busy machine.
+/// After any other fault the force stays cut until the application clears the fault. The force also
+/// stays cut after a pause of more than kPause, such as a stopped program or a suspended machine.
 class Reengagement {
  public:
-  /// @param after  Time without a late tick before the force returns [s]; 0: it never returns.
+  /// @param after  Time without late ticks after which the force returns [s]; 0 if it never
+  ///               returns.
   explicit Reengagement(double after) noexcept : after_(after) { returned_.fill(-kWithin); }
 
-  /// Returns true if the loop must clear the fault now; an engagement then ramps the force up.
+  /// Returns true if the loop must clear the fault now. An engagement then ramps the force up.
   ///
-  /// @param latched  The latched fault; kNone: the force is not cut.
-  /// @param wrong    Fault condition since the last call: kLate only if there was no other.
-  /// @param now      Time [s], of any clock that does not go back, >= 0.
+  /// @param latched  The latched fault; kNone if the force is not cut.
+  /// @param wrong    The fault condition since the last call. kLate means that there was no other.
+  /// @param now      Time [s] of any monotonic clock, >= 0.
   /// RT: no allocation.
   [[nodiscard]] bool look(Fault latched, Fault wrong, double now) noexcept PALPATE_NONBLOCKING;
 
-  static constexpr std::size_t kMost = 3;  ///< Most returns
-  static constexpr double kWithin = 60.0;  ///< within this time [s].
-  static constexpr double kPause = 0.5;    ///< [s]
+  static constexpr std::size_t kMost = 3;  ///< Largest number of returns within kWithin.
+  static constexpr double kWithin = 60.0;  ///< Time span for kMost [s].
+  static constexpr double kPause = 0.5;    ///< [s]: after a longer pause the force does not return
 
  private:
   double after_;
   double last_ = 0.0;  ///< Time of the last call [s].
   double good_since_ = 0.0;
-  bool others_ = false;                   ///< Another fault condition occurred since the cut.
+  bool others_ = false;  ///< True if another fault condition occurred since the cut.
   std::array<double, kMost> returned_{};  ///< Times of the last returns [s].
   std::size_t next_ = 0;
 };
@@ -154,66 +160,69 @@ class Reengagement {
 /// Removes the force from an arm that does not move under the force. If the firmware stops reading
 /// its encoders but keeps sending the last counts, the last force would stay on.
 ///
-/// Only the time distinguishes this arm from one that is held still. If no counter has moved for
-/// kStill while the force is larger than friction can hold, the force fades to zero in kFade. A
-/// living hand moves by a count long before that, and the force then comes back at the same pace.
-/// During the fade friction has held the arm. So of the force that the motors did not give, a hand
-/// feels at most that friction and its own stiffness times a count.
+/// Only the time distinguishes such an arm from one that a hand holds still. If no counter has
+/// changed for kStill while the force is larger than the friction, the force fades to zero in
+/// kFade. A hand moves by a count long before that. When a counter changes, the force returns at
+/// the same rate. Friction holds the arm during the fade. So a hand notices at most a missing force
+/// of that friction plus its own stiffness times one count.
 class StillFade {
  public:
   /// Returns the share of the force that is left, 0 to 1.
   ///
-  /// @param force     Magnitude of the force that goes out [N].
+  /// @param force     Magnitude of the force that is sent [N].
   /// @param still     HandState::still [s].
-  /// @param friction  Less force than this may leave the arm where it is [N].
+  /// @param friction  A smaller force than this may fail to move the arm [N].
   /// RT: no allocation.
   [[nodiscard]] double pass(double force, double still, double friction,
                             double dt) noexcept PALPATE_NONBLOCKING;
 
-  static constexpr double kStill = 0.5;  ///< [s]
-  static constexpr double kFade = 0.5;   ///< [s]
+  /// [s]: time without a changed counter after which the fade begins
+  static constexpr double kStill = 0.5;
+  static constexpr double kFade = 0.5;  ///< [s]: length of the fade
 
  private:
   double left_ = 1.0;
 };
 
-/// Spreads out in time the step of the force that changing data cause. If a surface that is played
-/// leaves the voxels that have data, it disappears between two ticks, and its force with it. A
-/// force may fall at any rate if the hand has released it, but not if only the data have moved.
+/// Smooths a step of the force that changing data cause. For example, a surface of a sequence may
+/// leave the voxels that have data. It then disappears between two ticks, together with its force.
+/// A force may fall at any rate if the hand has released it, but not if only the data have changed.
 ///
 /// From this step on the force f follows the wanted force, by df/dt = (wanted - f) / (kBegin (1 -
-/// t/kEnd)). It never exceeds the forces wanted since, nor has another direction, and after kEnd it
-/// is the wanted force. The part held back, h = f - wanted, also falls by k for each metre that the
-/// hand moves along it, as the coupling spring's force does. So it does at most |h|^2 / (2 k) of
-/// work on the hand, the energy that the spring held.
+/// t/kEnd)). It stays between the forces that were wanted since then, and after kEnd it is the
+/// wanted force. The remainder h = f - wanted also falls by k for each metre that the hand moves
+/// along h, as the force of the coupling spring does. So its work on the hand is at most |h|^2 / (2
+/// k), the energy that the spring held.
 class DataFade {
  public:
   /// Returns the force that is let out [N].
   ///
   /// @param wanted  The spring's force in this tick [N].
-  /// @param step    A larger step is caused by the data [N]; infinite: they have not changed.
+  /// @param step    Smallest step that counts as caused by the data [N]; infinite if they have not
+  ///                changed.
   /// @param eased   k times the hand's displacement since the last tick [N].
-  /// @param dt      Time since the last tick [s]; if not above 0, the whole force is let out.
+  /// @param dt      Time since the last tick [s]. If not above 0, the wanted force is returned.
   /// RT: no allocation.
   [[nodiscard]] Vec3 pass(const Vec3& wanted, double step, const Vec3& eased,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// Call this if no force goes out, or another one.
+  /// Call it if no force or another force is sent.
   void forget() noexcept { *this = {}; }
 
-  static constexpr double kBegin = 0.02;  ///< [s]
-  static constexpr double kEnd = 0.1;     ///< [s]
+  static constexpr double kBegin = 0.02;  ///< [s]: initial time constant
+  static constexpr double kEnd = 0.1;     ///< [s]: time after which the force is the wanted one
 
  private:
   Vec3 wanted_ = Vec3::Zero();  ///< Force wanted in the last tick [N].
-  Vec3 out_ = Vec3::Zero();     ///< Force let out in the last tick [N].
-  double left_ = 0.0;           ///< Time until all of it is let out [s].
-  bool known_ = false;          ///< There was a last tick.
+  Vec3 out_ = Vec3::Zero();     ///< Force returned in the last tick [N].
+  double left_ = 0.0;           ///< Time until the returned force is the wanted force [s].
+  bool known_ = false;          ///< True if there was a last tick.
 };
 
-/// Returns the force on a hand that is too fast [N]: `force` without the part that drives the hand,
-/// and kBrake (|v| - max_speed) against the motion.
+/// Returns the force on a hand that is too fast [N]. This is `force` without the part that drives
+/// the hand, plus kBrake (|v| - max_speed) against the motion.
 [[nodiscard]] Vec3 brake(const Vec3& force, const Vec3& velocity,
                          double max_speed) noexcept PALPATE_NONBLOCKING;
-inline constexpr double kBrake = 2.0;  ///< [N s/m]: half of what common arms render (Touch: 4).
+/// [N s/m]: half of what common arms render stably (Touch: 4).
+inline constexpr double kBrake = 2.0;
 
 }  // namespace palpate

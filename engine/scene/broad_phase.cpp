@@ -9,8 +9,8 @@ namespace palpate {
 
 namespace {
 
-/// Return the largest float <= x, and the smallest >= x: a box rounded so contains the box of
-/// doubles.
+/// Return the largest float <= x and the smallest float >= x. A box rounded with them contains the
+/// box of doubles.
 float below(double x) {
   const auto f = static_cast<float>(x);
   return static_cast<double>(f) <= x ? f
@@ -29,8 +29,9 @@ double areaOf(const Box& box) {
   return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
 }
 
-/// Splits the items so that queries visit few nodes in vain. It uses the surface area heuristic in
-/// 16 bins along the axis on which their centres spread most; halves if all centres coincide.
+/// Splits the items so that queries visit few nodes without a result. Uses the surface area
+/// heuristic in 16 bins along the axis with the largest spread of centres. If all centres coincide,
+/// splits the items into halves.
 std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
   const auto twice_middle = [&](std::uint32_t i) -> Vec3 {
     return boxes[i].lower + boxes[i].upper;
@@ -64,7 +65,7 @@ std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
     bin.box.extend(boxes[i].upper);
     ++bin.count;
   }
-  std::array<double, kBins> right{};  // cost of bins i to the last
+  std::array<double, kBins> right{};  // cost of the bins from i to the last one
   Bin sum;
   const auto add = [&](const Bin& bin) {
     if (bin.count == 0) return;
@@ -189,7 +190,7 @@ std::span<const std::uint32_t> NearBoxes::near(const BroadPhase& boxes, const Bo
     count_ = std::min(all, found_.size());
     left_out_ = 0;
     if (all > found_.size()) {
-      // Too many boxes touch the widened query: query again without the margin.
+      // If too many boxes touch the larger query, queries again without the margin.
       const std::size_t exact = boxes.meeting(query, found_);
       count_ = std::min(exact, found_.size());
       left_out_ = exact - count_;

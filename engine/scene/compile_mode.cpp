@@ -24,17 +24,18 @@ int scalarInput(GraphReads& reads, const std::string& path, const std::string& n
   return reads.resolve(path, name).index;
 }
 
-/// Compiles one material property of a mode. A factor reads its own `by`, else the mode's, else the
-/// mode's own property; `own` is called only if that is needed.
+/// Compiles one material property of a mode. The input of a factor is its own `by`, else the mode's
+/// `by`, else the mode's own property. `own` is called only in the last case.
 template <class OwnInput>
 Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::string& path,
                   const std::string& key, double most, GraphReads& reads, OwnInput own) {
   const std::vector<TransferSpec::Factor>& factors = spec.factors;
   const std::string at = path + "/" + key;
-  if (factors.empty()) throw SceneError(at, "it is a product of nothing", "give its factors");
+  if (factors.empty()) throw SceneError(at, "the product has no factors", "give at least one");
   Transfer out;
   const bool zero = spec.highest() == 0.0;
-  // A single constant strength, in a mode with `by`, acts only where that property has data.
+  // If the mode has `by` and a single constant strength, it acts only where the property `by` has
+  // data.
   const bool mask = key == "strength" && factors.size() == 1 && !mode.by.empty();
   for (std::size_t i = 0; i < factors.size(); ++i) {
     const TransferSpec::Factor& factor = factors[i];
@@ -50,20 +51,21 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
     if (scalar >= 0 && !factor.curve.isConstant()) reads.followSlope(scalar);
     out.factors.push_back({factor.curve, scalar});
   }
-  // The highest value of a product has the same limit as a single number.
+  // The limit of a single number also applies to the highest value of a product.
   if (!(spec.highest() <= most)) {
-    throw SceneError(at, "it can exceed " + shortNumber(most), "make it or its factors smaller");
+    throw SceneError(at, "its highest value exceeds " + shortNumber(most),
+                     "reduce it or its factors");
   }
   return out;
 }
 
-/// Throws if a key has no effect in the mode.
+/// Throws if the spec has a key without effect in this kind of mode.
 void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& names) {
   const bool surface = mode.kind == ModeKind::kSurface || mode.kind == ModeKind::kIsosurface;
   if (!surface && (mode.friction.highest() > 0.0 || mode.viscosity.highest() > 0.0)) {
     throw SceneError(
         path, std::string("mode ") + wordFor(mode.kind) + " has no friction and no viscosity",
-        "use surface or isosurface for them");
+        "use mode surface or isosurface");
   }
   if (mode.by.empty()) return;
   names.checkScalar(path + "/by", mode.by);
@@ -74,7 +76,7 @@ void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& 
   };
   const bool mask = mode.strength.factors.size() == 1 && mode.strength.factors[0].by.empty();
   if (!mask && !reads(mode.strength) && !reads(mode.friction) && !reads(mode.viscosity)) {
-    throw SceneError(path + "/by", "no factor of the mode's curves reads it", "remove it");
+    throw SceneError(path + "/by", "no curve of the mode reads it", "remove it");
   }
 }
 
@@ -84,7 +86,7 @@ class ModeCompiler {
   ModeCompiler(const ModeSpec& mode, const std::string& path, GraphReads& reads)
       : mode_(mode), path_(path), reads_(reads) {}
 
-  /// The scene file's word for a mode and the function that compiles it, by ModeKind.
+  /// A kind of mode: its word in the scene file, and the function that compiles it.
   struct Kind {
     ModeKind kind;
     const char* word;
@@ -105,12 +107,12 @@ class ModeCompiler {
       throw SceneError(path_ + "/of",
                        "mode " + std::string(wordFor(mode_.kind)) + " needs a vector and \"" +
                            mode_.of + "\" is a scalar",
-                       "give a vector volume, or the gradient of this one");
+                       "give a vector volume, or the gradient of this scalar");
     }
     return slot;
   }
 
-  /// Returns the scalar volume, for the modes that need its gradient and its voxel size.
+  /// Returns the mode's scalar volume, for kinds that need its gradient and its voxel size.
   const ScalarField& scalarVolume() {
     const FieldPtr* field = reads_.names().volume(mode_.of);
     if (field == nullptr) {
@@ -155,8 +157,8 @@ class ModeCompiler {
     return skin;
   }
 
-  /// Returns the index of the vector volume that has streamlines tangent to the vectors of a name;
-  /// -1 if the name is neither a volume nor a volume's direction.
+  /// Returns the index of the vector volume whose streamlines follow the named vector. Returns -1
+  /// if the name is neither a volume nor the direction of a volume.
   int streamOf(const std::string& name) {
     if (reads_.names().volume(name) != nullptr) return reads_.vectorField(name);
     const DerivedSpec& derived = reads_.names().derived(path_ + "/of", name);
@@ -166,7 +168,7 @@ class ModeCompiler {
 
   static double outwardSign(Solid solid) noexcept { return solid == Solid::kAbove ? -1.0 : 1.0; }
 
-  /// Returns the vector that a mode is made of, which is also its support.
+  /// Returns the index of the mode's vector, and adds its field to the support.
   int vectorOf() {
     const Slot slot = resolveVector();
     support_ = reads_.current;
@@ -224,10 +226,11 @@ class ModeCompiler {
     IsosurfaceMode iso;
     iso.skin = skinOf();
     if (!(mode_.depth_voxels > 0.0) || !std::isfinite(mode_.depth_voxels)) {
-      throw SceneError(path_ + "/depth", "it must be > 0", "give a depth in voxels, as 3");
+      throw SceneError(path_ + "/depth", "it must be > 0", "give a depth in voxels, such as 3");
     }
     if (!std::isfinite(mode_.value)) {
-      throw SceneError(path_ + "/value", "it is not a finite number", "give the value to be felt");
+      throw SceneError(path_ + "/value", "it is not a finite number",
+                       "give the value of the surface");
     }
     iso.level = mode_.value;
     iso.depth = mode_.depth_voxels * iso.skin.voxel;
@@ -242,7 +245,8 @@ class ModeCompiler {
 
   Mode frontShape() {
     if (!(mode_.snap_voxels >= 0.0) || !std::isfinite(mode_.snap_voxels)) {
-      throw SceneError(path_ + "/snap_drag", "it must be >= 0", "give a distance in voxels, as 4");
+      throw SceneError(path_ + "/snap_drag", "it must be >= 0",
+                       "give a distance in voxels, such as 4");
     }
     FrontShapeMode front;
     front.vector = vectorOf();
@@ -258,8 +262,8 @@ class ModeCompiler {
     if (field == nullptr || field->index() != 1) {
       (void)reads_.names().isVector(path_ + "/of", mode_.of);  // throws if the name is unknown
       throw SceneError(path_ + "/of",
-                       "mode vortex_tube needs a vector volume and \"" + mode_.of + "\" is none",
-                       "give a velocity; the curl is taken of it");
+                       "mode vortex_tube needs a vector volume and \"" + mode_.of + "\" is not one",
+                       "give a velocity; the mode computes its curl");
     }
     VortexTubeMode tube;
     tube.vector = vectorOf();
@@ -274,17 +278,18 @@ class ModeCompiler {
     const GuideSpec& spec = mode_.guide;
     const double length = spec.direction.stableNorm();
     if (spec.shape == PrimitiveKind::kForce) {
-      throw SceneError(path_ + "/shape", "a guide is a point, a line or a plane", "choose one");
+      throw SceneError(path_ + "/shape", "a guide is a point, a line or a plane",
+                       "choose one of them");
     }
     if (!spec.position.allFinite() || !(spec.position.norm() < 1e6)) {
-      throw SceneError(path_ + "/at", "it is not a place within 1,000 km", "give metres");
+      throw SceneError(path_ + "/at", "it is not a position within 1,000 km", "give metres");
     }
     const bool directed = spec.shape != PrimitiveKind::kPoint;
     if (directed && (!(length > 1e-100) || !std::isfinite(length))) {
-      throw SceneError(path_ + "/along", "it is no direction", "give a vector that is not zero");
+      throw SceneError(path_ + "/along", "it is not a direction", "give a vector that is not zero");
     }
     if (!(spec.snap > 0.0)) {
-      throw SceneError(path_ + "/snap", "it must be > 0", "give metres, as 0.005");
+      throw SceneError(path_ + "/snap", "it must be > 0", "give metres, such as 0.005");
     }
     if (!mode_.in.empty() && reads_.names().volume(mode_.in) == nullptr) {
       reads_.names().throwUnknown(path_ + "/in", mode_.in);
@@ -301,7 +306,7 @@ class ModeCompiler {
 
   Mode userMode() {
     if (mode_.user.place == nullptr) {
-      throw SceneError(path_, "a user's mode needs its function", "set ModeSpec::user.place");
+      throw SceneError(path_, "a user-defined mode has no function", "set ModeSpec::user.place");
     }
     UserMode user;
     user.place = mode_.user.place;
@@ -315,7 +320,7 @@ class ModeCompiler {
   const ModeSpec& mode_;
   const std::string& path_;
   GraphReads& reads_;
-  FieldSet support_;  ///< The fields read that must have data for the mode to act.
+  FieldSet support_;  ///< Fields that must have data for the mode to act.
 };
 
 constexpr std::array<ModeCompiler::Kind, static_cast<std::size_t>(ModeKind::kUser) + 1>
@@ -353,14 +358,14 @@ Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads) {
   const std::string path = "/coupling";
   for (const TransferSpec::Factor& factor : spec.factors) {
     if (factor.by.empty() && !factor.curve.isConstant()) {
-      throw SceneError(path + "/stiffness", "a curve does not say what it reads",
-                       "add \"by\": the name of a scalar");
+      throw SceneError(path + "/stiffness", "a curve has no input",
+                       "add \"by\" with the name of a scalar");
     }
   }
   Transfer stiffness =
       transfer(spec, ModeSpec{}, path, "stiffness", kMostStiffness, reads, [] { return -1; });
   if (!(spec.lowest() > 0.0)) {
-    throw SceneError(path + "/stiffness", "it can be zero", "give outputs > 0, in N/m");
+    throw SceneError(path + "/stiffness", "its lowest value is zero", "give outputs > 0, in N/m");
   }
   return stiffness;
 }

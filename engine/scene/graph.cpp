@@ -13,10 +13,10 @@ namespace {
 
 void checkModes(const GraphSpec& spec) {
   if (spec.modes.empty()) {
-    throw SceneError("/modes", "there is no mode, so nothing can be felt", "add one");
+    throw SceneError("/modes", "the scene has no modes", "add one");
   }
   if (spec.modes.size() > kMaxModes) {
-    throw SceneError("/modes", std::to_string(spec.modes.size()) + " modes",
+    throw SceneError("/modes", "the scene has " + std::to_string(spec.modes.size()) + " modes",
                      "use at most " + std::to_string(kMaxModes));
   }
 }
@@ -25,28 +25,28 @@ void checkMotions(const GraphSpec& spec, const GraphNames& names) {
   for (const auto& [name, motion] : spec.motions) {
     const std::string path = "/volumes/" + name + "/place/keyframes";
     if (names.volume(name) == nullptr) names.throwUnknown(path, name);
-    if (motion == nullptr) throw SceneError(path, "there is no motion", "remove it");
+    if (motion == nullptr) throw SceneError(path, "the motion is null", "remove it");
   }
 }
 
-/// Rejects guides in volumes that deform. A warp is sampled only where properties are read, and a
-/// guide's place is elsewhere.
+/// Rejects guides in volumes that deform, because a warp is sampled where properties are read and
+/// not at the place of a guide.
 void checkGuide(const GraphSpec& spec, const ModeSpec& mode, const std::string& path) {
   const auto in = spec.motions.find(mode.in);
   if (mode.kind != ModeKind::kGuide || in == spec.motions.end()) return;
   if (in->second->warp() == nullptr) return;
-  throw SceneError(path + "/in", "\"" + mode.in + "\" deforms, and guides only move rigidly",
+  throw SceneError(path + "/in", "\"" + mode.in + "\" deforms, but guides can only move rigidly",
                    "place the guide in the world, or in a volume that moves by keyframes");
 }
 
-/// Returns true if a mode can never act.
+/// Returns true if the strength of a mode is zero everywhere.
 bool isSilent(const ModeSpec& mode) {
   return mode.kind != ModeKind::kUser && mode.strength.highest() == 0.0 &&
          mode.viscosity.highest() == 0.0;
 }
 
-/// Returns the motion that carries a mode's primitives: that of its own volume. A user's mode is
-/// carried if all that it reads moves as one.
+/// Returns the index of the motion that carries a mode's primitives, which is that of its own
+/// volume. For a user's mode, all volumes that it reads must have the same motion.
 int motionOf(const ModeSpec& mode, const FieldSet& support, GraphReads& reads) {
   if (mode.kind == ModeKind::kGuide) return mode.in.empty() ? -1 : reads.motionOf(mode.in);
   return reads.motionOf(mode.kind == ModeKind::kUser ? reads.current : support);
@@ -59,7 +59,7 @@ void addMode(const GraphSpec& spec, std::size_t index, GraphReads& reads) {
   const std::string name = mode.name.empty() ? path : mode.name;
   checkGuide(spec, mode, path);
   if (isSilent(mode)) {
-    // A silent mode is checked like any other and then left out, without readings.
+    // A silent mode is checked like any other. Then it is left out, with its readings.
     GraphReads unused = reads;
     (void)compileMode(mode, path, unused);
     reads.graph.silent.push_back(name);

@@ -1,5 +1,5 @@
-/// The primitive graph: which property feeds which mode. The loader uses names, the tick uses
-/// indices.
+/// The primitive graph: it defines which properties each mode uses. The loader refers to properties
+/// by name, the tick by index.
 #pragma once
 
 #include <array>
@@ -19,7 +19,7 @@
 
 namespace palpate {
 
-/// A property computed from another, as listed in the scene file's "fields".
+/// How a derived field of the scene file's "fields" is computed from its operand.
 enum class Derivation : std::uint8_t {
   kMagnitude,   ///< |v| of any vector.
   kGradient,    ///< Gradient of a scalar volume.
@@ -35,14 +35,14 @@ inline constexpr std::array kDerivations{
     Derivation::kMagnitude, Derivation::kGradient, Derivation::kCurl,   Derivation::kDivergence,
     Derivation::kUnit,      Derivation::kQ,        Derivation::kLambda2};
 
-/// Operand and result of a derivation.
+/// Types of the operand and of the result of a derivation.
 struct DerivationKind {
-  bool of_vector = true;  ///< The operand is a vector; false: a scalar.
-  bool vector = false;    ///< The result is a vector; false: a scalar.
-  bool of_volume = true;  ///< The operand must be a volume, since its derivatives are needed.
+  bool of_vector = true;  ///< True if the operand is a vector; false for a scalar.
+  bool vector = false;    ///< True if the result is a vector; false for a scalar.
+  bool of_volume = true;  ///< True if the operand must be a volume, because derivatives are needed.
 };
-/// Returns the operand and result of a derivation. Magnitude and unit take derived fields as well
-/// as volumes.
+/// Returns the types of a derivation. The operand of magnitude and unit may also be a derived
+/// field.
 [[nodiscard]] constexpr DerivationKind kindOf(Derivation derivation) noexcept {
   switch (derivation) {
     case Derivation::kMagnitude:
@@ -63,28 +63,28 @@ struct DerivationKind {
 
 /// One entry of the scene file's "fields": a derivation and its operand.
 struct DerivedSpec {
-  Derivation derivation = Derivation::kMagnitude;  ///< Computed from `of`; see kindOf().
+  Derivation derivation = Derivation::kMagnitude;  ///< Kind of the derivation.
   std::string of;  ///< Name of a volume or of another derived field.
 };
 
-/// Kind of a mode: decides which Mode of mode.h a ModeSpec is compiled to.
+/// Kind of a mode. It decides which Mode of mode.h is compiled from a ModeSpec.
 enum class ModeKind : std::uint8_t {
   kForce,              ///< ForceMode: a push along a vector (eq. 8).
   kViscosity,          ///< ViscosityMode: a drag of constant size (eq. 9).
   kSurface,            ///< SurfaceMode: a plane across the gradient wherever the proxy is (eq. 13).
   kIsosurface,         ///< IsosurfaceMode: a plane on V = V0 (eq. 13).
   kFollow,             ///< FollowMode: free along a vector, held across it (eq. 11).
-  kTransverseDamping,  ///< The same as kFollow; the name marks it as weak.
+  kTransverseDamping,  ///< Like kFollow, with a name for weak lines.
   kFrontShape,         ///< FrontShapeMode: a plane across a vector (eq. 13).
-  kVortexTube,         ///< VortexTubeMode: held at the radius around a vortex' core.
-  kGuide,              ///< GuideMode: a point, line or plane that the scene places.
-  kUser,               ///< UserMode: the user's own mode, from C++ only.
+  kVortexTube,  ///< VortexTubeMode: holds the proxy at its radius around the core of a vortex.
+  kGuide,       ///< GuideMode: a point, line or plane that the scene places.
+  kUser,        ///< UserMode: the user's own mode, from C++ only.
 };
 
-/// The side of a value that is solid.
+/// The solid side of an isovalue: above or below it.
 enum class Solid : std::uint8_t { kAbove, kBelow };
 
-/// Sense of a force: it pulls along its field, or pushes against it.
+/// Sign of a force: along its field (attract) or against it (repel).
 enum class Sense : std::uint8_t { kAttract, kRepel };
 
 /// A material property: one transfer function, or a product of several.
@@ -92,23 +92,24 @@ struct TransferSpec {
   /// One curve of the product, and its input.
   struct Factor {
     TransferFunction curve = 1.0;  ///< Outputs >= 0; their product is in the unit of the property.
-    std::string by;  ///< The scalar that is read; empty: the mode's `by`, else the mode's own.
+    std::string by;  ///< Name of the scalar input. If empty, the mode's `by`; if that is empty too,
+                     ///< the mode's own scalar.
   };
-  std::vector<Factor> factors;  ///< Multiplied; at least one.
+  std::vector<Factor> factors;  ///< Factors of the product; at least one.
 
-  /// One curve, which reads the mode's `by`, else the mode's own scalar.
+  /// Makes a single curve. Its input is the mode's `by`, else the mode's own scalar.
   TransferSpec(TransferFunction curve) {  // NOLINT(google-explicit-constructor): the usual case
     factors.push_back({std::move(curve), ""});
   }
-  /// A constant >= 0. Throws SceneError if it is negative or not finite.
+  /// Makes a constant >= 0. Throws SceneError if it is negative or not finite.
   TransferSpec(double number = 0.0)  // NOLINT(google-explicit-constructor): a number is one
       : TransferSpec(TransferFunction(number)) {}
-  /// A product of at least one factor.
+  /// Makes a product of at least one factor.
   explicit TransferSpec(std::vector<Factor> product) : factors(std::move(product)) {}
 
-  /// Returns the product of the curves' highest outputs, an upper bound.
+  /// Returns an upper bound: the product of the curves' highest outputs.
   [[nodiscard]] double highest() const noexcept;
-  /// Returns the product of the curves' lowest outputs, a lower bound where there are data.
+  /// Returns a lower bound where there are data: the product of the curves' lowest outputs.
   [[nodiscard]] double lowest() const noexcept;
   /// Returns true if no factor reads a property: all curves are constant.
   [[nodiscard]] bool isConstant() const noexcept;
@@ -118,51 +119,54 @@ struct TransferSpec {
 struct GuideSpec {
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Point, line or plane.
   Vec3 position = Vec3::Zero();                 ///< The point, or a point on the line or plane [m].
-  Vec3 direction = Vec3::UnitX();               ///< Along a line or a plane's outward normal; != 0.
+  Vec3 direction = Vec3::UnitX();  ///< Direction of a line, or outward normal of a plane; != 0.
   double snap = std::numeric_limits<double>::infinity();  ///< Range of the guide [m], > 0.
   double metres_per_unit = 1.0;                           ///< Unit of the curves' input [m].
 };
 
-/// The user's own mode; see mode.h.
+/// The spec of a user-defined mode; see mode.h.
 struct UserSpec {
-  PlacePrimitives place = nullptr;  ///< Called in the tick; null is rejected.
-  std::shared_ptr<void> state;      ///< Passed to `place`, may be null; shared by all proxies.
-  std::vector<std::string> reads;   ///< Names of the volumes and derived fields that `place` reads.
+  PlacePrimitives place = nullptr;  ///< Called in every tick. compileGraph rejects null.
+  std::shared_ptr<void> state;      ///< Passed to `place`. May be null. All proxies share it.
+  std::vector<std::string> reads;  ///< Names of the volumes and derived fields to read for `place`.
 };
 
 /// The spec of one mode, as the scene file gives it.
 struct ModeSpec {
-  std::string name;                    ///< A name for messages; may be empty.
+  std::string name;                    ///< Name for messages; may be empty.
   ModeKind kind = ModeKind::kSurface;  ///< Kind of the mode.
-  std::string of;               ///< Volume or derived field it is made of; not for guide, user.
-  TransferSpec strength;        ///< Strength of the primitives [N]; not for user.
+  std::string of;                      ///< Volume or derived field; not for guide and user.
+  TransferSpec strength;               ///< Strength of the primitives [N]; not for user.
   TransferSpec friction;        ///< surface and isosurface: Coulomb's mu, at most kMostFriction.
   TransferSpec viscosity;       ///< surface and isosurface: strength of the drag [N].
-  std::string by;               ///< Scalar that these three read; empty: the mode's own.
+  std::string by;               ///< Scalar input of these properties; if empty, the mode's own.
   double value = 0.0;           ///< isosurface: V0, in the data's unit.
   Solid solid = Solid::kAbove;  ///< surface and isosurface: the solid side.
   double depth_voxels = 3.0;    ///< isosurface: depth of the push back after yielding [voxels].
-  std::optional<Sense> sense;   ///< force: default along a vector, down a scalar's gradient.
-  bool two_sided = true;        ///< front shape: holds both ways along its normal.
-  double snap_voxels = 0.0;     ///< front shape: snap-drag, see mode.h [voxels]; 0: off.
+  std::optional<Sense> sense;   ///< force: default along a vector, down a gradient.
+  bool two_sided = true;        ///< front shape: holds in both directions along its normal.
+  double snap_voxels = 0.0;     ///< front shape: distance of snap-drag (mode.h) [voxels]; 0 is off.
   GuideSpec guide;              ///< guide: its shape and its place.
-  std::string in;  ///< guide: the volume it moves with, placed as that rests; empty: none.
-  UserSpec user;   ///< user: its function and inputs.
+  std::string in;  ///< guide: the volume that it moves with; empty if none. The guide is placed
+                   ///< relative to that volume at rest.
+  UserSpec user;   ///< user: its function and its inputs.
 };
 
-/// The spec of a graph: names and edges, as the scene file gives them.
+/// The spec of a graph, by names as in the scene file.
 struct GraphSpec {
   std::map<std::string, DerivedSpec> fields;  ///< Derived fields by name; not a volume's name.
-  std::vector<ModeSpec> modes;  ///< At most kMaxModes; primitives are placed in this order.
-  std::map<std::string, MotionPtr> motions;  ///< Motions by the name of the volume; other volumes
-                                             ///< stand still. Volumes of one pointer move together.
-  std::optional<TransferSpec> stiffness;     ///< Coupling stiffness by a property [N/m]; none: as
-                                             ///< in CouplingParams.
-  std::vector<std::size_t> mode_numbers;     ///< The modes' numbers in messages (/modes/5), if they
-                                             ///< are some of another spec's; empty: indices.
+  std::vector<ModeSpec> modes;  ///< At most kMaxModes. Primitives are placed in this order.
+  /// Motions by the name of the volume. Volumes without an entry stand still. Volumes with the same
+  /// pointer move together.
+  std::map<std::string, MotionPtr> motions;
+  std::optional<TransferSpec> stiffness;  ///< Coupling stiffness that depends on properties [N/m];
+                                          ///< if not set, that of CouplingParams.
+  /// Number of each mode in messages (/modes/5), if the modes come from a larger spec; if empty,
+  /// their indices.
+  std::vector<std::size_t> mode_numbers;
 };
 
-/// A set of a graph's fields.
+/// A set of fields of a graph.
 struct FieldSet {
   std::uint64_t scalars = 0;  ///< Bit i: Graph::scalar_fields[i].
   std::uint64_t vectors = 0;  ///< Bit i: Graph::vector_fields[i].
@@ -186,21 +190,25 @@ struct FieldSet {
 /// The fields that a mode needs.
 struct ModeFields {
   FieldSet
-      support;     ///< Outside the bounds of any of these the mode is silent, and no field is read.
+      /// If the proxy is outside the bounds of any of these, the mode does not act and its fields
+      /// are not read.
+      support;
   FieldSet reads;  ///< All fields that the mode reads.
 };
 
-/// One reading of a scalar field. A property with an index below zero is unused and not written.
+/// The reading of a scalar field. If the index of a property is below zero, that property is not
+/// used and not written.
 struct ScalarRead {
   int field = 0;           ///< Index into Graph::scalar_fields.
   int value = -1;          ///< Index into Properties::scalars.
   int gradient = -1;       ///< Index into Properties::vectors.
   int cell_gradient = -1;  ///< Index into Properties::vectors.
-  bool slope = false;      ///< A strength depends on the value, so its slope is needed.
-  bool turn = false;       ///< A primitive is along the gradient, so its Jacobian is needed.
+  bool slope = false;  ///< True if a strength depends on the value, so that its slope is needed.
+  bool turn = false;  ///< True if a primitive follows the gradient, so that its Jacobian is needed.
 };
 
-/// One reading of a vector field. A property with an index below zero is unused and not written.
+/// The reading of a vector field. If the index of a property is below zero, that property is not
+/// used and not written.
 struct VectorRead {
   int field = 0;        ///< Index into Graph::vector_fields.
   int value = -1;       ///< Index into Properties::vectors.
@@ -222,14 +230,14 @@ struct MagnitudeStep {
   int to = 0;    ///< Index into Properties::scalars.
 };
 
-/// The graph that the tick runs: a flat list. Each field is sampled once at most, and only if
+/// The graph that the tick runs, as flat lists. Each field is sampled at most once, and only if
 /// needed.
 struct Graph {
-  std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Only fields that are read.
-  std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Only fields that are read.
+  std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Fields that modes read.
+  std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Fields that modes read.
   std::vector<FieldFrame> scalar_frames;  ///< Placement of each scalar field in W, at rest.
   std::vector<FieldFrame> vector_frames;  ///< Placement of each vector field in W, at rest.
-  std::vector<MotionPtr> motions;         ///< Each motion once; empty: all fields rest.
+  std::vector<MotionPtr> motions;         ///< No duplicates; empty if all fields rest.
   std::vector<int> scalar_motions;        ///< Each scalar field's index into motions; -1: it rests.
   std::vector<int> vector_motions;        ///< Each vector field's index into motions; -1: it rests.
   std::vector<std::string> scalar_names;  ///< Names of scalar_fields, for messages.
@@ -238,38 +246,39 @@ struct Graph {
   std::vector<std::string> vector_properties;  ///< Names of Properties::vectors: "curl of flow".
   std::vector<ScalarRead> scalar_reads;        ///< One for each of scalar_fields, in their order.
   std::vector<VectorRead> vector_reads;        ///< One for each of vector_fields, in their order.
-  std::vector<UnitStep> units;                 ///< Each step comes after those that it reads.
+  std::vector<UnitStep> units;  ///< Each step comes after the steps whose results it reads.
   std::vector<MagnitudeStep> magnitudes;  ///< Run after all units, whose results they may read.
-  std::vector<Mode> modes;                ///< In the spec's order, without those in `silent`.
-  std::vector<ModeFields> mode_fields;    ///< One for each mode.
-  std::vector<double> mode_voxels;        ///< Finest voxel of each mode [m]; infinite if none.
-  std::vector<char> mode_follows;         ///< Whether each mode's force depends on a value.
-  std::vector<int> mode_motions;          ///< The motion that carries each mode; -1: none.
+  std::vector<Mode> modes;  ///< The modes in the spec's order, without those in `silent`.
+  std::vector<ModeFields> mode_fields;  ///< The fields of each mode.
+  std::vector<double> mode_voxels;      ///< Finest voxel of each mode [m]; infinite if none.
+  std::vector<char> mode_follows;       ///< True for a mode whose force depends on a value.
+  std::vector<int> mode_motions;        ///< Index of the motion that carries each mode; -1 if none.
   std::vector<std::size_t> mode_sources;  ///< Number of each mode, by GraphSpec::mode_numbers.
   std::vector<std::string> mode_names;    ///< For messages; a mode without a name has /modes/5.
-  Transfer stiffness;                     ///< Coupling stiffness [N/m]; no factors: it is constant.
-  FieldSet stiffness_reads;  ///< Fields that the stiffness reads; without data, their background.
+  Transfer stiffness;        ///< Coupling stiffness [N/m]. Without factors it is constant.
+  FieldSet stiffness_reads;  ///< Fields that the stiffness reads. Where they have no data, it uses
+                             ///< the background.
   std::vector<std::size_t>
-      attentive;                    ///< Fields to be notified of each tick: scalars, then vectors.
+      attentive;  ///< Fields that are notified of each tick: scalars, then vectors.
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
   std::vector<std::string> silent;  ///< Modes left out, because their strength is zero everywhere.
 };
 
-/// Most modes of one graph.
+/// Largest number of modes of one graph.
 inline constexpr std::size_t kMaxModes = 256;
-/// Most fields that one graph reads, scalars and vectors together.
+/// Largest number of fields that one graph reads, scalars and vectors together.
 inline constexpr std::size_t kMaxFields = 64;
-/// Most motions of one scene: those of its fields and of its guides.
+/// Largest number of motions of one scene, for fields and guides together.
 inline constexpr std::size_t kMaxMotions = 64;
 
-/// Checks the names, types and edges and flattens them. Throws SceneError with a text that begins
-/// with the JSON path of the error, such as /modes/0/of.
+/// Checks the names, types and edges of a spec and compiles it to flat lists. Throws SceneError.
+/// Its text begins with the JSON path of the error, such as /modes/0/of.
 [[nodiscard]] Graph compileGraph(const GraphSpec& spec,
                                  const std::map<std::string, FieldPtr>& fields);
 
-/// Returns the scene file's word for a kind of mode, such as "front_shape".
+/// Returns the word for a kind of mode in scene files, such as "front_shape".
 [[nodiscard]] const char* wordFor(ModeKind kind) noexcept;
-/// Returns the scene file's word for a derivation, its key in "fields", such as "lambda2".
+/// Returns the word for a derivation in scene files: its key in "fields", such as "lambda2".
 [[nodiscard]] const char* wordFor(Derivation derivation) noexcept;
 
 }  // namespace palpate

@@ -21,7 +21,7 @@ bool GraphNames::isVector(const std::string& path, const std::string& name) cons
 
 void GraphNames::checkScalar(const std::string& path, const std::string& name) const {
   if (!isVector(path, name)) return;
-  throw SceneError(path, "\"" + name + "\" is a vector", "give a scalar, as the magnitude of it");
+  throw SceneError(path, "\"" + name + "\" is a vector", "give a scalar, such as its magnitude");
 }
 
 void GraphNames::throwUnknown(const std::string& path, const std::string& name) const {
@@ -57,7 +57,7 @@ bool GraphNames::checkDerived(const std::string& name, const DerivedSpec& derive
                               std::set<std::string>& open) const {
   const std::string path = "/fields/" + name;
   if (!open.insert(name).second) {
-    throw SceneError(path, "it is derived from itself", "break the circle");
+    throw SceneError(path, "it is derived from itself", "remove the cycle");
   }
   const bool of_vector = isVector(path + "/" + wordFor(derived.derivation), derived.of, open);
   open.erase(name);

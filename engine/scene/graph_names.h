@@ -10,21 +10,23 @@
 
 namespace palpate {
 
-/// The volumes of a scene and the fields derived from them, by name; rejects specs with errors.
-/// Paths are those of the scene file, for errors (SceneError).
+/// The volumes of a scene and the derived fields, by name. The functions reject specs with errors
+/// by SceneError. A `path` is that of the name in the scene file, for messages.
 class GraphNames {
  public:
-  /// Does not check yet. `spec` and `fields` must outlive it.
+  /// Stores references without a check. `spec` and `fields` must outlive the object.
   GraphNames(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields)
       : spec_(spec), fields_(fields) {}
 
-  /// Throws if a derived field has a volume's name, an unfit operand, or itself as operand.
+  /// Throws if a derived field has the name of a volume, an unsuitable operand, or itself as
+  /// operand.
   void checkDerived() const;
-  /// Returns true if `name` is, or derives to, a vector. Throws for unknown names and circles.
+  /// Returns true if `name` is a vector volume or derives a vector. Throws for unknown names and
+  /// cycles.
   [[nodiscard]] bool isVector(const std::string& path, const std::string& name) const;
-  /// Throws if a name is unknown or is not that of a scalar.
+  /// Throws if `name` is unknown or not a scalar.
   void checkScalar(const std::string& path, const std::string& name) const;
-  /// Throws that no volume or field has that name, with the nearest name.
+  /// Throws an error for an unknown name, with the nearest known name as remedy.
   [[noreturn]] void throwUnknown(const std::string& path, const std::string& name) const;
 
   /// Returns the volume of that name; null if it does not exist.

@@ -23,7 +23,7 @@ void checkRoom(const Graph& graph) {
   if (graph.scalar_fields.size() + graph.vector_fields.size() < kMaxFields) return;
   throw SceneError("/volumes",
                    "the modes read more than " + std::to_string(kMaxFields) + " volumes",
-                   "use fewer");
+                   "use fewer volumes");
 }
 
 }  // namespace
@@ -78,7 +78,7 @@ int GraphReads::motionOf(const std::string& name) {
   if (motions.size() == kMaxMotions) {
     throw SceneError("/volumes",
                      "the modes need more than " + std::to_string(kMaxMotions) + " motions",
-                     "use fewer, or place volumes like each other");
+                     "use fewer, or let volumes share a motion");
   }
   motions.push_back(motion->second);
   return static_cast<int>(motions.size()) - 1;

@@ -10,28 +10,28 @@
 
 namespace palpate {
 
-/// The property of a name.
+/// The place of a property in Properties.
 struct Slot {
-  bool vector = false;  ///< The property is a vector; false: a scalar.
+  bool vector = false;  ///< True for a vector, false for a scalar.
   int index = -1;       ///< Index into Properties::vectors or Properties::scalars.
 };
 
-/// The readings and properties of a graph that is being compiled. Each is made when the first mode
-/// needs it, and then shared. Throws SceneError if there is no room for more.
+/// The readings and properties of a graph under compilation. Each is made when the first mode needs
+/// it, and then shared. The functions throw SceneError if there is no room for more.
 class GraphReads {
  public:
-  /// Begins without readings. `names` is that of `spec`; both must outlive it.
+  /// Begins without readings. `names` must belong to `spec`; both must outlive the object.
   GraphReads(const GraphSpec& spec, const GraphNames& names) : spec_(&spec), names_(&names) {}
 
-  Graph graph;  ///< The graph so far: its fields, their readings, and the modes that were added.
-  FieldSet current;  ///< Fields that the mode being compiled has read so far.
+  Graph graph;       ///< The graph so far, with its fields, readings and modes.
+  FieldSet current;  ///< Fields that the mode under compilation has read so far.
 
-  /// Returns the names in the spec, with their checks.
+  /// Returns the names of the spec.
   [[nodiscard]] const GraphNames& names() const noexcept { return *names_; }
   /// Returns the property of a name. Throws if the name is unknown.
   [[nodiscard]] Slot resolve(const std::string& path, const std::string& name);
 
-  // Indices of properties of a volume, which must exist and be of that kind.
+  // Indices of the properties of a volume. The volume must exist and be of the stated kind.
   /// Returns the index of a scalar volume in Graph::scalar_fields.
   [[nodiscard]] int scalarField(const std::string& name) { return scalarRead(name).field; }
   /// Returns the index of a vector volume in Graph::vector_fields.
@@ -40,25 +40,26 @@ class GraphReads {
   [[nodiscard]] int valueOf(const std::string& name);
   /// Returns the index of a scalar volume's continuous gradient in Properties::vectors.
   [[nodiscard]] int gradientOf(const std::string& name);
-  /// Returns the index of ScalarField::cellGradient of a scalar volume in Properties::vectors.
+  /// Returns the index of a scalar volume's interpolated slope (ScalarField::cellGradient) in
+  /// Properties::vectors.
   [[nodiscard]] int cellGradientOf(const std::string& name);
   /// Returns the index of a vector volume's curl in Properties::vectors.
   [[nodiscard]] int curlOf(const std::string& name);
   /// Returns the index of |vectors[from]| in Properties::scalars.
   [[nodiscard]] int magnitudeOf(int from);
 
-  /// Requests the slope of a scalar on which a strength depends, if it can be known: derivatives of
-  /// derivatives are not stored.
+  /// Requests the slope of a scalar on which a strength depends. Has no effect for scalars without
+  /// a known slope, such as a divergence.
   void followSlope(int scalar);
-  /// Requests the Jacobian of a vector that primitives are along.
+  /// Requests the Jacobian of a vector that primitives follow.
   void followTurn(int vector);
 
   /// Returns the index of a volume's motion; -1 if the volume stands still.
   [[nodiscard]] int motionOf(const std::string& name);
-  /// Returns the index of the one motion of all fields of a set; -1 if they have several, or no
-  /// motion.
+  /// Returns the index of the motion that all fields of a set share; -1 if they have different
+  /// motions or none.
   [[nodiscard]] int motionOf(const FieldSet& set) const;
-  /// Returns the frame of the finest field of a set.
+  /// Returns the frame of the finest field in a set.
   [[nodiscard]] FieldFrame frameOf(const FieldSet& set) const;
 
   /// Returns true if the graph so far samples that volume.
@@ -71,7 +72,7 @@ class GraphReads {
   int newVector(const std::string& name);
   int once(int& slot, bool vector, const std::string& name);
   [[nodiscard]] int unitOf(int from);
-  /// Returns the reading of a volume, made at the first call.
+  /// Returns the reading of a volume. Makes it at the first call.
   ScalarRead& scalarRead(const std::string& name);
   VectorRead& vectorRead(const std::string& name);
 

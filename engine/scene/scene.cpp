@@ -15,7 +15,7 @@ const Body* bodyOf(int motion, std::span<const Body> bodies) noexcept {
   return motion < 0 || bodies.empty() ? nullptr : &bodies[static_cast<std::size_t>(motion)];
 }
 
-/// Returns FNV-1a of a graph's fields, modes and motions, continued from the hash `shape`.
+/// Continues the hash `shape` (FNV-1a) over a graph's fields, modes and motions, and returns it.
 std::uint64_t shapeOf(const Graph& graph, std::uint64_t shape) {
   const auto add = [&](std::uint64_t x) { shape = (shape ^ x) * 1099511628211ULL; };
   for (const auto& field : graph.scalar_fields) add(field->id());
@@ -33,14 +33,16 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                        std::vector<Part> parts) {
   static std::atomic<std::uint64_t> next_id{1};
   if (!std::isfinite(coupling.stiffness) || coupling.stiffness <= 0.0) {
-    throw SceneError("/coupling/stiffness", "it must be a finite number > 0", "give N/m, as 500");
+    throw SceneError("/coupling/stiffness", "it must be a finite number > 0",
+                     "give N/m, such as 500");
   }
   if (!std::isfinite(coupling.damping) || coupling.damping < 0.0) {
-    throw SceneError("/coupling/damping", "it must be a finite number >= 0", "give N s/m, as 0.5");
+    throw SceneError("/coupling/damping", "it must be a finite number >= 0",
+                     "give N s/m, such as 0.5");
   }
   if (!(step.tolerance_voxels > 0.0) || !(step.tolerance_voxels <= kMostTolerance)) {
     throw SceneError("/accuracy/tolerance_voxels", "it must be > 0 and at most 1",
-                     "give a share of a voxel, as 0.01");
+                     "give a share of a voxel, such as 0.01");
   }
   if (step.max_substeps < 1 || step.max_substeps > 64) {
     throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 16");
@@ -73,21 +75,22 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
 
 Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields) {
   if (!spec.motions.empty()) {
-    throw SceneError("/volumes", "a part moves", "what moves belongs to the scene itself");
+    throw SceneError("/volumes", "a part moves", "put volumes that move into the scene itself");
   }
   if (spec.stiffness) {
-    throw SceneError("/coupling", "a part varies the stiffness", "only the scene itself may");
+    throw SceneError("/coupling", "a part varies the stiffness", "vary it in the scene itself");
   }
   if (spec.modes.size() > kMaxPartModes) {
-    throw SceneError("/modes", std::to_string(spec.modes.size()) + " modes of one part",
+    throw SceneError("/modes", "a part has " + std::to_string(spec.modes.size()) + " modes",
                      "use at most " + std::to_string(kMaxPartModes));
   }
   Part part;
   part.graph = compileGraph(spec, fields);
   const Graph& graph = part.graph;
   if (graph.scalar_fields.size() + graph.vector_fields.size() > kMaxPartFields) {
-    throw SceneError("/volumes", "a part reads more than " + std::to_string(kMaxPartFields),
-                     "use fewer, or name them as volumes of the scene");
+    throw SceneError("/volumes",
+                     "a part reads more than " + std::to_string(kMaxPartFields) + " fields",
+                     "use fewer, or make them volumes of the scene");
   }
   for (const auto* frames : {&graph.scalar_frames, &graph.vector_frames}) {
     for (const FieldFrame& frame : *frames) {
@@ -99,8 +102,8 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
   for (std::size_t i = 0; i < spec.modes.size(); ++i) {
     const ModeSpec& mode = spec.modes[i];
     if (mode.kind == ModeKind::kUser || mode.kind == ModeKind::kGuide) {
-      throw SceneError("/modes/" + std::to_string(i), "a part's mode has no place of its own",
-                       "only modes of volumes can be a part's");
+      throw SceneError("/modes/" + std::to_string(i), "a part has a guide or a user-defined mode",
+                       "move it to the scene itself");
     }
     part.most +=
         mode.strength.highest() * (1.0 + mode.friction.highest()) + mode.viscosity.highest();
@@ -136,7 +139,7 @@ void Reader::ready(const Graph& graph, std::size_t first, std::size_t count) noe
   };
   for (const auto& field : graph.scalar_fields) one(*field);
   for (const auto& field : graph.vector_fields) one(*field);
-  // A field that the scene no longer has starts with a reset cache when it returns.
+  // If a field is removed from the scene and returns later, its cache is reset.
   while (first < end) fields_[first++] = 0;
 }
 
@@ -148,8 +151,8 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
   const auto vector = [&](int index, const Vec3& value, bool inside, const Mat3& jacobian) {
     if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside, jacobian};
   };
-  const Vec3 level = Vec3::Zero();     // a slope that is unknown or not needed
-  const Mat3 straight = Mat3::Zero();  // a Jacobian that is unknown or not needed
+  const Vec3 level = Vec3::Zero();     // for a slope that is unknown or not needed
+  const Mat3 straight = Mat3::Zero();  // for a Jacobian that is unknown or not needed
 
   const FieldSet wanted = fieldsAt(*graph, p_W, bodies);
   int count = 0;
@@ -200,7 +203,7 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
       s.value = body->pose.vector(s.value);
       s.jacobian = body->pose.vectorJacobian(s.jacobian);
       if (motion.warp() != nullptr) {
-        // d (F^-1 v) / dx = F^-1 (dv/dX) F - F^-1 (dF/dx) F^-1 v, turned as by the rigid part.
+        // d (F^-1 v) / dx = F^-1 (dv/dX) F - F^-1 (dF/dx) F^-1 v, then rotated by the rigid part.
         const Mat3 rotation = body->pose.linear * body->about.slope;
         s.jacobian -= body->pose.linear * body->about.bendAlong(w) * rotation.transpose() *
                       graph->vector_frames[i].metres_per_unit;
@@ -218,7 +221,7 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
 
 namespace {
 
-/// Returns field n of a graph: scalars come first, then vectors, as in the caches.
+/// Returns field n of a graph, in the order of the caches: scalars, then vectors.
 const AnyField& fieldOf(const Graph& graph, std::size_t n) noexcept {
   const std::size_t scalars = graph.scalar_fields.size();
   if (n < scalars) return *graph.scalar_fields[n];
@@ -282,7 +285,7 @@ Mat3 BoundGraph::gradientJacobian(std::size_t i, const Vec3& p_W,
   if (body == nullptr) return by;
   by = body->pose.gradientJacobian(by);
   if (graph->motions[static_cast<std::size_t>(graph->scalar_motions[i])]->warp() != nullptr) {
-    // d (F^T g) / dx = F^T (dg/dX) F + sum g_i d^2 u_i, turned as by the rigid part.
+    // d (F^T g) / dx = F^T (dg/dX) F + sum g_i d^2 u_i, then rotated by the rigid part.
     const Mat3 rotation = body->pose.linear * body->about.slope;
     const Vec3 g = graph->scalar_fields[i]->sample(p, caches[i]).gradient;
     by += rotation * body->about.bendOf(g) * rotation.transpose();

@@ -8,7 +8,7 @@ namespace palpate {
 
 namespace {
 
-/// A predicted warp counts as exact if its error is at most this [voxels].
+/// A prediction of a warp counts as exact if its error is at most this [voxels].
 constexpr double kForeseenSure = 0.25;
 
 /// Returns true if the path from `Body::from` to b, in the body's resting frame, comes near a

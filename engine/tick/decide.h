@@ -1,24 +1,26 @@
-/// The decision after a trial step of the proxy: read again, arrive, wait, or go to the hand.
+/// The decision after a trial step of the proxy: read again, arrive, wait or release.
 #pragma once
 
 #include <cstdint>
 
 namespace palpate {
 
-/// What a slice of a tick does after a trial step.
+/// The next action in a slice of a tick, after a trial step.
 enum class Next : std::uint8_t {
-  kRead,     ///< Read properties at the step's end, and balance again.
-  kArrive,   ///< End at the answer: the rest is within the tolerance.
-  kWait,     ///< End where the primitives let the proxy go: the readings are used up.
-  kRelease,  ///< Go to the hand: no primitive holds the proxy.
+  kRead,     ///< Read properties at the end of the step, and balance again.
+  kArrive,   ///< End at the answer: the remaining error is within the tolerance.
+  kWait,     ///< End where the primitives allow, because no readings are left.
+  kRelease,  ///< Move the proxy to the hand, because no primitive holds it.
 };
 
-/// A trial step, after it was computed.
+/// State of the iteration after a trial step was computed.
 struct TrialState {
-  bool read = false;    ///< Properties were read in this slice.
-  bool within = false;  ///< The reading holds at the target, and the rest is within the tolerance.
-  bool spent = false;   ///< Readings, balances or choices of parts are used up, or a stream stalls.
-  bool held = false;    ///< The last balance has a primitive.
+  bool read = false;    ///< True if properties were read in this slice.
+  bool within = false;  ///< The reading is valid at the target, and the remaining error is within
+                        ///< the tolerance.
+  /// No readings, iterations or choices of parts are left, or a stream stalls.
+  bool spent = false;
+  bool held = false;  ///< The last balance contains a primitive.
 };
 
 /// Returns the next action. The first trial step of a slice always leads to a reading.
@@ -29,16 +31,17 @@ struct TrialState {
   return state.held ? Next::kWait : Next::kRelease;
 }
 
-/// The step of a proxy that no primitive holds, which is only swept for surfaces up to the hand.
+/// State of a sweep to the hand, for a proxy that no primitive holds. A sweep only searches for
+/// surfaces.
 struct SweepState {
   bool complete = false;    ///< The sweep reached the hand.
   bool strays = false;      ///< The sweep led beyond the chosen parts.
-  bool chosen_out = false;  ///< No further choice of parts is left.
-  bool met_before = false;  ///< An earlier sweep of this slice has ended at a surface.
+  bool chosen_out = false;  ///< The limit on choices of parts is reached.
+  bool met_before = false;  ///< An earlier sweep in this slice ended at a surface.
 };
 
-/// Returns the next action: a reading at a surface that the sweep reached for the first time, or
-/// where new parts are chosen; else the proxy is released.
+/// Returns kRead if the sweep reached a surface for the first time, or if new parts can be chosen;
+/// else kRelease.
 [[nodiscard]] constexpr Next decide(const SweepState& state) noexcept {
   if (state.complete) return Next::kRelease;
   const bool again = state.strays ? state.chosen_out : state.met_before;

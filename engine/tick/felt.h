@@ -1,4 +1,4 @@
-/// The graphs that a tick evaluates: the scene's own, and those of the parts near the proxy.
+/// The graphs that a tick evaluates: the scene's own graph and those of the parts near the proxy.
 #pragma once
 
 #include <cstddef>
@@ -13,10 +13,10 @@ namespace palpate {
 /// A graph that a tick evaluates, with its properties and the memories of its modes.
 struct Felt {
   BoundGraph bound;                  ///< The graph, with the caches of the thread that reads it.
-  Properties* properties = nullptr;  ///< Properties read last for the graph.
+  Properties* properties = nullptr;  ///< Properties from the last reading of the graph.
   ModeMemory* memories = nullptr;    ///< One memory for each of Graph::modes, in their order.
 
-  /// Returns the bound graph; there must be one.
+  /// Returns the bound graph, which must not be null.
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
@@ -41,8 +41,9 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   });
 }
 
-/// Adds the primitives of mode i at `stand`. If properties were read there, also computes how the
-/// mode's plane turns with place. Returns false if the set was full. RT: no allocation.
+/// Adds the primitives of mode i at the evaluation point `stand`. If properties were read there,
+/// also computes the turn of the mode's plane. Returns false if the set was full. RT: no
+/// allocation.
 [[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const EvaluationPoint& stand,
                                     std::span<const Body> bodies, PrimitiveSet& set) noexcept {
   const Mode& mode = felt.graph().modes[i];

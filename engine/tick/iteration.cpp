@@ -11,13 +11,15 @@ namespace palpate {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
-/// Most iterations of a balance that begins when the tick has almost used up its own.
+/// Minimum number of iterations for a balance that begins when the tick's limit is almost reached.
 constexpr int kLeastIterations = 70;
-/// A step shorter than this share of the path before it shrinks fast enough to be trusted.
+/// If a step is shorter than this share of the displacement before it, the iteration converges fast
+/// enough to be trusted.
 constexpr double kFalls = 0.25;
-/// Share of the tolerance that may be left after a step that kFalls accepts.
+/// Share of the tolerance that may remain after a step that kFalls accepts.
 constexpr double kRest = 0.5;
-/// Share of the tolerance by which the last step may leave a surface if its end is not read.
+/// Share of the tolerance by which the final place may be off a surface if properties are not read
+/// there.
 constexpr double kSure = 0.25;
 
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
@@ -73,13 +75,13 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
 
-/// Returns true if a reading need not hold at another place.
+/// Returns true if a reading may be invalid at another place.
 bool varies(const Tick& tick, const Iteration& now) noexcept {
   return now.follows || tick.balance.surfaces > 0;
 }
 
-/// Records a balance in the trace. For a balance that failed (`balanced` false), records its place
-/// only.
+/// Records a balance in the trace. If the balance failed (`balanced` is false), records only its
+/// place.
 void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
           bool balanced = true) noexcept {
   StepTrace& trace = *tick.trace;
@@ -105,7 +107,7 @@ void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
   }
 }
 
-/// Sets the balance without primitives: the hand's place.
+/// Sets the balance to the hand's place, for a set without primitives.
 void balanceNothing(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexcept {
   BalanceMemory& b = tick.balance;
   b.warm.forget();
@@ -165,7 +167,8 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
     balanceNothing(tick, now, foreseen, from);
     return true;
   }
-  // The pull that is left along a stream is within the tolerance, and the proxy stays on the curve.
+  // On a rail, the pull that is left along the stream is within the tolerance, and the proxy stays
+  // on the curve.
   const bool on_rail = now.rail.of != nullptr;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
   SolverParams params = tick.scene.solver;
@@ -219,14 +222,14 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noe
   const bool back = compared && to.step.dot(way) < -0.25 * way.squaredNorm();
   if (back) {
     trust.radius = 0.5 * std::min(way.norm(), step);
-    // The balance is between two readings whose steps lead to each other.
+    // The balance lies between two readings, because their steps point to each other.
     trust.ahead = free && trust.went > 0.0 ? way.norm() : kUnknown;
   } else {
     trust.radius *= 2.0;
     trust.ahead = trust.ahead > way.norm() ? trust.ahead - way.norm() : kUnknown;
   }
-  // Without primitives there is no force. At a jump this small, the step goes to the side with a
-  // force.
+  // Without primitives the force is zero. If the jump is located this well, the step goes to the
+  // side that has a force.
   const bool found = trust.ahead <= 2.0 * tolerance;
   const bool nothing = tick.balance.primitives.size() == 0;
   if (trust.ahead < kUnknown) trust.radius = (found && nothing ? 1.0 : 0.5) * trust.ahead;
@@ -237,8 +240,8 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noe
   trust.closed = step > tolerance && found && !nothing && offset.norm() <= most + tolerance;
   trust.reach = reach;
   if (trust.closed) {
-    // The strengths hold the balance within a distance from the hand. The place of the last
-    // reading, drawn in to that distance, comes nearer to the balance.
+    // The balance is within a known distance of the hand, because the strengths are limited. So the
+    // place of the last reading is drawn in to that distance.
     const Vec3 held = offset.norm() > most ? Vec3(most / offset.norm() * offset) : offset;
     to.target = by_balance ? to.proxy : Vec3(tick.probe + held);
     to.target_offset = by_balance ? to.offset : held;
@@ -264,7 +267,7 @@ bool steady(const Tick& tick, const Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
   if (!varies(tick, now) || now.trust.closed) return true;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
-  // The step counts from the hand itself, without the shift that keeps the proxy on a curve.
+  // Removes the shift that keeps the proxy on a curve.
   const double step = (now.to.step - now.rail.waiting).norm();
   double reach = reachOfStrengths(tick);
   for (const Varying& one : b.primitives.varying()) {
@@ -284,8 +287,8 @@ Vec3 answer(const Tick& tick, const Iteration& now) noexcept {
   const auto sure = [&](const Vec3& p) { return onSurfaces(tick, p, kSure * tolerance); };
   if (!varies(tick, now) || now.trust.closed) return now.to.target;
   const double step = now.to.step.norm();
-  // If surfaces alone hold the proxy, Newton's target is the balance to second order. G is not:
-  // with G, the proxy of a resting hand would creep on at each tick.
+  // If only surfaces hold the proxy, Newton's target is the balance to second order. With G(x)
+  // instead, the proxy of a resting hand would creep from tick to tick.
   const bool alone = !now.follows && tick.balance.surfaces == tick.balance.primitives.size();
   if (alone && step <= tolerance && sure(now.to.target)) return now.to.target;
   if (residual <= tolerance && sure(now.to.proxy)) return now.to.proxy;

@@ -12,31 +12,33 @@
 namespace palpate {
 namespace {
 
-/// Most choices of parts in a tick. The proxy advances at least 2 mm between two choices.
+/// Largest number of choices of parts in a tick. The proxy advances at least 2 mm between two
+/// choices.
 constexpr int kMostStrays = 16;
-/// Most voxels that a waiting proxy is pulled through surfaces that cannot hold it.
+/// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
 constexpr int kMostStrides = 4;
-constexpr double kFree = 1e-9;  ///< [m]: no primitive holds a proxy that is this near the probe.
-/// A reading that advances less than this share of the tolerance stalls; two in turn end the tick.
+constexpr double kFree = 1e-9;  ///< [m]: a proxy this near to the probe counts as free
+/// A reading stalls if it advances less than this share of the tolerance. Two stalls in a row end
+/// the tick.
 constexpr double kStalls = 0.1;
 
-/// Returns true if a reading, displaced by `way` [m] from the last one, made no progress on a
-/// stream. A stream ends where axes point into a face from both sides, though the hand pulls along
-/// it.
+/// Returns true if a reading that is displaced by `way` [m] from the last one made no progress on a
+/// stream. This happens where axes point into a face from both sides: the stream ends there,
+/// although the hand pulls along it.
 bool stalls(const Tick& tick, const Iteration& now, const Vec3& way) noexcept {
   const double least = kStalls * tick.scene.step.tolerance_voxels * now.voxel;
   return now.rail.of != nullptr && tick.balance.surfaces == 0 && way.norm() <= least;
 }
 
-/// How a slice of a tick ended.
+/// The outcome of a slice of a tick.
 enum class Slice : std::uint8_t {
   kSpoilt,   ///< A number was not finite.
-  kWaiting,  ///< Readings were used up; the rest of the step waits.
+  kWaiting,  ///< The readings were used up; the rest of the path waits.
   kArrived,
 };
 
-/// Adds the scene's parts that the proxy can reach on its path to the hand. A trial step that leads
-/// beyond them is cut.
+/// Chooses the parts of the scene that the proxy can reach on its path to the hand. A trial step
+/// that leads beyond them is cut.
 void meetParts(Tick& tick) noexcept {
   Surroundings& around = tick.around;
   around.near.meet(tick.scene, tick.reader, tick.proxy.position, tick.probe,
@@ -44,9 +46,9 @@ void meetParts(Tick& tick) noexcept {
   around.count = 1 + around.near.bind(tick.scene, tick.reader, std::span(around.graphs).subspan(1));
 }
 
-/// Returns the place of the proxy for remembered primitives [m]. This place moves with the volume
-/// that carries it: the volume with the surface that holds the proxy, else the first one with
-/// primitives that act. `Proxy::beyond` turns with that volume.
+/// Returns the place of the proxy for the remembered primitives [m]. The volume of the surface that
+/// holds the proxy carries this place along; without such a surface, the volume of the first acting
+/// primitives. `Proxy::beyond` turns with that volume.
 Vec3 carriedProxy(Tick& tick) noexcept {
   const Body* by = nullptr;
   (void)anyMode(tick.felt(),
@@ -65,8 +67,8 @@ Vec3 carriedProxy(Tick& tick) noexcept {
 }
 
 /// Moves the proxy to the end of a trial step, and counts the work that primitives did on it. On a
-/// path along a lone stream the work is the rise of the spring's energy: the line's force is across
-/// the path everywhere, though not across its chord.
+/// single stream this work is the rise of the spring's energy, because the force of the line is
+/// perpendicular to the curve. It need not be perpendicular to the chord.
 void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   Proxy& proxy = tick.proxy;
   const Vec3 before = proxy.offset;
@@ -81,7 +83,7 @@ void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   tick.around.bodies.stand(proxy.position);
 }
 
-/// Records in the trace how far the proxy went from the last balance.
+/// Records in the trace how far the proxy moved after the last balance.
 void tell(const Tick& tick, const Trial& trial) noexcept {
   if (tick.trace->count == 0) return;
   StepTrace::Step& step = tick.trace->all[tick.trace->count - 1];
@@ -93,13 +95,14 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
                              : StepEnd::kVoxel;
 }
 
-/// No primitive holds more than its strength. If more pulls a waiting proxy than all primitives can
-/// hold, moves the proxy on, as far as the reading holds. A stream lets go. A single plane that can
-/// bear its load stays, and the proxy follows the hand along it. Other surfaces are pushed through.
+/// Moves a waiting proxy on if the pull on it exceeds the strength of all primitives together. The
+/// proxy moves as far as the reading is valid. A stream releases it. A single plane that can bear
+/// its load is kept, and the proxy follows the hand along the plane. Other surfaces are pushed
+/// through.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
   const bool on_rail = now.rail.of != nullptr;
-  if ((b.surfaces > 0) == on_rail) return;  // neither, or both
+  if ((b.surfaces > 0) == on_rail) return;  // neither surfaces nor a stream, or both
   const double held = reachOfStrengths(tick);
   const double enough = (1.0 + 1e-9) * held;
   const auto pulled = [&] { return (trial.end - tick.probe).norm() > enough; };
@@ -131,7 +134,8 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
       followYielding(mode, memory);
     });
   }
-  // A reading holds for a voxel. A surface that is reached here is another one, and ends the loop.
+  // The reading is valid for one voxel. A surface that is reached within it is a new one, and ends
+  // the loop.
   bool met = false;
   for (int i = 0; i < kMostStrides && !met && pulled(); ++i) {
     const Vec3 offset = trial.end - tick.probe;
@@ -140,8 +144,8 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   }
 }
 
-/// Ends the iteration. The proxy goes to its answer or, at the cap, where the shortest of its steps
-/// leads; on a stream, where the curve led.
+/// Ends the iteration at the answer. If the limit of readings was reached, the proxy goes to the
+/// target of the shortest step; on a stream, to the end of the curve.
 Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   if (arrived) {
     const Vec3 at = answer(tick, now);
@@ -158,7 +162,7 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   }
   trial.end -= trial.lift;
   if (!arrived) {
-    now.rail.waiting.setZero();  // the balance has not been found
+    now.rail.waiting.setZero();  // the balance was not found
     pressThrough(tick, now, trial);
   }
   if (tick.trace != nullptr) tell(tick, trial);
@@ -166,8 +170,8 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   return arrived ? Slice::kArrived : Slice::kWaiting;
 }
 
-/// Puts a proxy that no primitive holds at the hand. Proxy::lost records a path that was not all
-/// swept.
+/// Moves a proxy that no primitive holds to the hand. Sets Proxy::lost if the path was not
+/// completely swept.
 Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   tick.proxy.lost = tick.proxy.lost || !trial.complete || !trial.swept;
   const Trial there{now.to.target};
@@ -176,8 +180,8 @@ Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept 
   return Slice::kArrived;
 }
 
-/// Returns true if no reading is left for this slice: `later` readings are kept for later slices.
-/// `stalled`: consecutive readings without progress on a stream.
+/// Returns true if this slice has no readings left. `later` readings are reserved for later slices.
+/// `stalled` is the number of consecutive readings without progress on a stream.
 bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexcept {
   const StepParams& params = tick.scene.step;
   return tick.held + later >= params.max_substeps ||
@@ -186,17 +190,17 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
          (trial.strays && tick.strayed > kMostStrays);
 }
 
-/// Moves the proxy to the balance while volumes and hand stand still. It first balances the
-/// primitives of the last reading. Then it reads properties where that led, places new planes and
-/// balances again, until Newton's step is within the tolerance. At least `later` readings are left
-/// for later slices.
+/// Moves the proxy to the balance. Volumes and hand do not move meanwhile. First balances the
+/// primitives of the last reading. Then repeatedly reads properties at the end of the step, places
+/// new planes and balances again, until Newton's step is within the tolerance. Leaves at least
+/// `later` readings for later slices.
 Slice follow(Tick& tick, int later) noexcept {
   Iteration now;
   now.read_at = tick.proxy.position;
-  Vec3 from = carriedProxy(tick);  // where the last reading's primitives stand
+  Vec3 from = carriedProxy(tick);  // place of the last reading's primitives
   bool cut = false;
   bool met_free = false;
-  int stalled = 0;  // consecutive readings
+  int stalled = 0;  // number of consecutive readings without progress
   if (!balance(tick, now, true, from)) return Slice::kSpoilt;
   for (;;) {
     Trial trial = advance(tick, now, false);
@@ -206,8 +210,8 @@ Slice follow(Tick& tick, int later) noexcept {
     state.spent = isSpent(tick, trial, later, stalled);
     state.held = tick.balance.primitives.size() > 0;
     Next next = decide(state);
-    // A free proxy goes to the hand even if much of its path is still to be read. The rest is only
-    // swept, and properties are read where the sweep reaches a surface.
+    // A free proxy moves to the hand even if no readings are left for its path. The rest of the
+    // path is swept only, and properties are read where the sweep reaches a surface.
     const bool free = next == Next::kRelease;
     if (free) {
       trial = advance(tick, now, true);
@@ -221,7 +225,7 @@ Slice follow(Tick& tick, int later) noexcept {
     }
     if (tick.trace != nullptr) tell(tick, trial);
     cut = trial.cut;
-    // The memory of other data does not show how far these data can be trusted.
+    // A reading of other data does not limit the trust in these data.
     const bool compared = now.read || !tick.changed;
     read(tick, now, trial.end);
     const Vec3 way = now.read_at - from;
@@ -242,9 +246,9 @@ Slice follow(Tick& tick, int later) noexcept {
   }
 }
 
-/// Returns the number of slices in which the hand moves if a stream holds the proxy. Each slice is
-/// at most a voxel long, but there are few enough slices for two readings each. In one slice, a
-/// fast hand would be farther from the line at the proxy than from the curve.
+/// Returns the number of slices of the hand's motion if a stream holds the proxy. Each slice is at
+/// most a voxel long, except that each must have at least two readings. In a single slice, a fast
+/// hand would be farther from the tangent at the proxy than from the curve.
 int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   double most = std::numeric_limits<double>::infinity();
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
@@ -255,7 +259,7 @@ int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   return static_cast<int>(std::clamp<double>(slices, 1.0, cap));
 }
 
-/// Moves the volumes, and the state remembered with them, to their poses in a slice.
+/// Moves the volumes, and the state that is remembered with them, to their poses in a slice.
 void moveBodies(Tick& tick, int slice, int slices) noexcept {
   const Graph& graph = tick.scene.graph;
   Surroundings& around = tick.around;

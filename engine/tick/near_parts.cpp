@@ -8,11 +8,12 @@ namespace palpate {
 
 namespace {
 
-/// Parts up to this much farther than needed are chosen too, so that choices are rarer [m].
+/// The choice includes parts up to this much farther than needed, so that it changes less often
+/// [m].
 constexpr double kAhead = 2e-3;
 
-/// Returns a lower bound on the distance from p to a part's data [m]. Beyond `enough` [m] it is the
-/// distance to the part's box alone.
+/// Returns a lower bound on the distance from p to a part's data [m]. If p is farther than `enough`
+/// [m] from the part's box, returns the distance to the box.
 double freeWithin(const Part& part, const Vec3& p, double enough) noexcept {
   const Box& box = part.bounds;
   const double outside = (box.lower - p).cwiseMax(p - box.upper).cwiseMax(0.0).norm();
@@ -33,7 +34,7 @@ void NearParts::forget() noexcept {
 
 void NearParts::meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
                      PrimitiveSet& scratch, StepReport& report) noexcept {
-  // A balance may move the proxy aside, but seldom farther than to the hand.
+  // A balance may move the proxy sideways, but seldom by more than the distance to the hand.
   const double length = (probe - proxy).norm();
   const Vec3 about = Vec3::Constant(length);
   const std::span<const std::uint32_t> near =
@@ -94,7 +95,7 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   }
   take(length + kAhead);
   if (count > kMaxNearParts) take(length);
-  crowded_ = count > kMaxNearParts || !boxes_.complete();  // reported in every tick
+  crowded_ = count > kMaxNearParts || !boxes_.complete();  // updated in every tick
   if (crowded_) count = strongest(scene, {awake_.data(), count}, report);
   keep({awake_.data(), count}, [&](std::size_t part, std::size_t slot) {
     // Properties are read at the proxy, so that its path into the part is swept like any other.
@@ -113,9 +114,9 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   });
 }
 
-/// If there is no room for all parts that a path can reach, puts the parts that can hold most
-/// first, in the order of the scene. Of equal parts the earlier one is chosen. Returns the number
-/// of these parts.
+/// If more parts are near than there is room for, moves those that can hold most to the front, in
+/// the order of the scene. Of parts that can hold equally much, the earlier one is chosen. Returns
+/// the number of chosen parts.
 std::size_t NearParts::strongest(const Scene& scene, std::span<std::uint32_t> parts,
                                  StepReport& report) noexcept {
   const auto begin = parts.begin();

@@ -1,4 +1,4 @@
-/// The parts of a scene that a proxy can reach: a tick samples only parts with data near the proxy.
+/// Chooses the parts of a scene that a proxy can reach. A tick samples no other parts.
 #pragma once
 
 #include <array>
@@ -19,12 +19,14 @@ namespace palpate {
 
 /// A part of the scene that the tick samples and balances.
 struct NearPart {
-  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);  ///< Marks an empty slot.
+  /// Index of no part: the slot is empty.
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
-  std::size_t part = kNone;  ///< Index into Scene::parts; kNone: the slot is empty.
+  std::size_t part = kNone;  ///< Index into Scene::parts, or kNone.
   std::size_t modes = 0;     ///< Number of the part's modes.
-  Properties properties;     ///< Properties read last for the part.
-  std::array<ModeMemory, kMaxPartModes> memories;  ///< One for each mode, the first `modes` in use.
+  Properties properties;     ///< Properties from the last reading of the part.
+  /// Memories of the modes; the first `modes` are in use.
+  std::array<ModeMemory, kMaxPartModes> memories;
 };
 
 /// Chooses the parts of a tick, and keeps their state while they are near. See docs/scale.md. The
@@ -33,27 +35,28 @@ class NearParts {
  public:
   NearParts() : slots_(kMaxNearParts), awake_(NearBoxes::kMost), free_(NearBoxes::kMost) {}
 
-  /// Forgets all parts, for a new scene or if their state is void.
+  /// Forgets all parts. Call it for a new scene, or if their state is no longer valid.
   void forget() noexcept;
 
-  /// Chooses the parts with data in reach of a path as long as from the proxy to the probe, and
-  /// parts a little farther. Reads a new part at the proxy; its modes place primitives in
-  /// `scratch`. Sets parts, raises left_out and missing, adds to samples. RT: no allocation.
-  /// Cost: six comparisons without a change, else a few ns for each part with a near box.
+  /// Chooses the parts with data within the distance from the proxy to the probe, and some that are
+  /// a little farther. Reads a new part at the proxy; its modes place primitives in `scratch`. Sets
+  /// `parts`, `left_out` and `missing` in the report, and adds to `samples`. RT: no allocation.
+  /// Cost: six comparisons if the choice stays, else a few ns for each part with a near box.
   void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
             PrimitiveSet& scratch, StepReport& report) noexcept PALPATE_NONBLOCKING;
 
-  /// Writes the near parts, ready to be read, to `felt` in the scene's order. Returns their number.
+  /// Binds the near parts to the reader and writes them to `felt` in the scene's order. Returns
+  /// their number.
   ///
   /// @pre felt has room for kMaxNearParts.
   std::size_t bind(const Scene& scene, Reader& reader,
                    std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the share, 0 to 1, of the path `from` - `to` [m] that surely reaches only chosen
-  /// parts.
+  /// Returns the share, 0 to 1, of the path from `from` to `to` [m] that certainly reaches only
+  /// chosen parts.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
-  /// Returns the part in a slot, one of order(); other slots below kMaxNearParts are empty.
+  /// Returns the part in a slot. The slots in order() are in use; all others are empty.
   [[nodiscard]] const NearPart& operator[](std::size_t slot) const noexcept { return slots_[slot]; }
   /// Returns the slots of the last tick's parts, in the order of the parts.
   [[nodiscard]] std::span<const std::uint8_t> order() const noexcept {
@@ -66,7 +69,7 @@ class NearParts {
               StepReport& report) noexcept;
   std::size_t strongest(const Scene& scene, std::span<std::uint32_t> parts,
                         StepReport& report) noexcept;
-  /// Keeps only these parts from now on, with their state if they were kept before. Calls `fresh`
+  /// Makes `near` the chosen parts. Parts that were chosen before keep their state. Calls `fresh`
   /// with the index and the slot of each new part.
   ///
   /// @pre near ascends.
@@ -80,8 +83,8 @@ class NearParts {
   std::vector<std::uint32_t> awake_;  ///< Scratch: parts that the proxy can reach.
   std::vector<double> free_;          ///< Scratch: distance to the data, for each near box [m].
   Vec3 chosen_at_ = Vec3::Zero();     ///< Position of the proxy at the last choice [m].
-  double chosen_for_ = 0.0;           ///< Radius about chosen_at_ free of other parts' data [m].
-  bool crowded_ = false;              ///< Some near parts were left out for lack of room.
+  double chosen_for_ = 0.0;  ///< Radius about chosen_at_ within which no other part has data [m].
+  bool crowded_ = false;     ///< True if some near parts were left out for lack of room.
 };
 
 }  // namespace palpate

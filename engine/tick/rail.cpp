@@ -5,24 +5,24 @@
 namespace palpate {
 namespace {
 
-/// Error of a trace's step, as a share of the scene's tolerance. Measured: at 0.01 voxel, at most
-/// 0.0101 voxel adds up over 1,280 voxels of any stream tried (docs/motion_accuracy.md).
+/// Error of a trace's step, as a share of the scene's tolerance. At a tolerance of 0.01 voxel, the
+/// measured sum of errors is at most 0.0101 voxel over 1,280 voxels (docs/motion_accuracy.md).
 constexpr double kTraceStep = 2.25e-3;
 
-/// A trace ends at this pull along the stream, as a share of the scene's tolerance.
+/// A trace ends if the pull along the stream is at most this share of the scene's tolerance.
 constexpr double kNear = 0.1;
-/// Longest path along a curve at once [voxels].
+/// Longest path along a curve in one trial step [voxels].
 constexpr double kLongest = 16.0;
 
-/// A trace and its line, in W.
+/// A trace and its tangent line, in W.
 struct Laid {
-  Trace trace;        ///< The trace in the resting frame of the volume.
+  Trace trace;        ///< The trace in the resting frame of its volume.
   Vec3 place;         ///< The end of the trace [m].
   Vec3 ahead;         ///< Unit direction at the end.
   double gone = 0.0;  ///< Arc length [m], >= 0.
 };
 
-/// Traces the curve of `line`. The vectors and the length of `order` are in W.
+/// Traces the curve that has `line` as its tangent. The vectors and the length of `order` are in W.
 Laid traceLine(Tick& tick, const Curve& along, const Felt& felt, const Body* body,
                const Primitive& line, TraceOrder order) noexcept {
   order.along = line.direction;
@@ -30,12 +30,12 @@ Laid traceLine(Tick& tick, const Curve& along, const Felt& felt, const Body* bod
   order.near = kNear * tick.scene.step.tolerance_voxels;
   order.stride = along.on->stride;
   order.bend = along.on->bend;
-  double stretch = 1.0;  // of the line, from W to the resting frame
+  double stretch = 1.0;  // length in the resting frame / length in W, along the line
   Vec3 start = line.position;
   if (body != nullptr) {
     const Pose& pose = body->pose;
     const Vec3 along_rest = pose.back * line.direction;
-    stretch = along_rest.norm() / line.direction.norm();  // 1 at rest, to the last bit
+    stretch = along_rest.norm() / line.direction.norm();  // exactly 1 if the volume stands still
     order.along = along_rest / stretch;
     order.hand = pose.back * order.hand;
     order.metric = pose.linear.transpose() * pose.linear;
@@ -58,21 +58,22 @@ Laid traceLine(Tick& tick, const Curve& along, const Felt& felt, const Body* bod
   return laid;
 }
 
-/// Lays primitive `index`, the line of mode i, along its curve. Returns true if it leads a moving
-/// proxy.
+/// Traces the curve of primitive `index`, the line of mode i. Returns true if the proxy moves along
+/// the curve.
 bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, std::size_t i,
               std::size_t index, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
   const Primitive line = tick.balance.primitives.items()[index];
   const Vec3 aside = balance - line.position;
-  constexpr double kOn = 1e-3;     // [voxels] from the line; beyond, the line yields
-  constexpr double kStays = 1e-5;  // [voxels] along the line; below, the proxy rests
+  // [voxels] from the line: if the balance is farther away, the line yields
+  constexpr double kOn = 1e-3;
+  constexpr double kStays = 1e-5;  // [voxels] along the line: a proxy with a shorter step rests
   along.on->holds =
       (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * along.voxel;
   const double straight = line.direction.dot(trial.end - line.position);
   if (std::abs(straight) < kStays * along.voxel) return false;
-  // A cut step also cuts the curve. A complete step goes to the place nearest to the hand. If a
-  // stream is alone in its scene, the trace reads it on the way, so that its reading holds for
-  // longer.
+  // If the step was cut, the curve is cut to the same length. A complete step goes to the place
+  // nearest to the hand. If the scene has only this stream, the trace itself reads the stream, so
+  // that the reading is valid for longer.
   const bool alone = tick.felt().size() == 1 && felt.graph().modes.size() == 1;
   const double reach =
       alone ? kLongest * along.voxel : std::min(trial.reach, kLongest * along.voxel);
@@ -80,12 +81,14 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   TraceOrder order;
   order.to_hand = true;
   order.length = uncut ? std::max(reach, std::abs(straight)) : std::abs(straight);
-  // The line is pulled from the hand's place, displaced by the other primitives' forces / k.
+  // The force that pulls at the line is that of the hand and of all other primitives. The place of
+  // the hand is displaced accordingly.
   order.hand = aside - tick.balance.forces[index] / tick.balance.stiffness - rail.waiting;
   const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
   const Laid laid = traceLine(tick, along, felt, body, line, order);
   const Trace& trace = laid.trace;
-  // If the stream or its data end, the rest of the step goes straight on, but not past the hand.
+  // If the stream or its data end, the rest of the step continues straight, but not beyond the
+  // hand.
   const bool ends =
       !trace.arrived && !trace.capped && laid.gone < order.length - 1e-9 * along.voxel;
   Vec3 place = laid.place;
@@ -95,7 +98,7 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
     place += std::clamp(left, 0.0, std::max(0.0, std::abs(straight) - laid.gone)) * on;
   }
   const double pull = laid.ahead.dot(order.hand - (place - line.position));
-  // Within the tolerance the pull waits, unless the line is too weak to bear it.
+  // A pull within the tolerance waits, unless the line is too weak to bear it.
   const double most = std::min(tick.scene.step.tolerance_voxels * along.voxel,
                                line.strength / tick.balance.stiffness);
   const bool near = std::abs(pull) <= most;
@@ -106,7 +109,7 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   rail.waiting = near ? Vec3(-pull * laid.ahead) : Vec3(Vec3::Zero());
   trial.end += place - (line.position + straight * line.direction);
   if (uncut && !ends) trial.cut = !trace.arrived;
-  trial.complete = false;  // properties are to be read at the end
+  trial.complete = false;  // properties must be read at the end
   if (trace.hairpin) worsen(tick.report, StepStatus::kHairpin);
   return true;
 }

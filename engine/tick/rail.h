@@ -1,5 +1,4 @@
-/// The line of a stream that holds the proxy: the proxy follows the curve to the place nearest to
-/// the hand.
+/// Streamline tracking: the proxy follows a curve of the stream to the place nearest to the hand.
 #pragma once
 
 #include "palpate/engine/balance/primitive.h"
@@ -10,26 +9,28 @@
 
 namespace palpate {
 
-/// The line of a stream as layRail has laid it, for the balances of the readings that follow.
+/// The line of a stream after layRail has traced its curve. The balances of the following readings
+/// use it.
 struct Rail {
-  bool laid = false;                ///< The curve has been traced for the last balance.
-  bool any = false;                 ///< A stream had a line to lay.
-  const ModeMemory* of = nullptr;   ///< Memory of the line's mode; null: no line holds.
-  int motion = -1;                  ///< Motion of the line's volume; -1: it stands still.
-  Vec3 along_rest = Vec3::UnitX();  ///< Direction of the line where its volume rests.
-  Primitive line;                   ///< The tangent at the end of the traced curve.
-  /// Shift of the probe [m] that balances the line at `line.position`: minus the pull that is left
-  /// along the stream. Zero if that pull is above the tolerance.
+  bool laid = false;  ///< True if the curve was traced for the last balance.
+  bool any = false;   ///< True if a stream has a line.
+  /// Memory of the mode that added the line; null if no line holds the proxy.
+  const ModeMemory* of = nullptr;
+  int motion = -1;                  ///< Motion of the line's volume; -1 if the volume stands still.
+  Vec3 along_rest = Vec3::UnitX();  ///< Direction of the line in the resting frame of its volume.
+  Primitive line;                   ///< Tangent at the end of the traced curve.
+  /// Shift of the probe [m] that balances the line at `line.position`. It is the negative of the
+  /// pull that is left along the stream, or zero if that pull exceeds the tolerance.
   Vec3 waiting = Vec3::Zero();
 };
 
 /// Re-anchors the line to its material point after a reading at `at` [m] has sampled the warp
-/// again. That point is where the curve led at rest. RT: no allocation.
+/// again. That point is the end of the curve, in the resting frame. RT: no allocation.
 void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NONBLOCKING;
 
-/// Lays the first line along its curve and moves the trial step there: to the place nearest to the
-/// hand, as far as the last reading holds. `balance` [m] is the last balance. See docs/tick.md,
-/// rail. RT: no allocation. Cost: VectorField::trace.
+/// Traces the curve of the first line and moves the trial step to its end. This is the place
+/// nearest to the hand, as far as the last reading is valid. `balance` [m] is the last balance. See
+/// docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 

@@ -11,21 +11,22 @@
 namespace palpate {
 namespace {
 
-/// Most other surfaces that fill the samples of one surface: the first ones of the scene.
+/// Largest number of other surfaces that fill the samples of one surface. The first ones of the
+/// scene count.
 constexpr std::size_t kMostOthers = 8;
-/// Largest distance of another surface that fills samples [steps].
+/// Surfaces farther away than this do not fill samples [steps].
 constexpr double kNearSteps = 2.0;
-/// A gradient below this share of the cell's own slope does not give a scale.
+/// If the gradient is below this share of the cell's own slope, it gives no scale.
 constexpr double kFlat = 0.1;
 
-/// A surface, and the place in its volume that is x in W.
+/// A surface, and the point of its volume that is at x in W.
 struct Surface {
   const SurfaceSource* skin = nullptr;
   const Felt* felt = nullptr;
   double level = 0.0;
-  const Pose* pose = nullptr;  ///< Null if its volume rests.
-  Vec3 seen = Vec3::Zero();    ///< x in its resting frame [m].
-  double scale = 1.0;          ///< Converts its unit to that of the surface that is filled.
+  const Pose* pose = nullptr;  ///< Null if the volume stands still.
+  Vec3 seen = Vec3::Zero();    ///< The point x in the resting frame [m].
+  double scale = 1.0;          ///< Factor from its unit to the unit of the surface that is filled.
 
   [[nodiscard]] const ScalarField& field() const noexcept {
     return *felt->graph().scalar_fields[static_cast<std::size_t>(skin->field)];
@@ -53,7 +54,7 @@ const Vec3& gradientOf(const Surface& surface) noexcept {
   return surface.felt->properties->vectors[static_cast<std::size_t>(surface.skin->gradient)].value;
 }
 
-/// Finds the surface that is ahead. Returns false unless it holds the proxy outside.
+/// Initialises `surface` from `ahead`. Returns false unless the surface holds the proxy outside.
 bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, const Vec3& x,
                Surface& surface) noexcept {
   if (ahead.skin == nullptr) return false;
@@ -72,18 +73,19 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
 /// stands for them.
 ///
 /// The gradient is a mean of the walls' gradients, g = sum w_m g_m, and the plane bears L along g.
-/// So wall m bears L w_m |g_m| / |g|, and all walls L C / |g|, where C is the norm of each
-/// gradient: 1 in a distance field. g is taken over a voxel to each side, where the lattice shows
-/// least.
+/// So wall m bears L w_m |g_m| / |g|. All walls together bear L C / |g|, where C is the norm of
+/// each gradient, 1 in a distance field. g is a difference over a voxel to each side, because the
+/// lattice affects this difference least.
 ///
-/// In a groove the slopes to both sides along the normal are equal, except for the lattice. A sheet
-/// or a slit of a voxel or two has its other face on one side, and that face bears no load. So the
-/// more these slopes differ, the more the steeper one counts. Walls that face each other would bear
-/// loads without bound: the limit is kMost. The ratio is 1 where the surface is convex,
-/// tr(dn/dx) >= 0.
+/// In a groove the slopes to both sides along the normal are equal, except for errors of the
+/// lattice. In a sheet or slit of one or two voxels the slopes differ, because one side contains
+/// the other face. That face bears no load. So the more the slopes differ, the more weight the
+/// steeper one has. Between walls that face each other the ratio would be unbounded; kMost limits
+/// it. The ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
 double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobian) noexcept {
   constexpr double kMost = 3.0;
-  constexpr double kLattice = 0.4;  // slopes to both sides differ by this much in a turned groove
+  // in a rotated groove, the slopes to both sides differ by up to this
+  constexpr double kLattice = 0.4;
   const double turn = jacobian.trace() - normal.dot(jacobian * normal);
   if (!(surface.skin->sign * turn < 0.0)) return 1.0;
   const FieldFrame& frame = surface.field().frame();
@@ -110,7 +112,8 @@ double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobia
   return norm > 0.0 ? std::clamp(1.0 / norm, 1.0, kMost) : 1.0;
 }
 
-/// Fills the samples of a surface's gradient from the other surfaces.
+/// Replaces the samples of a surface's gradient by those of the other surfaces, where these are
+/// lower.
 void fill(const Surface& self, std::span<const Surface> others, const Mat3& steps,
           Seam& seam) noexcept {
   const double here = self.value(Vec3::Zero());
@@ -153,14 +156,14 @@ std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memor
                            const Vec3& x) noexcept {
   const SurfaceAhead ahead = surfaceAhead(mode, memory);
   if (ahead.skin == nullptr) return {};
-  // A proxy that is free of the surface does not get its plane.
+  // A proxy that is clear of the surface does not get its plane.
   const double value = felt.properties->scalars[static_cast<std::size_t>(ahead.skin->value)].value;
   const bool free = ahead.skin->sign * (value - ahead.level) >= 0.0;
   if (free && !ahead.contact->placed && !ahead.contact->touched) return {};
   Surface self;
   if (!surfaceOf(tick, ahead, felt, x, self)) return {};
   const Mat3& reach = self.field().frame().reach;
-  // Coarse bricks take their differences over longer steps than the frame says.
+  // In coarse bricks the steps of the differences are longer than those of the frame.
   if (reach.isZero(0.0) || felt.properties->coarse) return {};
   std::array<Surface, kMostOthers> others;
   std::size_t count = 0;

@@ -11,14 +11,14 @@
 namespace palpate {
 namespace {
 
-/// Returns true if a hand can be at p [m]; false for NaN as well.
+/// Returns true if p [m] is a possible position of a hand; false for NaN.
 bool isHand(const Vec3& p) noexcept {
   constexpr double kFarthest = 1e6;
   return p.cwiseAbs().maxCoeff() < kFarthest && p.allFinite();
 }
 
-/// Brakes the force on a hand that is too fast, along the directions in which its motors can push:
-/// only these directions drive the hand.
+/// Brakes a hand that is too fast. The force changes only along the directions in which the motors
+/// can push.
 Vec3 braked(const Vec3& force, const HandState& hand) noexcept {
   const Vec3 along = hand.drives * hand.velocity;
   if (!hand.too_fast || !hand.ready || !(along.norm() > 0.0)) return force;
@@ -33,7 +33,8 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
   if (swapped) {
     const bool edit = met_.shape == scene.shape;
     met_ = {scene.id, scene.shape, 0.0};
-    // A new scene begins an engagement. If only numbers have changed, the force grows gently.
+    // A new scene begins an engagement. If only its numbers have changed, the force may grow gently
+    // instead.
     if (edit && gate_.limits.engage > 0.0) {
       gate_.limiter.gentle = kEngageEdit;
     } else {
@@ -48,7 +49,8 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
     around_.near.forget();
     balance_.warm.forget();
     balance_.friction.forget();
-    // A constant stiffness is the new scene's. If the new scene varies it, the old value continues.
+    // A constant stiffness takes effect at once. If the new scene varies the stiffness, the old
+    // value continues.
     const bool varies = !scene.graph.stiffness.factors.empty();
     if (!varies || !proxy_.placed) stiffness_ = {scene.coupling.stiffness, 0.0};
   }
@@ -75,7 +77,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     const Vec3 last = proxy.offset;
     const Vec3 before = proxy.position - hand.position;
 
-    // Steps 1 and 2: properties, primitives, balance, until the proxy has arrived.
+    // Steps 1 and 2: reads properties, places primitives and balances them, until the proxy has
+    // arrived.
     state.around_.graphs[0] = {reader.bind(scene), &state.around_.properties,
                                state.around_.memories.data()};
     state.around_.count = 1;
@@ -88,16 +91,17 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     good = moveProxy(tick, state.met_.time);
     bound.leave();
 
-    // Step 3, eq. (3). Counts the energy that the proxy's motion adds to the spring [J]. Several
-    // moves may sum up to less than the tick as a whole: docs/tick.md, Energy.
+    // Step 3, eq. (3). Counts the energy that the proxy's motion adds to the spring [J]. The sum
+    // over several moves may be less than for the tick as a whole: docs/tick.md, Energy.
     const Vec3& offset = proxy.offset;
     const double rate = state.length_rate_.next(offset.norm(), dt);
     const double at_once = k * (offset.dot(offset - before) - 0.5 * (offset - last).squaredNorm());
     report.injected = std::max(report.injected, at_once);
     if (good) {
       const Vec3 spring = couplingForce({k, scene.coupling.damping}, offset, rate);
-      assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives no force
-      // Changes within the hand's own motion and the limiter's growth do not count as the data's.
+      assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives there is no force
+      // A change of the force within the hand's own motion and the limiter's growth is not
+      // attributed to the data.
       const Vec3 eased = k * (last - before);
       const double own = state.gate_.limits.slew * dt + 2.0 * eased.norm();
       constexpr double kAll = std::numeric_limits<double>::infinity();
@@ -117,7 +121,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   return report;
 }
 
-/// The last gate: turns the wanted force into the force that leaves.
+/// Limits the wanted force and fills in the force that is sent. This is the last step before the
+/// device.
 void ProxyState::limitOutput(const HandState& hand, bool good, double dt,
                              StepReport& report) noexcept {
   LimiterState& limiter = gate_.limiter;
@@ -133,7 +138,7 @@ void ProxyState::limitOutput(const HandState& hand, bool good, double dt,
   if (dt > 0.0 && report.injected > 0.0) {
     limiter.tank.refill(std::min(report.injected, gate_.limits.tank.refill * dt));
   }
-  // Energy cannot be counted from an invalid position, nor before the arm is homed.
+  // The tank cannot count energy from an invalid position, or before the arm is homed.
   if (!good || !hand.ready) limiter.tank.forget();
   report.fresh = gate_.readings.look(hand);
   // limitForce is the last gate: nothing after it changes the force.
@@ -147,7 +152,7 @@ void ProxyState::limitOutput(const HandState& hand, bool good, double dt,
   report.limited = out.limited();
   report.force = out.force;
   report.share = out.share;
-  // If the slew or a brake has turned the force, the share that is left of its parts is unknown.
+  // If the slew limit or a brake has changed the direction of the force, the share is unknown.
   const double along = out.force.dot(asked);
   constexpr double kAlong = 1.0 - 1e-6;
   if (along > kAlong * out.force.norm() * asked.norm()) {

@@ -1,5 +1,5 @@
-/// The tick: reads the hand, samples, balances, couples, limits. It uses no clock, thread or
-/// device.
+/// The tick: reads properties, balances the primitives, computes the force and limits it. It uses
+/// no clock, thread or device.
 #pragma once
 
 #include <cstddef>
@@ -21,71 +21,75 @@
 
 namespace palpate {
 
-/// The proxy's state from tick to tick, and the working memory of the tick.
+/// The state of the proxy from tick to tick, and the working memory of the tick.
 class ProxyState {
  public:
-  /// Allocates; the tick does not. `limits` are those of the device that receives the force. The
-  /// device's past is unknown, so its motors are assumed to be as hot as allowed.
+  /// Allocates all memory that ticks need. `limits` are those of the device that receives the
+  /// force. The earlier load of the motors is unknown, so they are assumed to be as hot as allowed.
   explicit ProxyState(const ForceLimits& limits = {}) : gate_(limits) {}
 
-  /// Cuts the force at the next tick. Keeps the first cause that is given.
+  /// Cuts the force from the next tick on. If called several times, the first cause counts.
   void cut(Fault fault) noexcept {
     if (gate_.fault == Fault::kNone) gate_.fault = fault;
   }
-  /// Lets force out again after a fault, through an engagement. The proxy restarts at the hand
+  /// Clears the fault, so that force returns through an engagement. The proxy restarts at the hand
   /// without contacts. The scene's time has continued during the fault.
   void clearFault() noexcept {
     gate_.fault = Fault::kNone;
     proxy_.placed = false;
     engage();
   }
-  /// Call it when no force goes out. Forgets the force that was sent. The proxy restarts at the
-  /// hand, and the next force begins with an engagement.
+  /// Call it when no force is sent to the hand. The proxy restarts at the hand, and the next force
+  /// begins with an engagement.
   void release() noexcept {
     gate_.limiter.forget();
     proxy_.placed = false;
     engage();
   }
-  /// Reports to the tank that the motors could give at most this share of the last force, 0 to 1.
+  /// Reports to the tank the largest share, 0 to 1, of the last force that the motors could give.
   void weaken(double share) noexcept PALPATE_NONBLOCKING {
     const TankParams& tank = gate_.limits.tank;
     if (tank.use != TankUse::kOff) gate_.limiter.tank.weaken(share, tank.arm);
   }
-  /// Begins an engagement: no force until little is wanted or kEngageWait is over, then a ramp.
+  /// Begins an engagement. The force is zero until the wanted force is small or kEngageWait has
+  /// passed; then it ramps up.
   void engage() noexcept { gate_.engage(); }
-  /// Sets the play position of sequences [s] from the next tick on, and the rate [s/s] at which
-  /// they advanced since the tick before. Any other difference to the last position is a jump.
-  /// Applies to sequences only: moving volumes follow time().
+  /// Sets the play position of sequences [s] from the next tick on, and the rate [s/s] at which it
+  /// advanced since the last tick. A difference that the rate does not explain is a jump. Moving
+  /// volumes follow time() instead.
   void playAt(double play, double rate) noexcept {
     play_ = play;
     play_rate_ = rate;
   }
-  /// Adds this force [N] to the spring's force on the hand, from the next tick on (hand_links.h).
+  /// Adds this force [N] to the spring's force on the hand, from the next tick on. See
+  /// hand_links.h.
   void pullBy(const Vec3& force) noexcept { pull_ = force; }
-  [[nodiscard]] double play() const noexcept { return play_; }           ///< Set last by playAt().
-  [[nodiscard]] double playRate() const noexcept { return play_rate_; }  ///< Set last by playAt().
-  /// Returns true from a fault on until clearFault(): every tick sends zero.
+  /// Play position set by playAt() [s].
+  [[nodiscard]] double play() const noexcept { return play_; }
+  /// Rate set by playAt() [s/s].
+  [[nodiscard]] double playRate() const noexcept { return play_rate_; }
+  /// Returns true from a fault until clearFault(). Meanwhile every tick sends zero.
   [[nodiscard]] bool faulted() const noexcept { return gate_.fault != Fault::kNone; }
-  /// Returns the first cause given since clearFault(); kNone: the force is not cut.
+  /// Returns the first cause of a cut since clearFault(); kNone if the force is not cut.
   [[nodiscard]] Fault fault() const noexcept { return gate_.fault; }
   /// Returns the limits of the device.
   [[nodiscard]] const ForceLimits& limits() const noexcept { return gate_.limits; }
-  /// Returns the memory of the last gate.
+  /// Returns the memory of limitForce.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return gate_.limiter; }
-  /// Returns the position of the proxy [m]; after release() the old one, until a tick begins at the
-  /// hand.
+  /// Returns the position of the proxy [m]. After release() it is the old one, until a tick moves
+  /// the proxy to the hand.
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
-  /// Returns the time since this proxy entered the scene [s], the sum of the ticks' dt. Volumes
-  /// move by this time.
+  /// Returns the time since this proxy entered the scene [s], which is the sum of the ticks' dt.
+  /// Volumes move by this time.
   [[nodiscard]] double time() const noexcept { return met_.time; }
-  /// Returns the properties read last for the scene's own graph. NearPart::properties holds those
-  /// of near parts.
+  /// Returns the properties of the last reading for the scene's own graph. For near parts see
+  /// NearPart::properties.
   [[nodiscard]] const Properties& properties() const noexcept { return around_.properties; }
-  /// Returns the primitives of the last sub-step, in the order of the modes; each mode has
-  /// ModeMemory::emitted primitives.
+  /// Returns the primitives of the last sub-step, in the order of the modes. ModeMemory::emitted is
+  /// the number of primitives of a mode.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return balance_.primitives; }
-  /// Returns the force of each of primitives() on the proxy [N]. With the spring's pull these add
-  /// up to zero. After a fault they have no meaning.
+  /// Returns the force of each of primitives() on the proxy [N]. The sum of these and of the
+  /// spring's pull is zero. After a fault the values have no meaning.
   [[nodiscard]] std::span<const Vec3> forces() const noexcept {
     return {balance_.forces.data(), balance_.primitives.size()};
   }
@@ -99,7 +103,7 @@ class ProxyState {
   [[nodiscard]] const NearParts& near() const noexcept { return around_.near; }
 
  private:
-  /// The last stage between the tick and the hand.
+  /// State of the limits between the tick and the hand.
   struct Gate {
     explicit Gate(const ForceLimits& of) : limits(of) {
       limiter.heat = of.continuous * of.continuous;
@@ -116,11 +120,11 @@ class ProxyState {
     DataFade data;
     Fault fault = Fault::kNone;
   };
-  /// The scene that the proxy is in.
+  /// The scene that contains the proxy.
   struct Met {
     std::uint64_t id = 0;
     std::uint64_t shape = 0;
-    double time = 0.0;  ///< Time since the proxy entered it [s].
+    double time = 0.0;  ///< Time since the proxy entered this scene [s].
   };
 
   friend StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
@@ -139,26 +143,27 @@ class ProxyState {
   Surroundings around_;
   BalanceMemory balance_;
   VaryingStiffness stiffness_;
-  LengthRate length_rate_;  ///< Rate of the length of Proxy::offset.
+  LengthRate length_rate_;  ///< Measures the rate of the length of Proxy::offset.
 };
 
 /// Runs one tick of the engine: steps 1 to 3 of the paper's figure 1.
 ///
-/// The proxy starts at the first probe position. Where there is data, it moves at most one voxel
-/// before properties are read again. If the scene differs from the last tick's, the proxy stays
-/// where it is, contacts are forgotten and time begins at zero.
+/// The proxy starts at the first probe position. Within data, the proxy moves at most one voxel
+/// before properties are read again. If the scene is not that of the last tick, the proxy keeps its
+/// place, contacts are forgotten and time begins at zero.
 ///
-/// Before the balance, a moving volume carries its contents along: its own fields are read at the
-/// old proxy as the volume saw it last, and its own modes' primitives stand there. A volume that
-/// moves farther than half a voxel in a tick does so in several sub-steps.
+/// Before the balance, a moving volume carries its contents along. Its fields are read at the place
+/// to which it has carried the old proxy, and its primitives are placed there. If a volume moves
+/// farther than half a voxel in a tick, it moves in several sub-steps.
 ///
 /// @param reader  This thread's reader; bound to the scene as needed.
-/// @param hand    Position [m]; NaN or farther than 1e6 m is a fault: zero force, latched.
-/// @param dt      Time since the last tick [s], > 0; else the force may not grow and volumes stand.
+/// @param hand    Position [m]. NaN, or more than 1e6 m, is a fault, which latches zero force.
+/// @param dt      Time since the last tick [s], > 0. For other values the force does not grow and
+///                volumes do not move.
 /// @param trace   If not null, filled with the steps of the tick.
 /// RT: no allocation, no lock, no system call, no exception. Cost: about a microsecond for a few
-/// primitives without friction. Every sub-step, at most 64, takes up to one balance (solver.h,
-/// friction.h); StepParams::max_iterations limits all sub-steps together.
+/// primitives without friction. There are at most 64 sub-steps, each with up to one balance
+/// (solver.h, friction.h). StepParams::max_iterations limits their sum.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt,
                                     StepTrace* trace = nullptr) noexcept PALPATE_NONBLOCKING;

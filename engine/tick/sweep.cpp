@@ -5,10 +5,11 @@
 namespace palpate {
 namespace {
 
-/// A path along a surface below this length is not swept: the reading sees the surface [voxels].
+/// A shorter path along a surface is not swept, because the last reading covers it [voxels].
 constexpr double kSeen = 0.1;
 
-/// Returns where a path first falls through a surface, both in the resting frame of its volume.
+/// Finds where a path first falls through a surface. Both are in the resting frame of the surface's
+/// volume.
 Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from, const Vec3& to,
                    StepReport& report) noexcept {
   const Graph& graph = felt.graph();
@@ -17,16 +18,16 @@ Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from
   if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return {};
   const double length = (to - from).norm();
   if (length > skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length) return {};
-  // A surface without strength stops no path.
+  // A surface without strength does not stop a path.
   if (!(ahead.strength->at(*felt.properties, skin.value, ahead.level) > 0.0)) return {};
   const Crossing crossing = felt.bound.firstFall(skin, ahead.level, from, to);
   report.walked += crossing.cells;
   return crossing;
 }
 
-/// Returns the sum of the lifts of the planes that bear load, at most as long as the longest. A
-/// surface without a plane is swept at this lift, so that a flush surface does not stop the path. A
-/// surface that rises above it stops the path; the next reading sees all others.
+/// Returns the sum of the lifts of the planes that bear load, with a length of at most the longest
+/// lift. A surface without a plane is swept at this lift, so that a flush surface does not stop the
+/// path. A surface that rises above the lifted path stops it; the next reading detects all others.
 Vec3 commonLift(const Tick& tick, double length) noexcept {
   Vec3 sum = Vec3::Zero();
   if (tick.balance.surfaces == 0) return sum;
@@ -64,7 +65,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
     Crossing crossing;
     bool again = false;
     do {
-      // The path to the last reading is known to be free.
+      // No surface lies on the path to the last reading.
       from = start + lift;
       to = trial.end + lift;
       if (body != nullptr) {
@@ -73,7 +74,8 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
         to = body->pose.toRest(to);
       }
       crossing = firstFall(ahead, felt, from, to, tick.report);
-      // A lifted path that begins behind a surface without a plane gives no information about it.
+      // If a surface has no plane and the lifted path begins behind it, the sweep is repeated
+      // without the lift.
       const bool behind = crossing.behind || (crossing.found && crossing.share <= 0.0);
       again = !placed && behind && !lift.isZero(0.0);
       if (again) lift.setZero();
@@ -97,7 +99,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
   trial.end = end;
   trial.complete = trial.trusted = false;
   trial.swept = trial.met = true;
-  // A surface that did not hold the proxy before is new: the proxy has come to it.
+  // If the surface had no plane, the proxy has just reached it and moves to it.
   trial.cut = !met->placed;
 }
 

@@ -1,4 +1,5 @@
-/// The sweep: a proxy never passes a surface without having reached it.
+/// The sweep, which finds surfaces on the proxy's path, so that the proxy does not pass through
+/// them.
 #pragma once
 
 #include "palpate/engine/tick/iteration.h"
@@ -8,10 +9,11 @@
 namespace palpate {
 
 /// Ends a trial step where it first falls through a surface from the free side. The path is swept
-/// in the resting frame of each surface's volume. A surface in contact is swept a quarter of the
-/// path's length above it; there the last reading judges a path below a tenth of a voxel. Any other
-/// surface is swept at the lift of the planes that bear load. A surface that yields does not end
-/// the step. RT: no allocation. Cost: ScalarField::firstFall.
+/// in the resting frame of each surface's volume. For a surface in contact, the path is lifted by a
+/// quarter of its length. If it is shorter than a tenth of a voxel, the last reading suffices and
+/// there is no sweep. For any other surface, the path has the common lift of the planes that bear
+/// load. A surface that yields does not end the step. RT: no allocation. Cost:
+/// ScalarField::firstFall.
 void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

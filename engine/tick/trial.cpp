@@ -10,13 +10,14 @@
 namespace palpate {
 namespace {
 
-/// A reading still holds within this share of the distance that the proxy may go from it.
+/// A reading is still valid at a target within this share of the distance that the proxy may move
+/// from it.
 constexpr double kNearShare = 0.25;
 
-/// Returns how far the proxy may go from a before properties are read again [m]. This is a voxel of
-/// the finest volume that the path to b can reach, farther where the volume is empty, and infinity
-/// without a volume. If a volume has carried the place of its reading away from a, the distance
-/// counts from that place.
+/// Returns the distance that the proxy may move from a before properties are read again [m]. This
+/// is a voxel of the finest volume that the path to b can reach. It is longer in empty parts of
+/// volumes, and infinite without a volume. If a volume has carried the place of its reading away
+/// from a, the distance counts from that place.
 double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Vec3& b) noexcept {
   const Bodies& bodies = tick.around.bodies;
   if (!bodies.empty()) return bodies.reachFrom(tick.felt(), a, b, now.read);
@@ -39,7 +40,7 @@ double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Ve
 }
 
 /// Cuts a trial step that would reach parts that were not chosen. Primitives that push, and volumes
-/// that move, can take the proxy farther than to the hand.
+/// that move, can take the proxy beyond the hand.
 void stayNear(Tick& tick, const Vec3& from, Trial& trial) noexcept {
   const double share = tick.around.near.knownShare(from, trial.end);
   trial.strays = share < 1.0;
@@ -52,7 +53,7 @@ void stayNear(Tick& tick, const Vec3& from, Trial& trial) noexcept {
 }
 
 /// Returns the point nearest to p on the path from a to b [m]. If the whole path to a balance adds
-/// no energy, a share of the path adds none either.
+/// no energy, neither does a part of it.
 Vec3 onWay(const Vec3& a, const Vec3& b, const Vec3& p) noexcept {
   const Vec3 way = b - a;
   const double length = way.squaredNorm();

@@ -90,7 +90,7 @@ std::span<const std::byte> BrickCodec::encode(const BrickId& id, std::span<const
   ZSTD_CCtx_setParameter(contexts_->out, ZSTD_c_checksumFlag, 1);
   const std::size_t bytes =
       ZSTD_compress2(contexts_->out, object_.data(), object_.size(), brick_.data(), brick_.size());
-  // The buffer holds any result: only memory can be short.
+  // The buffer is large enough for any result, so the only possible error is a lack of memory.
   if (ZSTD_isError(bytes) != 0) throw std::bad_alloc();
   return std::span(object_).first(bytes);
 }
@@ -137,12 +137,12 @@ BrickVerdict BrickCodec::decode(const BrickId& id, std::size_t bytes, const Bric
             volume ? "it is a brick of another volume" : "it is a brick of another place"};
   }
   if (cut) {
-    return {BrickStatus::kCut, "it has " + std::to_string(bytes) + " bytes, not the " +
-                                   std::to_string(entry->bytes) + " of the manifest"};
+    return {BrickStatus::kCut, "it has " + std::to_string(bytes) + " bytes instead of the " +
+                                   std::to_string(entry->bytes) + " in the manifest"};
   }
   if (wrong) return {BrickStatus::kDamaged, "its checksum is wrong"};
-  if (!whole) return {BrickStatus::kDamaged, "it is no brick"};
-  if (!isFinite(slot)) return {BrickStatus::kDamaged, "it holds values that are no numbers"};
+  if (!whole) return {BrickStatus::kDamaged, "it is not a brick"};
+  if (!isFinite(slot)) return {BrickStatus::kDamaged, "some of its values are not finite"};
   return {};
 }
 
@@ -161,7 +161,7 @@ void unpackBrick(const BrickFormat& format, std::span<const std::byte> slot,
 }
 
 void fillBrick(const BrickFormat& format, const BrickEntry& entry, std::span<std::byte> slot) {
-  // Make one value, then copy it to all.
+  // Makes one value, then copies it to all voxels.
   const std::size_t bytes = format.components() * format.componentBytes();
   std::array<std::byte, 12> one{};
   for (std::size_t c = 0; c < format.components(); ++c) {

@@ -26,11 +26,11 @@ constexpr int kVersion = 1;
 constexpr const char* kRemedy = "copy or write it again";
 /// Longest JSON of a manifest [bytes]; its reader takes some twenty times this memory.
 constexpr std::size_t kMostText = 1U << 16U;
-/// Largest coordinate of a voxel: sums of a few fit into 32 bits.
+/// Largest coordinate of a voxel, so that sums of a few coordinates fit into 32 bits.
 constexpr std::int32_t kFarthestVoxel = 1 << 30;
-/// Most bricks of a level: each is visited once.
+/// Largest number of bricks of a level. The writer visits each of them once.
 constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
-/// Most bricks of the coarsest level.
+/// Largest number of bricks of the coarsest level.
 constexpr std::uint64_t kFew = 8;
 /// The active band of a level set may grow by this many voxels from level to level.
 constexpr std::int32_t kBand = 3;
@@ -95,8 +95,7 @@ std::string hexOf(std::uint64_t number) {
   return text.data();
 }
 
-/// Reads and checks the facts of a manifest, from which all else about a volume follows. Throws
-/// std::exception.
+/// Reads and checks values in the JSON of a manifest. Throws std::exception.
 class FactsReader {
  public:
   explicit FactsReader(const Json& json) : json_(json) {}
@@ -106,13 +105,13 @@ class FactsReader {
 
   static double number(const Json& json) {
     const double v = json.is_number() ? json.get<double>() : std::nan("");
-    if (!std::isfinite(v)) throw std::range_error("a number is none");
+    if (!std::isfinite(v)) throw std::range_error("a value is not a finite number");
     return v;
   }
   static std::int32_t whole(const Json& json) {
     const double v = number(json);
     if (!(std::abs(v) <= kFarthestVoxel) || v != std::floor(v)) {
-      throw std::range_error("a whole number is none");
+      throw std::range_error("a value is not an integer, or is too large");
     }
     return static_cast<std::int32_t>(v);
   }
@@ -132,14 +131,15 @@ class FactsReader {
   }
   static std::uint64_t hexadecimal(const std::string& text) {
     if (text.size() != 16 || text.find_first_not_of("0123456789abcdef") != std::string::npos) {
-      throw std::range_error("an identity is none");
+      throw std::range_error("its identity does not consist of 16 hexadecimal digits");
     }
     return std::stoull(text, nullptr, 16);
   }
 
  private:
   static const Json& list(const Json& json, std::size_t size) {
-    if (!json.is_array() || json.size() != size) throw std::range_error("a list is none");
+    if (!json.is_array() || json.size() != size)
+      throw std::range_error("a value is not a list of the expected length");
     return json;
   }
 
@@ -150,7 +150,7 @@ GridClass classNamed(const std::string& word) {
   for (const GridClass one : {GridClass::kUnknown, GridClass::kLevelSet, GridClass::kFog}) {
     if (word == wordFor(one)) return one;
   }
-  throw std::range_error("its class is none");
+  throw std::range_error("its class is unknown");
 }
 
 bool isMap(const Mat3& linear, const Vec3& origin) {
@@ -195,23 +195,23 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
     refuse("it is staggered", "give its components one by one, or at the voxels' centres");
   }
   if (!isMap(input.linear, input.origin)) {
-    refuse("its map is singular or not finite", "give voxels an extent");
+    refuse("its transform is singular or not finite", "give its voxels a volume above 0");
   }
   if (!isExtent(input.lower, input.upper)) {
     refuse("its extent is empty, more than 2^30 voxels from the origin or more than 2^32 bricks",
-           "move it, or remove what is far from the rest");
+           "move it, or remove distant voxels");
   }
   for (std::size_t c = 0; c < 3; ++c) {
     float& v = manifest_.background_[c];
     v = c < input.format.components() ? input.background[c] : 0.0F;
     if (input.format.half) v = floatOfHalf(halfOfFloat(v));
     if (!std::isfinite(v)) {
-      refuse("its background is no number, or too large to be stored",
-             "give what stands for no data");
+      refuse("its background is not a finite number, or is too large to be stored",
+             "give the value that stands for no data");
     }
   }
   if (options.compression < 1 || options.compression > 19) {
-    refuse("its compression is " + std::to_string(options.compression), "give 1 to 19");
+    refuse("its compression level is " + std::to_string(options.compression), "give 1 to 19");
   }
   manifest_.format_ = input.format;
   manifest_.extent_ = {input.lower, input.upper};
@@ -249,7 +249,7 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
   facts_["levels"] = std::move(levels);
   constexpr std::size_t kStatistics = 1U << 12U;  // setStatistics adds this
   if (textOf(facts_).size() > kMostText - kStatistics) {
-    refuse("its name, source and metadata are more than 60 kB", "leave some of them out");
+    refuse("its name, source and metadata are more than 60 kB", "shorten them");
   }
 }
 
@@ -321,12 +321,12 @@ std::vector<std::byte> BrickFacts::file() const {
 
 namespace {
 
-/// Parses foreign JSON; limits its depth, so that recursion does not exhaust the stack.
+/// Parses JSON from a file. Limits its depth, so that recursion does not exhaust the stack.
 template <class... Text>
 Json parseText(Text... text) {
   constexpr int kDeepest = 64;
   return Json::parse(text..., [](int depth, Json::parse_event_t /*event*/, Json& /*parsed*/) {
-    if (depth > kDeepest) throw std::range_error("it is too deep");
+    if (depth > kDeepest) throw std::range_error("its JSON is nested too deeply");
     return true;
   });
 }
@@ -346,7 +346,7 @@ class ManifestReader {
   }
   [[noreturn]] void refuse(const char* why) const { throw VolumeError(called_, why, kRemedy); }
   void checkEnd() const {
-    if (!rest_.empty()) refuse("it is damaged: it does not end where it should");
+    if (!rest_.empty()) refuse("it is damaged: it is longer than its content");
   }
   std::span<const std::byte> take(std::uint64_t count, std::size_t bytes_each = 1) {
     if (count > rest_.size() / bytes_each) refuse("it is damaged: it ends too early");
@@ -363,7 +363,7 @@ class ManifestReader {
   /// Returns the JSON of the facts.
   std::string_view takeText() {
     const auto size = takeNumber<std::uint32_t>();
-    if (size > kMostText) refuse("what it says of itself is more than 64 kB");
+    if (size > kMostText) refuse("its description is longer than 64 kB");
     return {reinterpret_cast<const char*>(take(size).data()), size};  // NOLINT: text
   }
 
@@ -371,11 +371,11 @@ class ManifestReader {
   void checkMagic(std::span<const std::byte> bytes) const {
     constexpr std::size_t kName = kMagic.size() - 1;  // the version follows
     if (bytes.size() < kMagic.size() || std::memcmp(bytes.data(), kMagic.data(), kName) != 0) {
-      refuse("it is no manifest of bricks");
+      refuse("it is not a manifest of bricks");
     }
     if (bytes[kName] != static_cast<std::byte>(kMagic.back())) {
-      throw VolumeError(called_, "it is of another version of palpate",
-                        "read it by that one, or write it again");
+      throw VolumeError(called_, "it was written by another version of palpate",
+                        "read it with that version, or write it again");
     }
   }
 
@@ -385,14 +385,16 @@ class ManifestReader {
 
 BrickFormat readFormat(const FactsReader& facts) {
   const std::string type = facts.text("type");
-  if (type != "half" && type != "float") throw std::range_error("its type is none");
+  if (type != "half" && type != "float") throw std::range_error("its type is not half or float");
   const std::int32_t components = FactsReader::whole(facts.at("components"));
-  if (components != 1 && components != 3) throw std::range_error("its components are none");
+  if (components != 1 && components != 3)
+    throw std::range_error("its number of components is not 1 or 3");
   return {components == 3, type == "half"};
 }
 
 std::array<float, 3> readBackground(const Json& json, std::size_t components) {
-  if (json.size() != components) throw std::range_error("its background is none");
+  if (json.size() != components)
+    throw std::range_error("its background has a wrong number of components");
   std::array<float, 3> background{};
   for (std::size_t c = 0; c < components; ++c) {
     background[c] = static_cast<float>(FactsReader::number(json.at(c)));
@@ -415,7 +417,8 @@ Box boundsOfVoxels(const BrickLevel& level, const VoxelAt& lower, const VoxelAt&
 
 void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& info) {
   const double active = FactsReader::number(statistics.at("active_voxels"));
-  if (!(active >= 0.0 && active <= 1e19)) throw std::range_error("its voxels are none");
+  if (!(active >= 0.0 && active <= 1e19))
+    throw std::range_error("its number of active voxels is out of range");
   info.active_voxels = static_cast<std::uint64_t>(active);
   if (info.active_voxels == 0) {
     info.refusal = "it has no active voxel: write it with its values active";
@@ -437,7 +440,7 @@ bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifes
          (entry.kind == BrickKind::kStored) == (entry.bytes > 0);
 }
 
-/// Reads the table of a level, whose places ascend.
+/// Reads the table of a level. Throws VolumeError unless the places ascend.
 std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest& manifest,
                                     std::int32_t level) {
   const auto count = reader.takeNumber<std::uint64_t>();
@@ -447,7 +450,7 @@ std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest&
   for (std::size_t n = 0; n < entries.size(); ++n) {
     if (!isValidEntry(entries[n], {level, entries[n].at}, manifest) ||
         (n > 0 && entries[n - 1].at >= entries[n].at)) {
-      reader.refuse("it is damaged: a brick of it cannot be");
+      reader.refuse("it is damaged: the entry of a brick is invalid");
     }
   }
   return entries;
@@ -485,9 +488,9 @@ void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   manifest.extent_ = {FactsReader::voxel(facts.at("lower")), FactsReader::voxel(facts.at("upper"))};
   const Mat3 linear = FactsReader::matrix(facts.at("linear"));
   const Vec3 origin = FactsReader::vec(facts.at("origin"));
-  if (!isMap(linear, origin)) throw std::range_error("its map is none");
+  if (!isMap(linear, origin)) throw std::range_error("its transform is singular or not finite");
   if (!isExtent(manifest.extent_[0], manifest.extent_[1])) {
-    throw std::range_error("its extent is none");
+    throw std::range_error("its extent is empty or too large");
   }
   manifest.metadata_ = facts.at("metadata").dump();
   manifest.identity_ = FactsReader::hexadecimal(facts.text("identity"));

@@ -21,11 +21,11 @@ using detail::IndexMap;
 using detail::kNoCell;
 using detail::LatticeReader;
 
-/// Distance over which the next level takes over [voxels of the level].
+/// Distance over which a reading fades from a level to the next one [voxels of the level].
 constexpr double kFade = 4.0;
-/// Time in which a brick that arrives at a hand takes over [ns].
+/// Time in which a brick that arrives at a hand fades in [ns].
 constexpr double kArrives = 10e6;
-/// Filter time of a hand's velocity [s]: its encoder counts in steps.
+/// Filter time of a hand's velocity [s], because its encoders count in steps.
 constexpr double kSmooth = 0.02;
 /// Longest wait in virtual time [s].
 constexpr double kLongestWait = 60.0;
@@ -128,14 +128,14 @@ class BrickField : public Base {
   struct Cache {
     Cache(typename Level::Cache a, typename Level::Cache b)
         : fine(std::move(a)), coarse(std::move(b)) {}
-    Read fine;    ///< The finest level of the last reading,
-    Read coarse;  ///< and the next one.
+    Read fine;    ///< Finest level of the last reading.
+    Read coarse;  ///< Level after the finest one of the last reading.
     /// Time of the tick, on the clock of arrivals. Without ticks, or if the window waits for
     /// bricks, every brick counts as always loaded.
     std::int64_t now = std::numeric_limits<std::int64_t>::max();
     Vec3 probe = Vec3::Zero();     ///< Position of the hand [m].
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
-    bool met = false;              ///< A tick has set these.
+    bool met = false;              ///< A tick has set `probe` and `velocity`.
     std::size_t hand = 0;
     std::optional<std::uint32_t> side;  ///< Set while registered (BrickWindow::enter).
     Finest finest;                      ///< Valid while registered.
@@ -399,7 +399,7 @@ class BrickField : public Base {
     return inside;
   }
 
-  /// Number of bricks of a level in a box: all, present, and fully arrived.
+  /// Counts of the bricks of a level in a box: all, resident, and fully arrived.
   struct Counted {
     int all = 0;
     int resident = 0;

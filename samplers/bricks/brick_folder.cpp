@@ -97,15 +97,15 @@ void BrickFolder::fail(const std::string& name, int error) const {
   throw Error((path_ / name).string(),
               std::string("it cannot be written (") + std::strerror(error) + ")",
               error == ENOSPC || error == EDQUOT || error == EFBIG
-                  ? "make room and run the same command again: it goes on where it stopped"
+                  ? "free disk space and run the same command again: it continues where it stopped"
                   : "check the disk and its permissions, and run the same command again");
 }
 
 void BrickFolder::lock() {
   // A file system without locks, such as some network ones, gives no protection.
   if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
-  throw Error(path_.string(), "another run is writing it",
-              "wait for its end, or name another folder");
+  throw Error(path_.string(), "another run is writing into it",
+              "wait for the end of that run, or name another folder");
 }
 
 void BrickFolder::makeFolder(const std::string& name) const {
@@ -120,7 +120,7 @@ void BrickFolder::write(const std::string& name, std::span<const std::byte> byte
       std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
   int error = 0;
   {
-    // Remove the file of a killed run or a planted link, and create a new file.
+    // Removes the file of a killed run, or a link that another user made, and creates a new file.
     ::unlinkat(folder_, partial.c_str(), 0);
     Opened file(::openat(folder_, partial.c_str(),
                          O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,

@@ -119,7 +119,7 @@ void setMetadata(const std::string& text, openvdb::GridBase& grid) {
   }
 }
 
-/// A voxel's coordinate, shifted right by this, is its brick's, also if it is negative.
+/// A voxel's coordinate shifted right by this is the coordinate of its brick, also if negative.
 constexpr int kBrickShift = 6;
 static_assert(1 << kBrickShift == kBrickSide);
 
@@ -141,7 +141,7 @@ class GridBoxes {
     const Coord lower = coordOf(box.lower);
     const CoordBBox all(lower, lower.offsetBy(kBrickEdge - 1));
     if (isOneTile(accessor, all, box)) return BoxFilled::kOneValue;
-    // Leaf by leaf, also where a tile is in place of a leaf.
+    // Copies leaf by leaf, also where a tile is in place of a leaf.
     const Coord first = lower & ~(Leaf::DIM - 1U);
     for (int x = first.x(); x <= all.max().x(); x += Leaf::DIM) {
       for (int y = first.y(); y <= all.max().y(); y += Leaf::DIM) {
@@ -323,7 +323,7 @@ BrickNodes<GridT> nodesOf(const BrickView& view, const Coord& origin,
   using Value = typename GridT::ValueType;
   constexpr int kLeaf = Leaf::DIM;
   constexpr int kAlong = kBrickSide / kLeaf;
-  // Compare bits: -0.0 is not 0.0.
+  // Compares bits, because -0.0 is not 0.0.
   const auto same = [](const Value& a, const Value& b) { return bitsOf(a) == bitsOf(b); };
   BrickNodes<GridT> nodes;
   nodes.leaves.reserve(std::size_t{kAlong} * kAlong * kAlong);
@@ -429,8 +429,8 @@ BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& 
                    ProcessGroup& group, const std::optional<Share>& share) {
   if (parts.size() != 1) {
     throw VolumeError(
-        "\"" + info.name + "\"", "its components stand at different places",
-        "make bricks of each component, or of a grid with all at the voxels' centres");
+        "\"" + info.name + "\"", "its components are at different places",
+        "make bricks of each component, or of a grid with all components at the voxels' centres");
   }
   BrickInput input;
   input.name = info.name;
@@ -480,7 +480,7 @@ std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level
   const BrickManifest& manifest = source.manifest();
   const auto levels = static_cast<std::int32_t>(manifest.levels().size());
   if (level < 0 || level >= levels) {
-    throw VolumeError(called, "it has no level " + std::to_string(level),
+    throw VolumeError(called, "it does not have level " + std::to_string(level),
                       "give 0 to " + std::to_string(levels - 1));
   }
   const openvdb::GridBase::Ptr grid = manifest.format().vector
@@ -495,7 +495,7 @@ std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level
     grid->setTransform(transformOf(manifest.levels()[static_cast<std::size_t>(level)]));
   } catch (const openvdb::Exception&) {
     throw VolumeError(called, "its voxels are too small for OpenVDB",
-                      "write it in a smaller unit of length, as mm for m");
+                      "write it in a smaller unit of length, such as mm instead of m");
   }
   return preparedVolume(info.name, grid, called);
 }

@@ -44,7 +44,7 @@ std::array<VoxelAt, 64> placesBelow(const BrickManifest& manifest, std::int32_t 
   return places;
 }
 
-/// Ors every byte with those up to kPyramidReach away along an axis of the block.
+/// Combines every byte by OR with those up to kPyramidReach away along an axis of the block.
 void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std::size_t stride) {
   std::copy(from.begin(), from.end(), to.begin());
   const std::size_t size = from.size();
@@ -72,7 +72,7 @@ std::uint64_t mortonOf(const VoxelAt& at) noexcept {
 constexpr std::size_t kBlockVoxels = std::size_t{kBlock} * kBlock * kBlock;
 
 /// Copies a finer halved brick into the block around the coarser brick.
-/// @param step  Which of the 4 x 4 x 4 finer bricks of the block it is.
+/// @param step  Place of the finer brick among the 4 x 4 x 4 of the block.
 void copyIntoBlock(const HalvedBrick& halved, const std::array<int, 3>& step,
                    std::size_t components, CoarserSpace& space) {
   // Position of the finer brick's first voxel in the block, and its voxels that are in the block.
@@ -181,7 +181,8 @@ std::shared_ptr<const HalvedBrick> HalvedBricks::make(const BrickEntry& entry) {
   const BrickArrival arrival = source_.read({level_, entry.at}, slot);
   if (arrival.status != BrickStatus::kArrived) {
     const auto colon = arrival.why.find(": ");
-    throw VolumeError(arrival.why.substr(0, colon), "what was just written cannot be read back",
+    throw VolumeError(arrival.why.substr(0, colon),
+                      "a brick that was just written cannot be read back",
                       "check the disk, and run the same command again");
   }
   const BrickView view(format, slot.data());
@@ -215,7 +216,7 @@ bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, Coarse
   const std::size_t components = finer.manifest().format().components();
   const auto places = placesBelow(finer.manifest(), finer.level(), at);
 
-  // One value everywhere: most of a sparse volume.
+  // Handles one value everywhere first, as in most of a sparse volume.
   const BrickEntry first = finer.manifest().entry({finer.level(), places[0]});
   const bool uniform = std::all_of(places.begin(), places.end(), [&](const VoxelAt& place) {
     const BrickEntry one = finer.manifest().entry({finer.level(), place});

@@ -28,7 +28,7 @@ struct HalvedBrick {
 /// use it.
 class HalvedBricks {
  public:
-  /// @param source  Has that level; its manifest lists the level's entries.
+  /// @param source  Source of the bricks of `level`, with the level's entries in its manifest.
   HalvedBricks(BrickSource& source, std::int32_t level);
 
   /// Returns a halved brick. Throws VolumeError if the brick does not arrive.

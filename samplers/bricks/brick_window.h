@@ -60,7 +60,8 @@ class BrickWindow {
 
   /// Returns the manifest of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_->manifest(); }
-  [[nodiscard]] const WindowParams& params() const noexcept { return params_; }  ///< As given.
+  /// Returns the parameters of this window.
+  [[nodiscard]] const WindowParams& params() const noexcept { return params_; }
   /// Returns the coarsest level as a volume, for display and statistics. Throws VolumeError. Slow.
   [[nodiscard]] std::shared_ptr<const Volume> coarsest() const;
 
@@ -72,11 +73,11 @@ class BrickWindow {
     Vec3 probe = Vec3::Zero();     ///< Position of the hand itself.
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
-  /// Reports where a hand is, once a tick. The window stops following a hand that has not reported
-  /// for a second. RT: wait-free.
+  /// Reports where a hand is. The caller calls it once a tick. The window stops following a hand
+  /// that has not reported for a second. RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
 
-  /// Registers a reader: bricks that entryAt() returns from now on stay readable until leave(). A
+  /// Registers a reader. Bricks that entryAt() returns from now on stay readable until leave(). A
   /// registered reader must not call settle(). RT: no lock; repeats the count if the loader removes
   /// a brick at that moment.
   [[nodiscard]] std::uint32_t enter() const noexcept;
@@ -95,7 +96,7 @@ class BrickWindow {
     /// @param generation  Of a slot, else 0.
     Entry(Kind kind, std::uint32_t index, std::uint32_t generation) noexcept
         : bits_(std::uint64_t{generation} << 32U | std::uint64_t{index} << 2U | kind) {}
-    /// Returns which of the three it is.
+    /// Returns whether the brick is missing, of one value, or in a slot.
     [[nodiscard]] Kind kind() const noexcept { return static_cast<Kind>(bits_ & 3U); }
     [[nodiscard]] bool resident() const noexcept { return kind() != kAbsent; }  ///< It can be read.
     /// Returns the index of a slot, or of a constant brick.
@@ -151,7 +152,7 @@ class BrickWindow {
   [[nodiscard]] bool settle(double seconds) const;
 
  private:
-  struct Told;
+  struct HandReport;
   struct Pool;
   struct Loader;
 

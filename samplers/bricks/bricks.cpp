@@ -35,12 +35,12 @@ BrickManifest BrickManifest::read(const std::filesystem::path& folder) {
   }
   const std::filesystem::path file = folder / kBrickManifestFile;
   if (!std::filesystem::is_directory(status) || !isBricks(folder)) {
-    throw VolumeError(folder.string(), "it is no volume in bricks",
+    throw VolumeError(folder.string(), "it is not a volume in bricks",
                       "make one: palpate brick FILE.vdb FOLDER");
   }
   if (!std::filesystem::exists(file, error)) {
     throw VolumeError(folder.string(), "it is unfinished: it has no manifest",
-                      "run the command that writes it again: it goes on where it stopped");
+                      "run the command that writes it again: it continues where it stopped");
   }
   std::vector<std::byte> bytes;
   std::ifstream stream;

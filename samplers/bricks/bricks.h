@@ -123,7 +123,7 @@ struct BrickLevel {
 enum class BrickKind : std::uint32_t {
   kInactive = 0,  ///< All voxels and the apron inactive, of one value: no object.
   kActive = 1,    ///< All voxels and the apron active, of one value: no object.
-  kStored = 2,    ///< An object.
+  kStored = 2,    ///< The place has an object.
 };
 
 /// One brick, as listed in the manifest.
@@ -199,7 +199,7 @@ enum class BrickStatus : std::uint8_t {
   kCut,  ///< The object is shorter or longer than in the manifest: copy or write the volume again.
   kDamaged,     ///< The checksum or the content is wrong: copy or write the volume again.
   kOthers,      ///< The brick is of another place or volume: copy or write the volume again.
-  kGone,        ///< The whole volume does not exist any more: give up.
+  kGone,        ///< The whole volume does not exist any more; do not retry.
   kUnreadable,  ///< The system reports an error; a retry may succeed.
 };
 

@@ -24,11 +24,11 @@ using Clock = std::chrono::steady_clock;
 
 /// Longest manifest [bytes]: 30 million bricks of 36 bytes each.
 constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
-/// Longest head of a manifest by which a volume is recognized [bytes].
+/// Longest part of a manifest's head that identifies the volume [bytes].
 constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
-/// Incompressible data are longer as an object by this at most [bytes].
+/// Largest growth of incompressible data by compression [bytes].
 constexpr std::size_t kMostAround = std::size_t{64} << 10U;
-/// A delay is smoothed over this many bricks.
+/// Number of bricks over which the delay is averaged.
 constexpr double kDelaysAveraged = 8.0;
 /// Sleep of the thread if no event wakes it.
 constexpr std::chrono::milliseconds kTurn{100};
@@ -42,16 +42,16 @@ BrickVerdict verdictOf(const ObjectRequest& of) {
       return {of.status, "it is missing"};
     case BrickStatus::kCut:
       if (of.announced && *of.announced < of.least) {
-        return {of.status, "it has " + std::to_string(*of.announced) + " bytes, not the " +
-                               std::to_string(of.least) + " of the manifest"};
+        return {of.status, "it has " + std::to_string(*of.announced) + " bytes instead of the " +
+                               std::to_string(of.least) + " in the manifest"};
       }
-      return {of.status, "it is longer than its manifest says"};
+      return {of.status, "it is longer than the manifest states"};
     default:
       break;
   }
   const std::string why = of.why == nullptr ? "no answer" : of.why;
   if (of.code != 0) return {BrickStatus::kUnreadable, why + " " + std::to_string(of.code)};
-  return {BrickStatus::kUnreadable, "it does not come (" + why + ")"};
+  return {BrickStatus::kUnreadable, "it was not received (" + why + ")"};
 }
 
 }  // namespace
@@ -96,8 +96,8 @@ struct FarBricks::State {
   std::optional<BrickManifest> manifest;
   std::vector<std::byte> head;  ///< Head of the manifest, as it was at the start.
 
-  mutable std::mutex mutex;  ///< Guards all down to the thread's own; not held while a brick is
-                             ///< fetched or decoded.
+  mutable std::mutex mutex;  ///< Guards all members down to those of the thread; free while a brick
+                             ///< is fetched or decoded.
   std::condition_variable arrived;
   RequestQueue wishes;
   /// Unused fetches. With those in use there is one for each connection.
@@ -128,19 +128,19 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   get(file, kBrickManifestFile, 0, kLongestManifest);
   const BrickVerdict verdict = verdictOf(*file.request);
   if (verdict.status == BrickStatus::kMissing) {
-    throw VolumeError(address, "there is no volume in bricks",
-                      "check the address; the last thing that is copied there is " +
+    throw VolumeError(address, "it is not a volume in bricks",
+                      "check the address, or finish the copy, whose last file must be " +
                           std::string(kBrickManifestFile));
   }
   if (verdict.status != BrickStatus::kArrived) {
     throw VolumeError(url(kBrickManifestFile), verdict.why,
-                      "check the address, the server and the way to it");
+                      "check the address, the server and the network");
   }
   const std::vector<std::byte>& body = file.request->body;
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
-  // The thread needs no further memory, except in the store, which reports a lack of it.
+  // Afterwards only the store allocates memory, and it reports a lack of memory.
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -186,8 +186,8 @@ BrickArrival FarBricks::State::arrivalOf(const BrickId& id, BrickVerdict verdict
   BrickArrival arrival{id, verdict.status, ""};
   if (verdict.status == BrickStatus::kArrived) return arrival;
   const char* remedy = "copy or write the volume again";
-  if (verdict.status == BrickStatus::kUnknown) remedy = "ask for one that there is";
-  if (verdict.status == BrickStatus::kUnreadable) remedy = "check the server and the way to it";
+  if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the pyramid has";
+  if (verdict.status == BrickStatus::kUnreadable) remedy = "check the server and the network";
   arrival.why = url(brickObject(id, manifest->format())) + ": " + verdict.why + ": " + remedy;
   return arrival;
 }
@@ -278,14 +278,14 @@ void FarBricks::State::endStalled() {
     ObjectRequest& request = *away[i]->request;
     if (now - request.last <= params.stalled && now - away[i]->begun <= params.longest) continue;
     store->drop(request);
-    request.fail("nothing more comes");
+    request.fail("the transfer stalled");
     end(&request);
   }
 }
 
-/// Checks whether the answer is of this volume, unchanged.
+/// Checks whether the answer is the manifest of this volume, unchanged.
 void FarBricks::State::answer() {
-  // If memory was short, the answer is not known.
+  // With too little memory for the check, the answer is unknown.
   if (asker->why != kNoMemory) {
     there = asker->status == BrickStatus::kArrived && asker->body == head;
   }
@@ -367,13 +367,13 @@ std::optional<BrickArrival> FarBricks::next(std::span<std::byte> slot,
   const std::unique_ptr<State, decltype(end)> ended(state_.get(), end);
   if (manifest().has(fetch->id)) return state_->decode(*fetch, slot);
   return state_->arrivalOf(fetch->id,
-                           {BrickStatus::kUnknown, "there is no such place in its pyramid"});
+                           {BrickStatus::kUnknown, "its pyramid does not have this place"});
 }
 
 bool FarBricks::isThere() {
   state_->ask = true;
   state_->store->wake();
-  // `silent` is true also if the thread itself waits, for example for a name lookup.
+  // `silent` is also true if the thread itself waits, for example for a name lookup.
   const Clock::duration since(state_->asked);
   const bool silent =
       since.count() != 0 && Clock::now().time_since_epoch() - since > state_->params.silent;
@@ -383,7 +383,7 @@ bool FarBricks::isThere() {
 BrickArrival FarBricks::read(const BrickId& id, std::span<std::byte> slot) {
   assert(slot.size() == manifest().format().bytes());
   if (!manifest().has(id)) {
-    return state_->arrivalOf(id, {BrickStatus::kUnknown, "there is no such place in its pyramid"});
+    return state_->arrivalOf(id, {BrickStatus::kUnknown, "its pyramid does not have this place"});
   }
   State::Fetch fetch;
   fetch.id = id;

@@ -25,7 +25,7 @@ struct StoreParams {
 };
 
 /// ObjectRequest::why if memory is short.
-inline constexpr char kNoMemory[] = "there is no memory for it";
+inline constexpr char kNoMemory[] = "the system has too little memory";
 
 /// A request for an object, and its result. Reused with its memory.
 struct ObjectRequest {

@@ -26,7 +26,7 @@ bool isAddress(std::string_view name) noexcept {
   for (const std::string_view scheme : {"http://", "https://"}) {
     if (!name.starts_with(scheme)) continue;
     const std::string_view rest = name.substr(scheme.size());
-    // Names of objects are appended: a query or a fragment would stand before them.
+    // Names of objects are appended to the address, so it must not have a query or a fragment.
     return !rest.empty() && rest.front() != '/' &&
            rest.find_first_of("?#@") == std::string_view::npos;
   }
@@ -113,7 +113,8 @@ std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void
 /// Initializes libcurl once a process, before any of its threads.
 void beginCurl() {
   static const CURLcode begun = curl_global_init(CURL_GLOBAL_DEFAULT);
-  if (begun != CURLE_OK) throw VolumeError("libcurl", "it does not begin", "check the system");
+  if (begun != CURLE_OK)
+    throw VolumeError("libcurl", "it cannot be initialized", "check its installation");
 }
 
 void conclude(HttpRequest& request, CURLcode how) noexcept {
@@ -122,7 +123,7 @@ void conclude(HttpRequest& request, CURLcode how) noexcept {
   if (code == 404 || code == 410) {
     request.status = BrickStatus::kMissing;
   } else if (code != 0 && code != 200 && !(request.part && code == 206)) {
-    request.fail("the server answers", code);
+    request.fail("the server answers with status", code);
   } else if (request.why != nullptr) {
     return;
   } else if (request.announced) {
@@ -141,8 +142,8 @@ class HttpStore final : public ObjectStore {
  public:
   HttpStore(std::string address, const StoreParams& params)
       : address_(std::move(address)), params_(params), multi_(curl_multi_init()) {
-    if (!multi_) throw VolumeError("libcurl", kNoMemory, "give it less");
-    // One more, to check whether the volume exists.
+    if (!multi_) throw VolumeError("libcurl", kNoMemory, "close other programs");
+    // One more connection checks whether the volume exists.
     const long most = std::clamp(params.connections, 1, 32) + 1L;
     curl_multi_setopt(multi_.get(), CURLMOPT_MAX_TOTAL_CONNECTIONS, most);
   }
@@ -150,7 +151,7 @@ class HttpStore final : public ObjectStore {
   std::unique_ptr<ObjectRequest> make() override {
     auto request = std::make_unique<HttpRequest>();
     request->easy.reset(curl_easy_init());
-    if (!request->easy) throw VolumeError("libcurl", kNoMemory, "give it less");
+    if (!request->easy) throw VolumeError("libcurl", kNoMemory, "close other programs");
     CURL* const of = request->easy.get();
     curl_easy_setopt(of, CURLOPT_PROTOCOLS_STR, "http,https");
     curl_easy_setopt(of, CURLOPT_FOLLOWLOCATION, 0L);
@@ -254,7 +255,7 @@ class HttpStore final : public ObjectStore {
 
 std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address, const StoreParams& params) {
   if (!isAddress(address)) {
-    throw VolumeError(address, "it is no address",
+    throw VolumeError(address, "it is not an address of a folder",
                       "give http://host/folder, without a user, ? or #");
   }
   beginCurl();

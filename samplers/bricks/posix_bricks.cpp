@@ -55,13 +55,13 @@ struct PosixBricks::State {
   /// Returns why a read failed.
   static BrickVerdict verdictOf(int error) {
     if (error == ENOENT || error == ENOTDIR) return {BrickStatus::kMissing, "it is missing"};
-    if (error == EISDIR) return {BrickStatus::kDamaged, "it is no file"};
+    if (error == EISDIR) return {BrickStatus::kDamaged, "it is not a file"};
     return {BrickStatus::kUnreadable,
             std::string("it cannot be read (") + std::strerror(error) + ")"};
   }
 
   BrickVerdict fetch(const BrickId& id, std::span<std::byte> slot) {
-    if (!manifest.has(id)) return {BrickStatus::kUnknown, "there is no such place in its pyramid"};
+    if (!manifest.has(id)) return {BrickStatus::kUnknown, "its pyramid does not have this place"};
     const BrickEntry entry = manifest.entry(id);
     if (entry.kind != BrickKind::kStored) {
       fillBrick(manifest.format(), entry, slot);
@@ -74,7 +74,7 @@ struct PosixBricks::State {
     BrickVerdict verdict =
         error == 0    ? codec.decode(id, got, &entry, slot)
         : isIn(*from) ? verdictOf(error)
-                      : BrickVerdict{BrickStatus::kGone, "the volume is not there any more"};
+                      : BrickVerdict{BrickStatus::kGone, "the volume does not exist any more"};
     giveBack(std::move(codec));
     return verdict;
   }
@@ -110,7 +110,7 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
     }
     id = state_->wishes.begin();
   }
-  // Run it also if memory to read the brick was short.
+  // Runs also if there was too little memory to read the brick.
   const auto end = [&](State* state) {
     const std::lock_guard lock(state->mutex);
     state->wishes.end(id);
@@ -144,7 +144,7 @@ BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {
   BrickArrival arrival{id, verdict.status, ""};
   if (verdict.status == BrickStatus::kArrived) return arrival;
   const char* remedy = "copy or write the volume again";
-  if (verdict.status == BrickStatus::kUnknown) remedy = "ask for one that there is";
+  if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the pyramid has";
   if (verdict.status == BrickStatus::kUnreadable) remedy = "check the disk and its permissions";
   arrival.why = (state_->held()->path() / brickObject(id, state_->manifest.format())).string() +
                 ": " + verdict.why + ": " + remedy;

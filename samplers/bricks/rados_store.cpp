@@ -40,7 +40,8 @@ Call call(const char* name) {
   static void* const library = load();
   void* const found = dlsym(library, name);
   if (found != nullptr) return {found};
-  throw VolumeError(kLibrary, std::string("it has no ") + name, "install another librados2");
+  throw VolumeError(kLibrary, std::string("it does not have the function ") + name,
+                    "install another librados2");
 }
 
 /// The functions in use.
@@ -115,7 +116,7 @@ struct Read {
 const char* nameOf(int error) noexcept {
   // ::strerror is not thread-safe.
   const char* const name = strerrordesc_np(-error);
-  return name == nullptr ? "an error that has no name" : name;
+  return name == nullptr ? "unknown error" : name;
 }
 
 /// Sets a request's result from a read: the number of bytes, or an error.
@@ -177,7 +178,8 @@ std::string seconds(std::chrono::milliseconds time) {
 
 RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
   std::optional<Address> address = parse(name);
-  if (!address) throw VolumeError(name, "it is no address", "give rados://pool/folder");
+  if (!address)
+    throw VolumeError(name, "it is not an address of a folder", "give rados://pool/folder");
   address_ = std::move(*address);
   const auto fail = [&](int how, const std::string& what, const char* remedy) {
     if (pool_ != nullptr) call_.ioctx_destroy(pool_);
@@ -185,14 +187,14 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
     throw VolumeError(name, what + " (" + nameOf(how) + ")", remedy);
   };
   int how = call_.create(&cluster_, address_.user.c_str());
-  if (how < 0) fail(how, "Ceph does not begin", "check the system");
+  if (how < 0) fail(how, "Ceph's client cannot be initialized", "check its installation");
   how = call_.conf_read_file(cluster_, nullptr);
   if (how < 0) {
-    fail(how, "there is no configuration of Ceph",
+    fail(how, "the configuration of Ceph cannot be read",
          "set CEPH_CONF to a ceph.conf, or write /etc/ceph/ceph.conf");
   }
   how = call_.conf_parse_env(cluster_, nullptr);
-  if (how < 0) fail(how, "what CEPH_ARGS says is wrong", "unset it");
+  if (how < 0) fail(how, "the options in CEPH_ARGS are wrong", "unset CEPH_ARGS");
   const std::pair<const char*, std::string> options[] = {
       {"client_mount_timeout", seconds(params.connect)},
       {"rados_mon_op_timeout", seconds(params.connect)},
@@ -201,22 +203,24 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
       {"err_to_stderr", "false"}};
   for (const auto& [option, value] : options) {
     how = call_.conf_set(cluster_, option, value.c_str());
-    if (how < 0) fail(how, std::string("Ceph knows no ") + option, "install another librados2");
+    if (how < 0) {
+      fail(how, std::string("Ceph does not have the option ") + option,
+           "install another librados2");
+    }
   }
   how = call_.connect(cluster_);
-  if (how == -ETIMEDOUT)
-    fail(how, "no monitor of Ceph answers", "check mon_host and the way there");
+  if (how == -ETIMEDOUT) fail(how, "no monitor of Ceph answers", "check mon_host and the network");
   if (how < 0) {
-    fail(how, "Ceph does not let \"" + address_.user + "\" in",
+    fail(how, "Ceph rejects the user \"" + address_.user + "\"",
          "check mon_host, the user (rados://user@pool/folder) and its keyring");
   }
   how = call_.ioctx_create(cluster_, address_.pool.c_str(), &pool_);
-  if (how < 0) fail(how, "there is no pool \"" + address_.pool + "\"", "check its name");
+  if (how < 0) fail(how, "Ceph does not have the pool \"" + address_.pool + "\"", "check its name");
 }
 
 RadosStore::~RadosStore() {
   std::unique_lock lock(mutex_);
-  // Wait for dropped reads. Each ends, at the latest by a time-out of librados.
+  // Waits for dropped reads. Each ends at the latest by a time-out of librados.
   changed_.wait(lock, [&] {
     return std::all_of(reads_.begin(), reads_.end(), [](const auto& read) { return read->done; });
   });

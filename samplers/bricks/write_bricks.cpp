@@ -42,31 +42,31 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
   if (!fs::exists(fs::symlink_status(folder, error))) {
     fs::create_directory(folder, error);
     if (error) {
-      throw Error(folder.string(), "the folder cannot be made (" + error.message() + ")",
+      throw Error(folder.string(), "the folder cannot be created (" + error.message() + ")",
                   "choose another place");
     }
     return Found::kNothing;
   }
   if (!fs::is_directory(folder, error)) {
-    throw Error(folder.string(), "it is there already, and no folder", "name another place");
+    throw Error(folder.string(), "it exists already and is not a folder", "name another place");
   }
   const std::string remedy = "remove it, or name another folder";
   if (fs::exists(folder / kBrickManifestFile, error)) {
     if (BrickManifest::read(folder).identity() == identity) return Found::kFinished;
-    throw Error(folder.string(), "it holds bricks of another input or of other options", remedy);
+    throw Error(folder.string(), "it contains bricks of another input or of other options", remedy);
   }
   if (fs::exists(folder / kBrickAttributesFile, error)) {
     if (BrickFacts::identityIn(contentsOf(folder / kBrickAttributesFile)) == identity) {
       return Found::kUnfinished;
     }
-    throw Error(folder.string(), "it holds something else, or unfinished bricks of another input",
+    throw Error(folder.string(), "it contains other data, or unfinished bricks of another input",
                 remedy);
   }
   // Files that a killed run may have left.
   for (const auto& one : fs::directory_iterator(folder, error)) {
     const std::string name = one.path().filename().string();
     if (name != ".partial" && name != ".zgroup") {
-      throw Error(folder.string(), "it is there already and holds \"" + name + "\"", remedy);
+      throw Error(folder.string(), "it exists already and contains \"" + name + "\"", remedy);
     }
   }
   return Found::kNothing;
@@ -92,7 +92,7 @@ BrickStatistics statisticsOf(const Space& space, std::size_t components, const V
   BrickStatistics s;
   for (int i = 0; i < kBrickSide; ++i) {
     for (int j = 0; j < kBrickSide; ++j) {
-      // Row by row, for speed: this runs for every voxel.
+      // Goes row by row, because this runs for every voxel and must be fast.
       const std::size_t begin = BrickView::numberOf(i, j, 0);
       const VoxelAt lower{voxel[0] + i, voxel[1] + j, voxel[2] + kBrickSide};
       const VoxelAt upper{lower[0], lower[1], voxel[2]};
@@ -299,8 +299,8 @@ class Writer {
       voxel += (a == 0 ? "" : ", ") + std::to_string(lower[a] + static_cast<std::int32_t>(step[a]));
     }
     throw VolumeError("\"" + input_.name + "\"",
-                      "its value at voxel (" + voxel + ") is no number" +
-                          (input_.format.half ? ", or too large for 16 bits" : ""),
+                      "its value at voxel (" + voxel + ") is not a finite number" +
+                          (input_.format.half ? ", or is too large for 16 bits" : ""),
                       input_.format.half ? "replace it, or store 32 bits" : "replace it");
   }
 
@@ -445,8 +445,8 @@ BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
   const Begin first = gatherOne(group, Begin{identity, found}).front();
   found = first.found;
   if (first.identity != identity) {
-    throw Error(folder.string(), "this rank's input is another than that of rank 0",
-                "give all of them the same file, and the same palpate");
+    throw Error(folder.string(), "this rank's input differs from that of rank 0",
+                "give all ranks the same file and the same version of palpate");
   }
   if (found == Found::kFinished) {
     if (held) held->removePartial();

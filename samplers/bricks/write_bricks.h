@@ -33,16 +33,17 @@ enum class BoxFilled : std::uint8_t {
 /// A volume, with the function that fills a box of it.
 struct BrickInput {
   std::string name;                            ///< Name of the volume.
-  GridClass grid_class = GridClass::kUnknown;  ///< Not staggered.
+  GridClass grid_class = GridClass::kUnknown;  ///< Class of the grid; must not be staggered.
   BrickFormat format;                          ///< Values are rounded to it.
   Mat3 linear = Mat3::Identity();              ///< file = linear * index + origin.
   Vec3 origin = Vec3::Zero();                  ///< Position of index (0, 0, 0), file.
-  std::array<float, 3> background{};  ///< Also beyond the extent, where each voxel is inactive.
+  std::array<float, 3> background{};  ///< Value beyond the extent, where each voxel is inactive.
   VoxelAt lower{};                    ///< First voxel of the extent.
   VoxelAt upper{};                    ///< Last voxel of the extent.
   std::string source;                 ///< See GridInfo.
   std::string metadata = "{}";        ///< A JSON object, docs/bricks.md.
-  /// Identifies the values: the same text for the same values only. A checksum or a formula.
+  /// Identifies the values, for example by a checksum or a formula. Different values must have
+  /// different texts.
   std::string identity;
   /// Called by several threads at a time, for any box, also one that reaches beyond the extent. An
   /// exception from it ends the writing.
@@ -89,9 +90,9 @@ struct BrickReport {
 /// it. So each cell that the surface passes, and the two next to it, have data at every corner on
 /// every level.
 ///
-/// Throws Error: the folder holds something else, another input or other options, another run is
-/// writing it, the disk is full, or the ranks' inputs differ. Throws VolumeError: a value is not a
-/// number or does not fit the format, or the extent, map or class is invalid.
+/// Throws Error if the folder has other content, another input or other options, if another run is
+/// writing into it, if the disk is full, or if the ranks' inputs differ. Throws VolumeError if a
+/// value is not finite or does not fit the format, or if the extent, transform or class is invalid.
 [[nodiscard]] BrickReport writeBricks(const std::filesystem::path& folder, const BrickInput& input,
                                       const BrickOptions& options = {});
 

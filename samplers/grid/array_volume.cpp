@@ -141,7 +141,7 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
     grid->setTransform(transformOf(array));
   } catch (const openvdb::Exception&) {
     throw VolumeError(array.name, "its voxels are too small for OpenVDB",
-                      "give it in a smaller unit of length, as mm for m");
+                      "give it in a smaller unit of length, such as mm instead of m");
   }
   return makeVolume(*grid, options);
 }
@@ -149,20 +149,21 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
 void check(const VoxelArray& array) {
   for (const std::int64_t along : array.size) {
     if (along >= 1 && along <= kMostAlong) continue;
-    throw VolumeError(array.name, "it has no value along an axis, or more than 2147483647",
-                      "give an array of three axes that are not empty");
+    throw VolumeError(array.name, "its size along an axis is 0 or more than 2147483647",
+                      "give an array with at least one value along each of three axes");
   }
   if (array.background && !std::isfinite(*array.background)) {
-    throw VolumeError(array.name, "its background is no number", "give what stands for no data");
+    throw VolumeError(array.name, "its background is not a finite number",
+                      "give the value that stands for no data");
   }
   if (array.vector && array.background.value_or(0.0) != 0.0) {
     throw VolumeError(array.name, "its background is a number, and its values are vectors",
-                      "leave it out: of vectors it is zero");
+                      "omit the background: for vectors it is zero");
   }
   const double volume = std::abs(array.axes.determinant());
   const double edges = array.axes.colwise().norm().prod();
   if (array.axes.allFinite() && array.origin.allFinite() && volume > 1e-9 * edges) return;
-  throw VolumeError(array.name, "its voxels have no volume, or its place is no number",
+  throw VolumeError(array.name, "its voxels have no volume, or its position is not finite",
                     "give a spacing above 0, and finite numbers");
 }
 

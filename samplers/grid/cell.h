@@ -4,8 +4,8 @@
 /// around a cell. For a position t in the cell it returns one row: C components of the value, then
 /// their derivatives by the first, second and third index. If rows blend linearly (kBlendsRows),
 /// load() turns the rows of the cell's corners into W, so the rows read are turned already. All
-/// data are in plain arrays: in a unit as large as OpenVDB's the compiler no longer inlines Eigen's
-/// expressions, at three times the cost.
+/// data are in plain arrays: in a unit as large as OpenVDB's the compiler does not inline Eigen's
+/// expressions, which makes them three times as slow.
 #pragma once
 
 #include <algorithm>
@@ -22,9 +22,10 @@ namespace palpate {
 /// c0 + c1 s + c2 s^2 + c3 s^3.
 using Cubic = std::array<double, 4>;
 
-/// Returns where a cubic first falls below zero for s from 0 to 1, or 2 if it does not. `above`:
-/// in, whether the cubic was above zero before; out, whether it has been. `first`: a cubic that
-/// begins at or below zero and falls counts as a fall at 0.
+/// Returns where a cubic first falls below zero for s from 0 to 1, or 2 if it does not.
+/// @param above  In: whether the cubic was above zero before. Set to whether it has been above zero
+///               by the end.
+/// @param first  If true, a cubic that begins at or below zero and falls counts as a fall at 0.
 inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };
   if (c[0] > 0.0) above = true;
@@ -375,7 +376,7 @@ class SplineKernel {
  public:
   static constexpr int kWidth = Degree + 1;
   static constexpr int kBefore = 1;
-  static constexpr bool kNearest = Degree == 2;  ///< t from -1/2 to 1/2, else from 0 to 1.
+  static constexpr bool kNearest = Degree == 2;  ///< If true, t is from -1/2 to 1/2, else 0 to 1.
   static constexpr bool kBlendsRows = false;
   static constexpr bool kNeedsEdges = true;
   static constexpr bool kDifferences = false;
@@ -403,7 +404,7 @@ class SplineKernel {
     const double x = t.x();
     const double y = t.y();
     const double z = t.z();
-    // Along x, a whole plane at once; then along y, a line at once; then along z.
+    // Converts along x for a whole plane at once, along y for a line at once, then along z.
     std::array<double, kPlane> plane;
     std::array<double, kPlane> plane_x;
     for (std::size_t n = 0; n < kPlane; ++n) {

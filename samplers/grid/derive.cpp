@@ -41,7 +41,7 @@ std::shared_ptr<const Volume> deriveVolume(const std::shared_ptr<const Volume>& 
   Prepared out = prepare(std::string(wordFor(what)) + " of " + from.name, grid, {});
   if (out.info.non_finite > 0) {
     throw VolumeError(where,
-                      std::string("its ") + wordFor(what) + " is beyond the numbers of a " +
+                      std::string("its ") + wordFor(what) + " is outside the range of " +
                           out.info.type + " at " + std::to_string(out.info.non_finite) + " voxels",
                       "scale its values");
   }

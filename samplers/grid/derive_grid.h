@@ -51,7 +51,7 @@ Value toGrid(const Vec3& value) noexcept {
   return Value(value.x(), value.y(), value.z());
 }
 
-/// Returns the scalar, or the vector, that a vector and its Jacobian give.
+/// Computes the derived scalar or vector from a vector and its Jacobian.
 inline double scalarOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   switch (what) {
     case Derivation::kMagnitude:

@@ -31,7 +31,7 @@ class FreeMap {
   explicit FreeMap(std::span<const Voxels> data);
 
   /// Returns a lower bound of the distance to voxels with data, along the axis where they are
-  /// farthest [voxels]. Returns 0 where they may be next to p_I, and where p_I is NaN. RT: no
+  /// farthest [voxels]. Returns 0 if they may be next to p_I, or if p_I is NaN. RT: no
   /// allocation. Cost: a few ns, and the memory access.
   [[nodiscard]] double around(const Vec3& p_I) const noexcept {
     double outside = 0.0;

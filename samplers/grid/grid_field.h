@@ -112,8 +112,8 @@ class LeafBlock {
 
   [[nodiscard]] const Rows<Number, W>& rows() const noexcept { return rows_; }
 
-  /// Returns the active voxels among those that can be a cell's corners: of four rows, the inner
-  /// two.
+  /// Returns the active voxels among those that can be a cell's corners: the inner two of four rows
+  /// along each of the first two axes.
   [[nodiscard, gnu::always_inline]] std::uint64_t active() const noexcept {
     std::uint64_t bits = 0;
     forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
@@ -128,7 +128,8 @@ class LeafBlock {
 
  private:
   static constexpr std::size_t kW = W;
-  /// Calls f(i, j) for each row, unrolled: the compiler would keep a loop, at a tenth more time.
+  /// Calls f(i, j) for each row. It is unrolled here because the compiler keeps a loop, which takes
+  /// a tenth more time.
   template <class F>
   [[gnu::always_inline]] static void forRows(F f) noexcept {
     [&]<std::size_t... N>(std::index_sequence<N...> /*rows*/) __attribute__((always_inline)) {

@@ -26,7 +26,8 @@ namespace palpate::detail {
 
 inline constexpr int kNoCell = std::numeric_limits<int>::max();
 
-/// Copies vectors without a sign. In the copy all point along the main axis of the cell's eight.
+/// Copies vectors without a sign. In the copy all vectors point along the main axis of the cell's
+/// eight vectors.
 class Aligned {
  public:
   template <class Number>
@@ -348,7 +349,7 @@ class LatticeReader {
     if constexpr (kComponents == 1) {
       combine(map_.gradient_from_index, rows[1], rows[2], rows[3]);
     } else {
-      // First the value and d v_F / d index, axis by axis; then the axes, component by component.
+      // Turns the value and d v_F / d index axis by axis, then the axes component by component.
       for (std::size_t r = 0; r < 12; r += 3) {
         combine(map_.rotation, rows[r], rows[r + 1], rows[r + 2]);
       }
@@ -393,7 +394,7 @@ class LatticeReader {
     std::array<int, 3> cell{};
     for (int a = 0; a < 3; ++a) {
       const double from = Kernel::kNearest ? p_I[a] + 0.5 : p_I[a];
-      // The floor, without a call: truncates, and subtracts one if that rounded up.
+      // Computes the floor without a call: truncates, and subtracts one if that rounded up.
       int floor = static_cast<int>(from);
       floor -= static_cast<int>(from < floor);
       cell[static_cast<std::size_t>(a)] = floor;
@@ -434,7 +435,7 @@ class LatticeReader {
     } else {
       std::uint64_t cell = cellBits<kWidth>();
       if constexpr (Kernel::kNearest) {
-        // In the block around the nearest voxel, the octant that t is in.
+        // Selects the octant that t is in, in the block around the nearest voxel.
         cell <<= bitOf<kWidth>(static_cast<int>(t.x() >= 0.0), static_cast<int>(t.y() >= 0.0),
                                static_cast<int>(t.z() >= 0.0));
       } else {

@@ -10,10 +10,10 @@
 
 namespace palpate {
 
-/// Checks and prepares a grid as loadVolume does a file's, for VolumeSpec::volume; the grid's own
-/// space stands for the file's world space. Copies the grid and does not change it. During the call
-/// other threads may read the grid, but must not write to it. Throws VolumeError, under the grid's
-/// name, if the grid cannot be felt. Slow: reads every value.
+/// Checks and prepares a grid for VolumeSpec::volume, as loadVolume does for a grid of a file. The
+/// grid's own space stands for the file's world space. Copies the grid and does not change it.
+/// During the call other threads may read the grid, but must not write to it. Throws VolumeError,
+/// under the grid's name, if the grid cannot be felt. Slow: reads every value.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
                                                        const LoadOptions& options = {});
 

@@ -19,7 +19,8 @@ using openvdb::Coord;
 
 constexpr int kLeaf = 8;
 
-/// Number of open cells and the first of them. The result does not depend on the order of threads.
+/// Number of open cells, and the first open cell. The result does not depend on the order of
+/// threads.
 struct Tally {
   std::uint64_t count = 0;
   Coord first;
@@ -69,8 +70,8 @@ class Finder {
   Finder(const TreeT& tree, double level, double sign)
       : accessor_(tree), level_(level), sign_(sign) {}
 
-  /// Counts the open cells of which a voxel is the first active corner. So each open cell is
-  /// counted at one voxel.
+  /// Counts the open cells whose first active corner is this voxel. So each open cell is counted
+  /// at one voxel.
   void countAt(const Coord& voxel, Tally& tally) const noexcept {
     if (!accessor_.isValueOn(voxel)) return;
     for (int n = 0; n < 8; ++n) {

@@ -17,10 +17,10 @@ struct OpenCells {
 };
 
 /// Counts the open cells of the surface V = level. A cell of a level set is open if its corners are
-/// on both sides of the level and some of them are inactive. The surface leaves its data there, and
+/// on both sides of the level and some corners are inactive. The surface leaves its data there, and
 /// the force of a hand on it ends in one tick. Other grids have no open cells.
 ///
-/// Surfaces across faces of active tiles of more than 128 voxels are not checked.
+/// The search skips surfaces across faces of active tiles with edges of more than 128 voxels.
 /// @return  Empty unless `volume` is a scalar that is read trilinearly.
 /// Parallel over leaves: about 15 reads per active voxel.
 [[nodiscard]] std::optional<OpenCells> findOpenCells(const Volume& volume, const Sampling& sampling,

@@ -89,7 +89,7 @@ std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool 
   if (info.non_finite > 0) {
     return std::to_string(info.non_finite) +
            " of its values are NaN, infinite or above 1e100: replace them before writing the file "
-           "(a scene may say \"non_finite\": \"fill\")";
+           "(or set \"non_finite\": \"fill\" in the scene)";
   }
   if (info.active_voxels == 0) {
     return "it has no active voxel: write the grid with its values active";
@@ -109,8 +109,8 @@ std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
   return sum;
 }
 
-/// Returns the magnitudes' range of a vector by component: at the active voxels of the first grid,
-/// with the nearest voxels of the others.
+/// Returns the range of the magnitudes of a vector by component. Takes them at the active voxels of
+/// the first grid, with the nearest voxels of the other grids.
 template <class GridT>
 Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
   using Tree = typename GridT::TreeType;
@@ -222,7 +222,7 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
   for (Prepared& component : components) {
     const GridInfo& one = component.info;
     if (info.refusal.empty() && !one.refusal.empty()) {
-      info.refusal = "its component \"" + one.name + "\" cannot be felt, " + one.refusal;
+      info.refusal = "its component \"" + one.name + "\" cannot be used because " + one.refusal;
     }
     info.filled += one.filled;
     info.non_finite += one.non_finite;
@@ -231,7 +231,8 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
     info.smoothing.rms_change = std::max(info.smoothing.rms_change, one.smoothing.rms_change);
     info.smoothing.largest_change =
         std::max(info.smoothing.largest_change, one.smoothing.largest_change);
-    // The bounds of the place where all have data; data reach half a voxel beyond the centres.
+    // Bounds the region where all components have data, which reach half a voxel beyond the
+    // centres.
     info.bounds.lower = info.bounds.lower.cwiseMax(one.bounds.lower - 0.5 * one.voxel);
     info.bounds.upper = info.bounds.upper.cwiseMin(one.bounds.upper + 0.5 * one.voxel);
     squares += one.background * one.background;
@@ -242,7 +243,7 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
   info.background = std::sqrt(squares);
   info.memory = memoryOfAll(out.grid->parts);
   if (info.refusal.empty() && info.bounds.empty()) {
-    info.refusal = "its components lie apart: write them over the same place";
+    info.refusal = "its components do not overlap: write them over the same region";
   }
   if (!info.refusal.empty()) return out;
   const Range range = std::visit(

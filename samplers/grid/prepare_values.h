@@ -61,7 +61,8 @@ struct Range {
     highest = std::max(highest, other.highest);
     unusable += other.unusable;
   }
-  /// Adds a leaf's voxels, eight at a time as in its mask: a few times faster than one by one.
+  /// Adds a leaf's voxels, eight at a time as in its mask, which is a few times faster than one by
+  /// one.
   template <class Leaf>
   void addLeaf(const Leaf& leaf) noexcept {
     using Size = decltype(sizeOf(*leaf.buffer().data()));
@@ -138,7 +139,7 @@ template <class GridT>
 Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   using Tree = typename GridT::TreeType;
   openvdb::tree::LeafManager<Tree> leaves(grid.tree());
-  // In short parts, so that progress can be reported.
+  // Reads the leaves in short parts, so that progress can be reported.
   const std::size_t parts = progress && leaves.leafCount() > 10000
                                 ? std::max<std::size_t>(16, leaves.leafCount() >> 16U)
                                 : 1;
@@ -194,8 +195,8 @@ void fillUnusable(GridT& grid) {
   }
 }
 
-/// Turns vectors from the grid's index space into the file's world space, each kind by its own
-/// rule.
+/// Turns vectors from the grid's index space into the file's world space, by the rule of their
+/// VecType.
 template <class GridT>
 void turnVectors(GridT& grid) {
   const openvdb::Mat4d map = grid.transform().baseMap()->getAffineMap()->getMat4();

@@ -18,7 +18,8 @@ namespace {
 
 using openvdb::Coord;
 
-/// The filter forgets values farther away [voxels]: |pole|^16 < 1e-9 for the cubic, the slower one.
+/// The filter ignores values farther away [voxels]. For the cubic, which falls more slowly than the
+/// quadratic, |pole|^16 < 1e-9.
 constexpr int kSplineReach = 16;
 
 /// Returns the pole of the recursion that inverts a spline's samples.
@@ -26,7 +27,7 @@ double poleOf(int degree) {
   return degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
 }
 
-/// Converts to the grid's type: beyond its range to the largest number, never to infinity.
+/// Converts to the grid's type. Numbers beyond its range become the largest number, not infinity.
 template <class Value, class Sum>
 Value stored(const Sum& sum) {
   if constexpr (std::is_arithmetic_v<Value>) {
@@ -107,8 +108,8 @@ std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, i
   return runs;
 }
 
-/// Turns samples into coefficients along one axis, in place: forward and back, with one pole each
-/// way. Outside the leaves of a run the values continue as the tile there.
+/// Turns samples into coefficients along one axis, in place: filters forward and back, with one
+/// pole in each direction. Outside the leaves of a run the values continue as the tile there.
 template <class TreeT>
 void filterAlong(TreeT& tree, int axis, double pole) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -154,7 +155,7 @@ void filterAlong(TreeT& tree, int axis, double pole) {
       for (std::array<Sum, kSize>& row : c) {
         for (std::size_t v = 0; v < kSize; ++v) last[v] = row[v] = row[v] + pole * last[v];
       }
-      // The state that the way back would bring from the constant beyond the end.
+      // The state that the backward pass would have after the constant beyond the end.
       for (Sum& value : last) {
         value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
       }
@@ -192,7 +193,8 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
   const std::lock_guard lock(made.mutex);
   if (!made.parts.empty()) return made.parts;
   std::vector<GridData> parts;
-  // Isolated: a thread that waits in there must not take up other work that needs the same lock.
+  // Isolated, because a thread that waits in the call must not take up other work that needs the
+  // same lock.
   tbb::this_task_arena::isolate([&] {
     for (const Volume::Grid::Part& part : grid.parts) {
       parts.push_back(std::visit(

@@ -12,10 +12,10 @@ namespace palpate {
 /// and back with one pole (Unser, Aldroubi, Eden 1993). The first call for a degree makes the
 /// coefficients, and the volume keeps them; calls from several threads wait for the first.
 ///
-/// Topology and active states are the grid's, with inactive leaves around it: the filter reaches 8
-/// voxels beyond the leaves, where it has fallen below 1e-4. Active tiles of 8^3 become leaves;
-/// larger tiles get leaves along their faces. On the faces of 4096^3 tiles that border on no leaf,
-/// the spline smooths instead of passing through. Parallel, in place.
+/// Topology and active states are those of the grid, plus inactive leaves around it. The filter
+/// reaches 8 voxels beyond the leaves, where it has fallen below 1e-4. Active tiles of 8^3 become
+/// leaves; larger tiles get leaves along their faces. On the faces of 4096^3 tiles that border on
+/// no leaf, the spline smooths instead of passing through. Parallel, in place.
 [[nodiscard]] const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree);
 
 }  // namespace palpate

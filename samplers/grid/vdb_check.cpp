@@ -47,7 +47,7 @@ const ValueKind* kindOf(const std::string& tree_type) {
 struct GridEntry {
   std::string name;
   std::string type;    ///< Type without the suffix of half grids.
-  std::string parent;  ///< Name of the grid whose tree it shares, or empty.
+  std::string parent;  ///< Name of the grid that owns a shared tree, or empty.
   std::int64_t grid = 0;
   std::int64_t block = 0;
   std::int64_t end = 0;
@@ -70,11 +70,11 @@ class VdbCheck::Walk {
     header();
     (void)metadata();
     const auto count = take<std::int32_t>();
-    if (count < 0) damaged("it counts less than no grid");
+    if (count < 0) damaged("its number of grids is negative");
     if (static_cast<std::uint64_t>(count) > left() / 36) tooLarge();
     for (std::int32_t i = 0; i < count; ++i) {
       const GridEntry d = descriptor();
-      if (find(d.name) != nullptr) damaged("two of its grids have one name");
+      if (find(d.name) != nullptr) damaged("two of its grids have the same name");
       grids_.emplace(nameOf(d.name), d);
       grid(d, !has_offsets_);
     }
@@ -117,7 +117,7 @@ class VdbCheck::Walk {
     if (d.parent.empty()) return d;
     const GridEntry* parent = find(d.parent);
     if (parent == nullptr || !parent->parent.empty() || parent->type != d.type) {
-      damaged("a grid shares the tree of one that is not there");
+      damaged("a grid shares the tree of a grid that does not exist");
     }
     return *parent;
   }
@@ -131,7 +131,7 @@ class VdbCheck::Walk {
 
   [[noreturn]] void tooLarge() const {
     if (!bounded_) truncated();
-    damaged("a part of it is larger than its place");
+    damaged("a part of it is larger than the space for it");
   }
 
   // The bytes.
@@ -158,7 +158,7 @@ class VdbCheck::Walk {
               buffer_.begin() + static_cast<std::ptrdiff_t>(filled_), buffer_.begin());
     filled_ -= cursor_;
     cursor_ = 0;
-    // Of a small grid, no more than its own bytes.
+    // For a small grid, reads no more than its own bytes.
     const std::uint64_t more = std::min<std::uint64_t>(kBuffer - filled_, limit_ - read_);
     stream_.read(reinterpret_cast<char*>(buffer_.data() + filled_),
                  static_cast<std::streamsize>(more));
@@ -196,14 +196,15 @@ class VdbCheck::Walk {
 
   bool boolean() {
     const auto byte = take<std::uint8_t>();
-    if (byte > 1) damaged("a truth value in it is neither 0 nor 1");
+    if (byte > 1) damaged("a boolean value in it is neither 0 nor 1");
     return byte == 1;
   }
 
   // The parts of a file.
 
   void header() {
-    if (take<std::int64_t>() != openvdb::OPENVDB_MAGIC) damaged("it does not begin as a .vdb");
+    if (take<std::int64_t>() != openvdb::OPENVDB_MAGIC)
+      damaged("it does not begin with the signature of a .vdb file");
     const auto version = take<std::uint32_t>();
     if (version > openvdb::OPENVDB_FILE_VERSION) {
       throw VolumeError(path_, "it is of a newer format (" + std::to_string(version) + ")",
@@ -234,7 +235,7 @@ class VdbCheck::Walk {
           openvdb::Metadata::isRegisteredType(type)) {
         // OpenVDB reads as many bytes as its own type has.
         if (openvdb::Metadata::createMetadata(type)->size() != bytes) {
-          damaged("metadata of fixed size have another");
+          damaged("metadata of a type with a fixed size have another size");
         }
         if (type == openvdb::BoolMetadata::staticTypeName()) {
           const bool value = boolean();
@@ -242,7 +243,7 @@ class VdbCheck::Walk {
         }
       }
       if (saved_as_half && type != openvdb::BoolMetadata::staticTypeName()) {
-        damaged("it does not say whether a grid is saved as half");
+        damaged("it does not state whether a grid is saved as half");
       }
       skip(end - position());
     }
@@ -259,7 +260,7 @@ class VdbCheck::Walk {
     const auto control = [](unsigned char c) { return (c < 0x20 && c != 0x1e) || c == 0x7f; };
     for (const std::string& text : {d.name, d.type, d.parent}) {
       if (std::any_of(text.begin(), text.end(), control)) {
-        damaged("a grid's name or type holds control characters");
+        damaged("a grid's name or type contains control characters");
       }
     }
     constexpr std::string_view kHalf = "_HalfFloat";
@@ -285,8 +286,8 @@ class VdbCheck::Walk {
       limit_ = static_cast<std::uint64_t>(d.end);
       bounded_ = true;
     } else if (kind == nullptr && !instance) {
-      throw VolumeError(path_, "it holds a grid of type " + d.type + " and no table of contents",
-                        "write it to a file with OpenVDB's io::File, or leave that grid out");
+      throw VolumeError(path_, "it has a grid of type " + d.type + " and no table of contents",
+                        "write the file with OpenVDB's io::File, or omit that grid");
     }
 
     const auto compression = take<std::uint32_t>();
@@ -382,7 +383,7 @@ class VdbCheck::Walk {
     if (has_offsets_ && static_cast<std::int64_t>(position()) != d.block) {
       damaged("a tree's nodes do not end where its values begin");
     }
-    // OpenVDB reads the values in the order of the origins, whatever the order of the nodes.
+    // OpenVDB reads the values in the order of the origins, not in the order of the nodes.
     std::sort(branches.begin(), branches.end(),
               [](const Branch& a, const Branch& b) { return a.origin < b.origin; });
     for (const Branch& branch : branches) {
@@ -395,7 +396,7 @@ class VdbCheck::Walk {
 
   /// Walks a tree without the leaves' values. Stores the leaves' masks in leaves_.
   std::vector<Branch> topology(const Storage& storage) {
-    if (take<std::int32_t>() != 1) damaged("a tree has not one buffer");
+    if (take<std::int32_t>() != 1) damaged("a tree does not have exactly one buffer");
     skip(storage.value);  // the background
     const auto tiles = take<std::uint32_t>();
     const auto children = take<std::uint32_t>();
@@ -421,7 +422,7 @@ class VdbCheck::Walk {
     }
     std::sort(origins.begin(), origins.end());
     if (std::adjacent_find(origins.begin(), origins.end()) != origins.end()) {
-      damaged("two nodes are in one place");
+      damaged("two nodes are at the same place");
     }
     return branches;
   }
@@ -440,7 +441,7 @@ class VdbCheck::Walk {
     const auto child = take<std::array<std::uint64_t, Words>>();
     const auto value = take<std::array<std::uint64_t, Words>>();
     for (std::size_t i = 0; i < Words; ++i) {
-      if ((child[i] & value[i]) != 0) damaged("a node is both child and tile");
+      if ((child[i] & value[i]) != 0) damaged("an entry of a node is both a child and a tile");
     }
     values<Words>(storage, countOn(value), true);
     return countOn(child);
@@ -464,8 +465,9 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Walks a compressed array of `bytes` bytes. `unpack`: also unpacks it, because OpenVDB loses a
-  /// child of the root, and all below it, if an array of its tiles cannot be unpacked.
+  /// Walks a compressed array of `bytes` bytes. If `unpack` is true, also decompresses the array,
+  /// because OpenVDB loses a child of the root, and all below it, if an array of its tiles cannot
+  /// be decompressed.
   void chunk(const Storage& storage, std::uint64_t bytes, bool unpack) {
     const auto size = take<std::int64_t>();
     if (size <= 0) {  // stored uncompressed
@@ -482,7 +484,7 @@ class VdbCheck::Walk {
       if (unpack) data.append(reinterpret_cast<const char*>(header), 16);
       rest -= 16;
     } else if (packed > bytes + bytes / 1000 + 64) {
-      damaged("a packed part is too large");
+      damaged("a compressed part is too large");
     }
     if (!unpack) {
       skip(rest);
@@ -499,13 +501,13 @@ class VdbCheck::Walk {
       if (storage.blosc) openvdb::io::bloscFromStream(stream, unpacked.data(), bytes);
       if (storage.zip) openvdb::io::unzipFromStream(stream, unpacked.data(), bytes);
     } catch (const openvdb::Exception&) {
-      damaged("a packed part cannot be unpacked");
+      damaged("a compressed part cannot be decompressed");
     }
   }
 
   /// Reads the first 16 bytes of a blosc chunk, which repeat its packed and unpacked size.
   const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes) {
-    if (packed < 16) damaged("a packed part is too small");
+    if (packed < 16) damaged("a compressed part is too small");
     const unsigned char* header = take(16);
     const unsigned flags = header[2];
     const unsigned type = header[3];
@@ -514,17 +516,17 @@ class VdbCheck::Walk {
     const std::uint64_t unpacked = sizes[0];
     const std::uint64_t block = sizes[1];
     if (unpacked != bytes || sizes[2] != packed) {
-      damaged("a packed part is not of the size that it should be");
+      damaged("a compressed part does not have the expected size");
     }
     if (unpacked == 0) return header;
     if (type == 0 || block == 0 || block > unpacked) {
-      damaged("a packed part has blocks of no size");
+      damaged("a compressed part has blocks of size 0");
     }
     // Stored uncompressed, or with one position for each block.
     const std::uint64_t blocks = (unpacked + block - 1) / block;
     const bool stored = (flags & 2U) != 0;
     if (stored ? packed != unpacked + 16 : packed < 16 + 4 * blocks) {
-      damaged("a packed part has more blocks than it can hold");
+      damaged("a compressed part has more blocks than its size allows");
     }
     return header;
   }

@@ -14,12 +14,12 @@ namespace palpate {
 [[nodiscard]] bool isFeltType(const std::string& tree_type);
 
 /// Walks a file's structure as OpenVDB would read it, without building a tree. Every count, size
-/// and position must fit, and every node must end where the next begins. OpenVDB trusts what it
-/// reads: it takes a truncated file for zeros, and a flipped bit makes it ask for gigabytes or
-/// crash. A file that passes can be read; its values may still be wrong, because the format has no
-/// checksum. Reads each part that it walks once, in pieces: some 64 bytes of memory per leaf. All
-/// members throw VolumeError if the file is truncated, damaged, or written by an OpenVDB too old or
-/// too new.
+/// and position must fit, and every node must end where the next begins. OpenVDB does not check
+/// the file: it reads zeros beyond the end of a truncated file, and a flipped bit makes it allocate
+/// gigabytes or crash. A file that passes can be read; its values may still be wrong, because the
+/// format has no checksum. Reads each part that it walks once, in pieces: some 64 bytes of memory
+/// per leaf. All members throw VolumeError if the file is truncated, damaged, or written by an
+/// OpenVDB too old or too new.
 class VdbCheck {
  public:
   /// Walks all that precedes the trees; a file without a table of contents is walked from end to

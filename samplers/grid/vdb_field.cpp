@@ -104,8 +104,8 @@ FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume, const Placeme
     }
     if (sampling.interpolation != Interpolation::kTrilinear) {
       throw VolumeError(what,
-                        std::string("axial vectors have no ") + wordFor(sampling.interpolation) +
-                            " interpolation",
+                        std::string("axial vectors do not support ") +
+                            wordFor(sampling.interpolation) + " interpolation",
                         "use trilinear");
     }
   }

@@ -23,7 +23,7 @@ struct Placement {
   }  ///< Maps a place p_F of the file to p_W [m].
   [[nodiscard]] bool operator==(const Placement& other) const noexcept {
     return scale == other.scale && rotation == other.rotation && translate == other.translate;
-  }  ///< Exact: places that differ by a rounding differ.
+  }  ///< True for exactly equal placements.
 };
 
 /// Returns a placement centred in W, with the longest side of the active bounds `size` metres long.
@@ -74,11 +74,11 @@ struct Sampling {
 /// at about the cost of three scalars.
 ///
 /// B-splines: the first call for a volume and degree makes the coefficients, in parallel. The
-/// volume keeps them for all its placements. They take about the volume's memory again, and the
+/// volume keeps them for all its placements. They take about as much memory as the volume, plus the
 /// leaves around it. Value and derivatives are the spline's own; it passes through the stored
-/// values to a rounding of the grid's type. Near the edge of a narrow band the clamped values
-/// beyond it enter: a jump rings by a fourth of its height one voxel on, by a fifteenth two voxels
-/// on.
+/// values within a rounding error of the grid's type. Near the edge of a narrow band the clamped
+/// values beyond the band also count: a jump causes ripples of a fourth of its height one voxel
+/// away, and of a fifteenth two voxels away.
 ///
 /// Axial: the sign of a value has no meaning. It may change from cell to cell, and the derivatives
 /// change with it. If the eight directions of a cell span more than 90 degrees, they have no common

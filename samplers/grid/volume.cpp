@@ -151,8 +151,8 @@ class GridReader : private openvdb::io::Archive {
   }
 
   std::ifstream stream_;
-  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;  ///< By unique names.
-  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;  ///< By user names.
+  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;  ///< By unique name.
+  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;  ///< By user name.
   std::unordered_map<std::string, int> alike_;  ///< Number of grids that a name may mean.
 };
 
@@ -205,14 +205,14 @@ class VdbFile {
     if (!isVdb(steady_->place())) {
       throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
     }
-    // The path as in the list of maps. A copy has no name; "(deleted)" then ends the path there
-    // too.
+    // Stores the path as in the list of maps. A copy has no name, so "(deleted)" ends its path in
+    // both places.
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
       check_.emplace(steady_->place(), path_.string());
       reader_.emplace(steady_->place());
       file_.emplace(steady_->place().string());
-      // OpenVDB need not copy the file: it does not change, and all leaves are read before this
+      // Keeps OpenVDB from copying the file, which does not change. All leaves are read before this
       // object ends.
       file_->setCopyMaxBytes(0);
       file_->open();
@@ -266,9 +266,9 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // At the end all is read; kept() still records the time at which no program was waiting.
+      // At the end everything has been read; kept() still records when no program was waiting.
       if (!steady_->kept() && done < 1.0) throwTaken();
-      // Not after every small grid: each call makes the system search the whole file.
+      // Small grids alone do not cause this call: it makes the system search the whole file.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
       if (options.progress) options.progress(begun + share * done);
@@ -293,15 +293,15 @@ class VdbFile {
  private:
   /// Throws because other programs are about to change the file.
   [[noreturn]] void throwTaken() const {
-    throw VolumeError(path_.string(), "others have waited too long to change it",
-                      "load it when nobody writes to it");
+    throw VolumeError(path_.string(), "another program has waited too long to change it",
+                      "load it when no program writes to it");
   }
 
-  /// Reads a grid. The leaves of a large grid stay on disk, to be read in parallel. Of a grid of an
-  /// unsupported type, reads all but its tree. One thread at a time.
+  /// Reads a grid. The leaves of a large grid stay on disk, to be read in parallel. For a grid of
+  /// an unsupported type, reads all but its tree. Serves one thread at a time.
   [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
     openvdb::GridBase::Ptr grid;
-    // Isolated: a thread that waits in here for OpenVDB's loops must not start to read another
+    // Isolated, because a thread that waits here for OpenVDB's loops must not start to read another
     // grid.
     tbb::this_task_arena::isolate([&] {
       const std::lock_guard lock(reading_);
@@ -342,13 +342,14 @@ class VdbFile {
   }
 
   [[noreturn]] void throwNoGrid(const std::string& wanted) const {
-    if (names_.empty()) throw VolumeError(path_.string(), "it holds no grid", "write one into it");
+    if (names_.empty())
+      throw VolumeError(path_.string(), "it does not have a grid", "write a grid into it");
     std::vector<std::string> names = vectors_;
     names.insert(names.end(), names_.begin(), names_.end());
     std::string all;
     for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
     if (wanted.empty() && names_.size() > 1) {
-      throw VolumeError(path_.string(), "it holds more than one grid", "name one of " + all);
+      throw VolumeError(path_.string(), "it has more than one grid", "name one of " + all);
     }
     const std::string near = nearestName(wanted, names);
     throw VolumeError(path_.string(), "there is no grid \"" + wanted + "\"",
@@ -473,7 +474,8 @@ std::vector<std::string> gridNames(const std::filesystem::path& file) {
 std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
   const VdbFile vdb(file);
   std::vector<std::string> names = vdb.names();
-  if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+  if (names.empty())
+    throw VolumeError(file.string(), "it does not have a grid", "write a grid into it");
   names.insert(names.end(), vdb.vectors().begin(), vdb.vectors().end());
   std::vector<GridInfo> infos;
   infos.reserve(names.size());
@@ -502,7 +504,7 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
     // Preparing a grid changes it.
     return preparedVolume(grid.getName(), grid.deepCopyGrid(), name, options);
   } catch (const openvdb::Exception& e) {
-    throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "make it again");
+    throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "rebuild it");
   }
 }
 

@@ -35,12 +35,12 @@ struct GridInfo {
   bool vector = false;                         ///< Vectors of floats, in one grid or by component.
   bool half = false;                           ///< Stored in 16 bits, read as 32.
   Vec3 voxel = Vec3::Zero();                   ///< Edges of a voxel, file.
-  std::uint64_t active_voxels = 0;             ///< Active tiles counted by their voxels.
+  std::uint64_t active_voxels = 0;             ///< A tile counts by its voxels.
   Box bounds;                    ///< Box of the active voxels' centres, file; empty without them.
   std::uint64_t memory = 0;      ///< [bytes]
   double lowest = 0.0;           ///< Lowest active value; a magnitude for a vector grid.
   double highest = 0.0;          ///< Highest active value; a magnitude for a vector grid.
-  double mean = 0.0;             ///< Mean of the same, tiles counted by their voxels.
+  double mean = 0.0;             ///< Mean active value; a tile counts by its voxels.
   double background = 0.0;       ///< Magnitude for a vector grid.
   std::uint64_t non_finite = 0;  ///< NaN, infinite or above 1e100: voxels, tiles, background.
   std::uint64_t filled = 0;      ///< Values made the background and inactive at load.
@@ -73,7 +73,7 @@ class Volume {
   std::unique_ptr<const Grid> grid_;
 };
 
-/// Returns whether `file` can be read and begins as a .vdb does.
+/// Returns whether `file` can be read and begins with the signature of a .vdb file.
 [[nodiscard]] bool isVdb(const std::filesystem::path& file) noexcept;
 
 /// Treatment of values that are not numbers.
@@ -87,8 +87,8 @@ enum class NonFinite : std::uint8_t {
 struct LoadOptions {
   NonFinite non_finite = NonFinite::kRefuse;  ///< For NaN, infinite and above 1e100.
   /// Width of OpenVDB's Gaussian at load: four box filters of so many voxels to each side; 0 for
-  /// none. Uses LevelSetFilter for a level set, else Filter; active voxels only. Takes twice the
-  /// grid's memory in addition while it works.
+  /// no filter. Uses LevelSetFilter for a level set, else Filter; changes active voxels only.
+  /// During the call it needs twice the grid's memory in addition.
   int smooth = 0;
   /// Receives the progress of reading, from 0 to 1. An Error that it throws ends the load.
   std::function<void(double done)> progress;
@@ -136,8 +136,8 @@ struct LoadResult {
   std::exception_ptr error;              ///< The reason, as a rule a VolumeError; else null.
 };
 
-/// Loads in parallel, equal requests once; opens each file once. `progress` receives the progress
-/// of all together, from any thread but one at a time; it must not use TBB.
+/// Loads volumes in parallel. Loads equal requests once and opens each file once. `progress`
+/// receives the progress of all together, from any thread but one at a time; it must not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);

@@ -61,11 +61,11 @@ DisplacementFrames displacementsOf(std::span<const std::shared_ptr<const Volume>
     const auto& parts = volume->grid().parts;
     const std::string name = "grid \"" + volume->info().name + "\"";
     if (!volume->info().vector || parts.size() != 1) {
-      throw SceneError(path, name + " is no vector in one grid", "give a displacement field");
+      throw SceneError(path, name + " is not a vector in one grid", "give a displacement field");
     }
     if (!sameLattice(first, parts.front())) {
       throw SceneError(path, name + " lies on another lattice than the first frame",
-                       "resample the displacement fields onto one");
+                       "resample all displacement fields to one lattice");
     }
     box.expand(activeBox(parts.front().data));
   }

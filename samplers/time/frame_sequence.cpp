@@ -21,12 +21,13 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Bit of Slot::users: the slot is closed, to be filled.
+/// Bit of Slot::users that marks a slot as closed, so that the loader can fill it.
 constexpr std::uint32_t kClosed = 1U << 31U;
-/// A frame that was held within this time may be held again at any moment. A loop that is later
-/// than this has cut its force.
+/// The loader keeps a frame that a reader held within this time, because the reader may hold it
+/// again. A loop that is later than this has cut its force.
 constexpr std::chrono::milliseconds kKept{50};
-/// Two frames around the play, two that a jump fades from, and the first.
+/// Least number of frames in memory: two around the moment of play, two that a jump fades from, and
+/// the first one.
 constexpr std::uint64_t kLeastFrames = 5;
 /// How often the thread checks where play is.
 constexpr std::chrono::milliseconds kPoll{2};
@@ -61,7 +62,8 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
         "give frames of one kind");
   }
   if (out.volume->grid().parts.size() > 1) {
-    throw VolumeError(request.file.string(), "a vector by component is not played",
+    throw VolumeError(request.file.string(),
+                      "a vector whose components are separate grids cannot be played",
                       "write it as one grid of vectors");
   }
   out.field = makeVdbField(out.volume, placement, sampling);
@@ -79,11 +81,11 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
       const std::string text = std::to_string(of / (1024.0 * 1024.0));
       return text.substr(0, text.find('.') + 3) + " MB";
     };
-    throw VolumeError(
-        name,
-        "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
-            std::to_string(slots) + " of its frames",
-        "give it " + megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
+    throw VolumeError(name,
+                      "a budget of " + megabytes(static_cast<double>(budget)) + " holds " +
+                          std::to_string(slots) + " of its frames",
+                      "increase the budget to " +
+                          megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
   }
   return static_cast<std::size_t>(slots);
 }
@@ -100,18 +102,19 @@ void checkTimes(const FrameTimes& when, std::size_t count, const std::string& na
         "it has " + std::to_string(count) + " frames and " + std::to_string(when.times.size()) +
             " times",
         "give " + std::to_string(asked) +
-            (when.repeat ? ": one for each, and when the first comes again" : ": one for each"));
+            (when.repeat ? ": one for each frame, and one for the return of the first frame"
+                         : ": one for each frame"));
   }
   for (std::size_t i = 0; i < asked; ++i) {
     const bool good = std::isfinite(when.times[i]) && (i == 0 || when.times[i] > when.times[i - 1]);
     if (good) continue;
     throw VolumeError(name,
                       "time " + std::to_string(i) + " of its frames, " +
-                          std::to_string(when.times[i]) + ", does not come after the one before",
-                      "give seconds, ascending");
+                          std::to_string(when.times[i]) + ", is not after the time before",
+                      "give ascending times in seconds");
   }
   if (!std::isfinite(when.times.back() - when.times.front())) {
-    throw VolumeError(name, "its times are too far apart", "give seconds");
+    throw VolumeError(name, "its times are too far apart", "give the times in seconds");
   }
 }
 
@@ -206,7 +209,8 @@ struct FrameSequence::Loader {
   std::thread thread;
 };
 
-/// Returns the frames that should be in memory, the most urgent first; then the frames to retry.
+/// Returns the frames that should be in memory, the most urgent first, and then the frames to
+/// retry.
 std::vector<int> FrameSequence::Loader::wanted() {
   const int count = of.count();
   std::vector<int> all;
@@ -276,8 +280,8 @@ void FrameSequence::Loader::fetch(int frame, std::size_t slot) {
     const bool first = failing.failed(frame, Clock::now());
     shared.missing[static_cast<std::size_t>(frame)].store(true, std::memory_order_release);
     if (first && ++lines <= kMostTroubles) {
-      why += ": play goes on without the frame";
-      if (lines == kMostTroubles) why += "; more like it are only counted";
+      why += ": play continues without the frame";
+      if (lines == kMostTroubles) why += "; further errors are only counted";
       troubles.push_back(std::move(why));
     }
   }
@@ -307,11 +311,12 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
                              const Placement& placement, const Sampling& sampling,
                              const SequenceParams& params)
     : frames_(std::move(frames)), when_(when), params_(params) {
-  if (frames_.empty()) throw VolumeError("sequence", "it has no frame", "give one or more");
+  if (frames_.empty())
+    throw VolumeError("sequence", "it does not have a frame", "give one or more");
   const std::string name = frames_.front().file.string();
   checkTimes(when_, frames_.size(), name);
   if (sampling.axial) {
-    throw VolumeError(name, "vectors without a sign have no blend of two frames",
+    throw VolumeError(name, "two frames of vectors without a sign cannot be blended",
                       "remove \"axial\"");
   }
   // Frames that fit into the budget are kept.
@@ -469,7 +474,7 @@ bool FrameSequence::wait(std::span<const PlayMoment> moments, double seconds) co
 }
 
 std::uint64_t FrameSequence::neededFor(double speed) const noexcept {
-  // In addition to kLeastFrames: frames that were held lately, and one that is being loaded.
+  // Adds to kLeastFrames the frames that were held lately, and one that is being loaded.
   double shortest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < when_.times.size(); ++i) {
     shortest = std::min(shortest, when_.times[i] - when_.times[i - 1]);

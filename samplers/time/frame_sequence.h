@@ -20,8 +20,8 @@ namespace palpate {
 /// Times of frames.
 struct FrameTimes {
   std::vector<double> times;  ///< Times of the frames, ascending [s]. With `repeat` one more, at
-                              ///< which the first frame comes again.
-  bool repeat = false;        ///< After the last frame the first comes; else the last one stays.
+                              ///< which the first frame returns.
+  bool repeat = false;        ///< The first frame follows the last; else the last one stays.
 
   [[nodiscard]] bool operator==(const FrameTimes&) const = default;  ///< True for the same times.
 };
@@ -34,7 +34,7 @@ struct SequenceParams {
   std::uint64_t budget =
       1ULL << 30;      ///< Memory for frames [bytes], counted by the largest frame's size.
   bool waits = false;  ///< A field's attend() waits for its frames, 60 s at most. For virtual time,
-                       ///< in which the same hand must feel the same.
+                       ///< in which equal motions must give equal forces.
 
   [[nodiscard]] bool operator==(const SequenceParams&) const = default;  ///< True for the same
                                                                          ///< options.
@@ -46,7 +46,7 @@ struct SequenceState {
   std::uint64_t slots = 0;     ///< Frames that memory can hold.
   std::uint64_t resident = 0;  ///< Frames in memory now.
   std::uint64_t bytes = 0;     ///< Size of the frames in memory.
-  std::uint64_t fetched = 0;   ///< Frames loaded since the opening, the first pass included.
+  std::uint64_t fetched = 0;   ///< Frames loaded so far, including the first pass.
   std::uint64_t failed = 0;    ///< Frames that could not be loaded; retried.
 };
 
@@ -123,7 +123,7 @@ class FrameSequence {
 
   /// Sets where play is, and its rate [s/s], so that the next frames are loaded. RT: stores.
   void tell(const PlayMoment& at, double rate) const noexcept PALPATE_NONBLOCKING;
-  /// Waits until the frames of these moments are in memory or known to be unavailable. Returns
+  /// Waits until each frame of these moments is in memory or known to be unavailable. Returns
   /// false if that takes longer than `seconds` [s]. Not RT.
   [[nodiscard]] bool wait(std::span<const PlayMoment> moments, double seconds) const;
   /// Returns a lock with which callers wait for frames one at a time: the frames that one caller
@@ -142,7 +142,7 @@ class FrameSequence {
   struct Loader;
 
   [[nodiscard]] int count() const noexcept;
-  /// Returns the frame of a number that counts on over the repeats.
+  /// Returns the frame for a number that continues to count over the repeats.
   [[nodiscard]] int within(int frame) const noexcept;
   /// Returns the next available frame from `frame` on, forward (1) or back (-1); -1 if all are
   /// missing.

@@ -24,11 +24,11 @@ constexpr double kJump = 0.05;
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
-/// Most tries if frames are gone again before they are held.
+/// Largest number of tries if frames leave memory before the reader holds them.
 constexpr int kTries = 1000;
-/// Most frames that are read: two around the play, two that it fades from.
+/// Largest number of frames in a reading: two around the moment of play, two that it fades from.
 constexpr std::size_t kFrames = 4;
-/// Readers that may be in ticks at the same time.
+/// Largest number of readers in ticks at the same time.
 constexpr std::size_t kSeats = 16;
 constexpr std::size_t kNoSeat = kSeats;
 
@@ -63,7 +63,7 @@ struct Reading : Blend {
   std::uint64_t reader = 0;    ///< Number of the reader.
   std::size_t seat = kNoSeat;  ///< Valid within a tick.
   std::size_t last_seat = 0;
-  bool met = false;   ///< There was a tick.
+  bool met = false;   ///< The reader has had a tick.
   bool late = false;  ///< The requested moment is not the shown one.
 };
 
@@ -162,7 +162,7 @@ class SequenceField : public Base {
     Hold low;
     Hold high;           ///< Empty if it has no share.
     double share = 0.0;  ///< Share of the high frame.
-    bool all = false;    ///< All frames with a share are there.
+    bool all = false;    ///< All frames with a share are in memory.
   };
 
   void attendAtOnce(const Attention& at, Reading& of) const noexcept {
@@ -211,7 +211,7 @@ class SequenceField : public Base {
       of.left = std::exchange(of.shown, asked);
       of.arrived = 0.0;
     }
-    of.met = true;  // frames that are not there at once fade in from the first frame
+    of.met = true;  // frames that are not in memory yet fade in from the first frame
     of.late = !(of.shown == asked);
   }
 
@@ -249,7 +249,7 @@ class SequenceField : public Base {
     add(seat, std::move(left.high), (1.0 - arrived) * left.share);
   }
 
-  /// Takes a seat for a reader: its last seat, else any.
+  /// Takes a seat for a reader: its last seat if that is free, else another one.
   void takeSeat(Reading& of) const noexcept {
     for (std::size_t n = 0; n < kSeats; ++n) {
       const std::size_t at = (of.last_seat + n) % kSeats;
@@ -274,7 +274,7 @@ class SequenceField : public Base {
       same->weight += weight;
       return;
     }
-    // A part whose cache is for this frame, else any.
+    // Prefers a part whose cache is for this frame.
     const auto known = std::find_if(read, seat.parts.end(), is);
     if (known != seat.parts.end()) {
       swapParts(*read, *known);

@@ -12,16 +12,16 @@ namespace palpate {
 /// weighted mean of both frames, each interpolated in space. So all readings are continuous in time
 /// while play continues, at any speed, back or forth.
 ///
-/// If play jumps (a seek, the end of a loop, frames that were not there in time), the last played
-/// moment fades over 50 ms into the current one. If frames do not come in time, play stands still.
-/// Both are continuous in time, however play is changed.
+/// If play jumps (a seek, the end of a loop, frames that arrived late), the last played
+/// moment fades over 50 ms into the current one. If frames do not arrive in time, play stands
+/// still. Both are continuous in time for any change of play.
 ///
 /// The field has data where one of the blended frames has data. Surfaces across a blend are
 /// searched as ScalarField::firstFall does without cells. A reading outside a tick (without
 /// attend()) takes the first frame. At most 16 readers may be in ticks at the same time; further
 /// ones read the first frame.
 ///
-/// RT: no lock, no allocation. Cost: readings of two frames, of four within a jump.
+/// RT: no lock, no allocation. Cost: readings of two frames, or of four during a jump.
 [[nodiscard]] FieldPtr makeSequenceField(std::shared_ptr<const FrameSequence> sequence);
 
 }  // namespace palpate

@@ -21,7 +21,7 @@ constexpr std::size_t kLanes = 4;
 using Lanes = Eigen::Array4f;
 /// Number of checks of a warp per interval between frames.
 constexpr std::size_t kParts = 4;
-/// Limit for how many times longer, or shorter, a length of matter may become.
+/// Largest factor by which a warp may stretch or compress lengths of matter.
 constexpr double kMostStretch = 10.0;
 /// Numbers stored per node and frame: u and its rate.
 constexpr std::size_t kNumbers = 2 * kLanes;
@@ -146,7 +146,8 @@ class GridWarp final : public Warp {
   [[nodiscard]] double topSpeed() const override { return top_speed_; }
   [[nodiscard]] double topAcceleration() const noexcept override { return top_acceleration_; }
 
-  /// Checks the warp at and between all nodes and frames. Throws if it folds space.
+  /// Checks the warp at and between all nodes and frames. Throws SceneError if it folds space or
+  /// stretches too much.
   void look(const std::string& path) {
     boundShifts();
     std::mutex mutex;
@@ -156,7 +157,7 @@ class GridWarp final : public Warp {
       double speed = 0.0;
       for (int j = 0; j < 2 * size_[1] - 1; ++j) {
         for (int k = 0; k < 2 * size_[2] - 1; ++k) {
-          // Nodes, and the middles of cells.
+          // Checks nodes and the middles of cells.
           const bool even = plane % 2 == 0;
           if ((j % 2 == 0) != even || (k % 2 == 0) != even) continue;
           const Vec3 x = origin_ + rest_from_index * (0.5 * Vec3(static_cast<double>(plane), j, k));
@@ -342,10 +343,10 @@ class GridWarp final : public Warp {
       if (folds) {
         where << "folds space";
       } else {
-        where << "makes lengths " << 1.0 / most << " to " << 1.0 / least << " times what they are";
+        where << "multiplies lengths by " << 1.0 / most << " to " << 1.0 / least;
       }
       throw SceneError(path, where.str(),
-                       "is its sign or its unit another? else smooth it, or take less of it");
+                       "check its sign and its unit, smooth it, or scale it down");
     }
     return (F.inverse() * u.rate).norm();
   }
@@ -366,17 +367,18 @@ class GridWarp final : public Warp {
 
 void check(const DisplacementFrames& of, const WarpTimes& when, const std::string& path) {
   const std::size_t count = of.frames.size();
-  if (count == 0) throw SceneError(path, "there is no displacement", "name one");
+  if (count == 0)
+    throw SceneError(path, "it does not have a displacement field", "name one or more");
   if (when.times.size() != count && !(count == 1 && when.times.empty())) {
     throw SceneError(path + "/times",
-                     std::to_string(when.times.size()) + " times of " + std::to_string(count) +
-                         " displacement fields",
-                     "give a time for each");
+                     std::to_string(when.times.size()) + " times are given for " +
+                         std::to_string(count) + " displacement fields",
+                     "give one time for each field");
   }
   for (std::size_t i = 0; i < when.times.size(); ++i) {
     const std::string here = path + "/times/" + std::to_string(i);
     if (!(std::abs(when.times[i]) <= 1e9)) {
-      throw SceneError(here, "it is not a time within 30 years", "give seconds");
+      throw SceneError(here, "it is not a time within 30 years", "give the time in seconds");
     }
     if (i > 0 && !(when.times[i] > when.times[i - 1])) {
       throw SceneError(here, "the times do not ascend", "sort the frames by time");
@@ -385,18 +387,21 @@ void check(const DisplacementFrames& of, const WarpTimes& when, const std::strin
   checkWarpMemory(of.size, count, path);
   for (std::size_t a = 0; a < kAxes; ++a) {
     if (of.size[a] < 2) {
-      throw SceneError(path, "the displacement is one voxel thick", "give two or more each way");
+      throw SceneError(path, "the displacement field is one voxel thick",
+                       "give two or more voxels along each axis");
     }
   }
   double most = 0.0;
   for (const std::vector<float>& frame : of.frames) {
     for (const float u : frame) {
-      if (!std::isfinite(u)) throw SceneError(path, "a displacement is not finite", "repair it");
+      if (!std::isfinite(u))
+        throw SceneError(path, "a displacement is not finite", "replace it by a finite number");
       most = std::max(most, static_cast<double>(std::abs(u)));
     }
   }
   if (!when.repeat) return;
-  if (count < 2) throw SceneError(path, "one frame has nothing to repeat", "give two or more");
+  if (count < 2)
+    throw SceneError(path, "a single frame cannot be repeated", "give two or more frames");
   constexpr double kSame = 1e-4;  // of the largest
   for (std::size_t i = 0; i < of.frames.front().size(); ++i) {
     if (std::abs(of.frames.front()[i] - of.frames.back()[i]) <= kSame * most) continue;
@@ -412,9 +417,9 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
   const double memory = nodes * static_cast<double>(frames * kNumbers * sizeof(float));
   if (memory <= static_cast<double>(kMostWarpMemory)) return;
   throw SceneError(path,
-                   std::to_string(frames) + " displacement fields are " +
+                   std::to_string(frames) + " displacement fields need " +
                        std::to_string(std::lround(memory / 1e6)) + " MB",
-                   "make them coarser: displacements are smooth");
+                   "resample them to a coarser lattice");
 }
 
 WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when, const std::string& path) {

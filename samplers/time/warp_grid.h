@@ -30,7 +30,8 @@ struct DisplacementFrames {
 
 /// Memory limit of a warp [bytes].
 inline constexpr std::uint64_t kMostWarpMemory = 1ULL << 30;
-/// Throws SceneError at `path` if so many frames of a lattice of this size need more.
+/// Throws SceneError at `path` if `frames` frames of a lattice of this size need more memory than
+/// kMostWarpMemory.
 void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const std::string& path);
 
 /// Makes a warp that takes u from frames: X = x + u(x, t).

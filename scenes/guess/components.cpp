@@ -37,7 +37,8 @@ std::optional<std::string> stemOf(const std::string& name, std::size_t at, bool 
   return stem;
 }
 
-/// Returns true if the letter is one of two, as in T_xy: then there is a T_yy or a T_zy as well.
+/// Returns true if the letter is one of a tensor's two letters, as in T_xy: the names then include
+/// T_yy or T_zy.
 bool isOfTensor(const std::vector<std::string>& names, const std::string& name, std::size_t at) {
   for (const std::size_t beside : {at - 1, at + 1}) {
     if (beside >= name.size()) continue;

@@ -12,14 +12,14 @@ Metadata metadataOf(const Volume& volume) {
           const auto meta = grid->template getMetadata<openvdb::StringMetadata>(key);
           return meta ? meta->value() : std::string();
         };
-        Metadata said;
-        said.value_unit = text(kMetaValueUnit);
-        said.length_unit = text(kMetaLengthUnit);
-        said.ras = text(kMetaSpace) == "RAS";
-        said.mesh = text(guess::kMetaFrom) == "mesh";
+        Metadata found;
+        found.value_unit = text(kMetaValueUnit);
+        found.length_unit = text(kMetaLengthUnit);
+        found.ras = text(kMetaSpace) == "RAS";
+        found.mesh = text(guess::kMetaFrom) == "mesh";
         const auto axial = grid->template getMetadata<openvdb::BoolMetadata>(guess::kMetaAxial);
-        said.axial = axial && axial->value();
-        return said;
+        found.axial = axial && axial->value();
+        return found;
       },
       volume.grid().parts.front().data);
 }

@@ -17,7 +17,7 @@ struct Metadata {
   std::string value_unit;   ///< "HU"
   std::string length_unit;  ///< "mm"
   bool ras = false;         ///< Its space is a patient's: +x right, +y anterior, +z superior.
-  bool axial = false;       ///< Vectors whose sign has no meaning.
+  bool axial = false;       ///< Vectors without a sign.
   bool mesh = false;        ///< Imported from a mesh: no data outside of its voxels.
 };
 /// Returns the metadata of a volume; for a vector by components those of the first one.

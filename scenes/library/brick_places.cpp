@@ -64,7 +64,7 @@ std::unique_ptr<BrickSource> openBricks(const std::filesystem::path& place) {
   if (scheme == nullptr) return std::make_unique<PosixBricks>(place);
   if (scheme->open == nullptr) {
     throw VolumeError(address, std::string("this palpate was built without ") + scheme->library,
-                      "copy the folder here, or build it with that");
+                      "copy the folder to this machine, or build palpate with this library");
   }
   return std::make_unique<FarBricks>(address, scheme->open(address, {}));
 }

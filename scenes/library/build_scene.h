@@ -46,7 +46,7 @@ struct PlaceSpec {
     kMap,   ///< p = translate + R scale x.
     kLike,  ///< The same map as another volume's (co-registered). Moves with it.
   };
-  Kind kind = Kind::kFit;                           ///< Selects which of the next five apply.
+  Kind kind = Kind::kFit;                           ///< Selects the members that apply.
   double size = 0.1;                                ///< [m]
   double scale = 1.0;                               ///< [m per unit of the file]
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.

@@ -92,15 +92,15 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
       if (!folder.empty() && !fs::is_directory(folder, error)) {
         throw VolumeError(folder.string(), "no such folder", "check the path");
       }
-      throw VolumeError(volume.file.string(), "there is no frame of that name",
-                        "put the frames there, numbered, as " + pattern->nameOf(1));
+      throw VolumeError(volume.file.string(), "the folder has no frame with this name",
+                        "put numbered frames there, such as " + pattern->nameOf(1));
     }
     long next = files.begin()->first;
     for (const auto& [number, file] : files) {
       if (number != next) {
         throw VolumeError(
             (volume.file.parent_path() / pattern->nameOf(next)).string(),
-            fmt::format("the frame is missing, {} is there", file.filename().string()),
+            fmt::format("the frame is missing, but {} exists", file.filename().string()),
             "number the frames without a gap");
       }
       ++next;
@@ -115,8 +115,8 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
     if (volume.grid.empty() && plain(name) != plain(names.front())) {
       throw VolumeError(
           volume.file.string(),
-          "it has grids of several names: " + plain(names.front()) + ", " + plain(name),
-          "name one of them by \"grid\"");
+          "the file has grids of several names: " + plain(names.front()) + ", " + plain(name),
+          "select one by \"grid\"");
     }
     const bool one = volume.grid.empty() || name == volume.grid;
     const bool of_many = name.size() > volume.grid.size() + 2 &&

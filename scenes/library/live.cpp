@@ -40,7 +40,8 @@ LiveShare::LiveShare()
       fcntl(descriptor_, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) != 0) {
     const std::string why = std::strerror(errno);
     if (descriptor_ >= 0) close(descriptor_);
-    throw Error(kSubject, "there is no memory to share with it: " + why, "feel without a window");
+    throw Error(kSubject, "shared memory cannot be created: " + why,
+                "run palpate feel without a window");
   }
   map();
   new (block_) LiveBlock;
@@ -48,17 +49,19 @@ LiveShare::LiveShare()
 }
 
 LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
-  // Read the head first: in another version all the rest may differ, its size too.
+  // Read the head first: in another version all other members, and the size, may differ.
   std::array<std::uint64_t, 2> head{};
   if (pread(descriptor, head.data(), sizeof head, 0) != static_cast<ssize_t>(sizeof head) ||
       head[0] != LiveBlock::kMagic) {
-    throw Error("--live", "descriptor " + std::to_string(descriptor) + " is no loop's memory",
-                "palpate view starts the window");
+    throw Error("--live",
+                "descriptor " + std::to_string(descriptor) + " is not the memory of a loop",
+                "start the window with palpate view");
   }
   struct stat status {};
   if (head[1] != LiveBlock::kLayout || fstat(descriptor, &status) != 0 ||
       status.st_size != static_cast<off_t>(sizeof(LiveBlock))) {
-    throw Error("--live", "the loop is of another version of palpate", "install both anew");
+    throw Error("--live", "the loop belongs to another version of palpate",
+                "install both programs in the same version");
   }
   map();
 }
@@ -74,7 +77,8 @@ void LiveShare::map() {
   if (memory == MAP_FAILED) {
     const std::string why = std::strerror(errno);
     close(descriptor_);
-    throw Error(kSubject, "its memory cannot be mapped: " + why, "feel without a window");
+    throw Error(kSubject, "the shared memory cannot be mapped: " + why,
+                "run palpate feel without a window");
   }
   block_ = static_cast<LiveBlock*>(memory);
 }

@@ -24,7 +24,7 @@ namespace palpate {
 /// Publishes plain data from one writer to any number of readers, also in other processes.
 ///
 /// A sequence lock: the writer never waits for readers. A reader gets a whole value, or fails and
-/// asks again. A Mailbox cannot be used here: its reader takes slots from the writer, and a reader
+/// reads again. A Mailbox cannot be used here: its reader takes slots from the writer, and a reader
 /// in another process may be faulty.
 template <class T>
 class Published {
@@ -64,9 +64,9 @@ class Published {
   std::array<std::atomic<std::uint64_t>, kWords> words_{};
 };
 
-/// Most modes that a window shows; of more it shows the first.
+/// Largest number of modes that a window shows; it shows the first ones.
 inline constexpr std::size_t kLiveModes = 64;
-/// Most primitives that a window shows; of more it shows the first.
+/// Largest number of primitives that a window shows; it shows the first ones.
 inline constexpr std::size_t kLivePrimitives = 64;
 /// Number of past ticks that a window can show: 4 s at 1 kHz.
 inline constexpr std::size_t kLiveRows = 4096;

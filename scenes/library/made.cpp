@@ -110,8 +110,8 @@ double signAt(int i, int j, int k) {
 }
 
 double bowl(const Vec3& p_F) {
-  constexpr double kRadius = 30.0;     // of the middle of the wall [mm]
-  constexpr double kHalf = 3.0;        // of the wall [mm]
+  constexpr double kRadius = 30.0;     // radius of the middle of the wall [mm]
+  constexpr double kHalf = 3.0;        // half the wall's thickness [mm]
   constexpr double kRim = M_PI / 3.0;  // angle between the rim and +z
   const double r = std::hypot(p_F.x(), p_F.y());
   const double z = p_F.z();
@@ -135,7 +135,7 @@ double ellipsoid(const Vec3& p, const Vec3& axes) {
   return k1 > 0.0 ? k0 * (k0 - 1.0) / k1 : -axes.minCoeff();
 }
 
-/// Rises from 0 to 1 over a width about an edge.
+/// Returns a value that rises from 0 to 1 over a width about an edge.
 double ramp(double d, double width) {
   return std::clamp(0.5 + d / width, 0.0, 1.0);
 }
@@ -150,8 +150,8 @@ double ventricle(const Vec3& p_F) {
 }
 
 Vec3 beat(const Vec3& x_F, double share) {
-  constexpr double kRim = 24.0;     // stays [mm]
-  constexpr double kSystole = 0.4;  // of the beat
+  constexpr double kRim = 24.0;     // height of the rim, which does not move [mm]
+  constexpr double kSystole = 0.4;  // share of the beat
   constexpr double kRelaxed = 0.75;
   const double t = share - std::floor(share);
   double tension = 0.0;
@@ -171,7 +171,7 @@ Vec3 beat(const Vec3& x_F, double share) {
 }
 
 double trunk(const Vec3& p_F) {
-  constexpr double kEdge = 6.0;  // blurred over [mm]
+  constexpr double kEdge = 6.0;  // width of the blurred edges [mm]
   const double body = ellipsoid({p_F.x(), p_F.y(), 0.0}, {150.0, 100.0, 1e6});
   const double ends = std::abs(p_F.z()) - 140.0;
   // The lungs are above the diaphragm, a dome.
@@ -190,8 +190,8 @@ double trunk(const Vec3& p_F) {
 }
 
 Vec3 breath(const Vec3& x_F, double share) {
-  // Breathing out takes longer than breathing in, and is followed by a rest (Lujan et al. 1999: a
-  // power of a cosine).
+  // Exhalation takes longer than inhalation, and a rest follows it (Lujan et al. 1999: a power of a
+  // cosine).
   const double in = std::pow(std::sin(M_PI * share), 4);
   const double front = ramp(40.0 - x_F.y(), 200.0);  // 0 at the spine, 1 at the front
   const double diaphragm = std::exp(-std::pow((x_F.z() + 40.0) / 70.0, 2));
@@ -383,7 +383,7 @@ const Recipe& recipeFor(const std::string& name) {
     names.push_back(recipe.volume.name);
   }
   const std::string near = nearestName(name, names);
-  throw Error("make", "\"" + name + "\" is no volume that it makes",
+  throw Error("make", "\"" + name + "\" is not a procedural volume",
               near.empty() ? fmt::format("use one of {}", fmt::join(names, ", "))
                            : "did you mean \"" + near + "\"?");
 }
@@ -406,8 +406,8 @@ std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> v
   const double edge = voxel.value_or(volume.voxel);
   if (!(edge >= volume.least_voxel && edge <= volume.most_voxel)) {
     throw Error("--voxel",
-                fmt::format("{} is not {} to {} {}", edge, volume.least_voxel, volume.most_voxel,
-                            volume.length_unit),
+                fmt::format("{} is not in the range {} to {} {}", edge, volume.least_voxel,
+                            volume.most_voxel, volume.length_unit),
                 fmt::format("use {}", volume.voxel));
   }
   openvdb::initialize();

@@ -83,7 +83,9 @@ class Copy {
     throw SceneError(
         fmt::format("{}/volumes/{}/instances/{}", spec_.source.empty() ? "" : spec_.source + ": ",
                     group_.leader, instance_),
-        fmt::format("it is told of as \"{}\", and there is one of that name", name), "rename that");
+        fmt::format("the report names the instance \"{}\", but the scene already has this name",
+                    name),
+        "rename the other volume or field");
   }
 
   const SceneSpec& spec_;

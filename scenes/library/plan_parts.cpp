@@ -106,7 +106,7 @@ std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
 struct Division {
   Together together;
   std::set<std::string> base;              ///< Groups (from find) that cannot be parts.
-  std::map<std::string, PartPlan> things;  ///< By their groups.
+  std::map<std::string, PartPlan> things;  ///< Keys: their groups.
   std::vector<std::size_t> stay;           ///< Modes outside of the parts.
 
   void keepInBase(const std::string& name) {
@@ -188,13 +188,13 @@ void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
     if (volumes.at(volume).leader == thing.leader) continue;
     throw SceneError(
         path,
-        "\"" + volume + "\" is felt together with \"" + thing.leader + "\", which has instances",
-        "place it like that: {\"like\": \"" + thing.leader + "\"}");
+        "\"" + volume + "\" is read together with \"" + thing.leader + "\", which has instances",
+        "give \"" + volume + "\" the place {\"like\": \"" + thing.leader + "\"}");
   }
   if (in_base) {
     throw SceneError("/volumes/" + thing.leader + "/instances",
-                     "something that is there once reads it (a guide, the coupling)",
-                     "remove that, or the instances");
+                     "a guide or the coupling reads the volume, so it cannot have instances",
+                     "remove the guide or the varying stiffness, or the instances");
   }
 }
 

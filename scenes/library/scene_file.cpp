@@ -30,8 +30,8 @@ std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path)
   }
   std::sort(files.begin(), files.end());
   if (files.empty()) {
-    throw VolumeError(path.string(), "there is no .vdb in it",
-                      "give a folder of .vdb files; DICOM and OpenFOAM are imported first: palpate "
+    throw VolumeError(path.string(), "the folder has no .vdb file",
+                      "give a folder of .vdb files; import DICOM and OpenFOAM first: palpate "
                       "import FOLDER OUT.vdb");
   }
   return files;
@@ -61,12 +61,12 @@ std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::strin
   return volumes;
 }
 
-/// With one grid, its own error is the message; with several, each error is part of it.
+/// Throws the error for a file without a usable grid. The message holds the error of each grid.
 [[noreturn]] void throwNoneFelt(const std::filesystem::path& path,
                                 const std::vector<std::string>& notes) {
-  std::string why = "none of its grids can be felt";
+  std::string why = "none of its grids is usable";
   for (const std::string& note : notes) why += " (" + note + ")";
-  throw VolumeError(path.string(), why, "write a grid that can, or choose another file");
+  throw VolumeError(path.string(), why, "write a usable grid, or choose another file");
 }
 
 }  // namespace
@@ -94,8 +94,8 @@ SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   if (!mayBeScene(file)) (void)gridNames(file);  // throws if it is not a .vdb
   std::string read = readText<SceneError>(file, "check the path");
   if (read.starts_with("{\"palpate_recording\":")) {
-    throw SceneError(file.string(), "it is a recording, which feel takes, compare and convert",
-                     "give a scene");
+    throw SceneError(file.string(), "the file is a recording, not a scene",
+                     "give a scene file; feel, compare and convert read recordings");
   }
   SceneSpec spec = parseScene(read, file.string(), file.parent_path());
   if (text != nullptr) *text = std::move(read);
@@ -123,7 +123,7 @@ SceneSpec sceneFromBricks(const std::filesystem::path& place) {
   SceneSpec spec = parseScene(guess.scene, path.string(), path.parent_path());
   spec.any_stiffness = true;
   for (const std::string& left : guess.left) {
-    spec.notes.push_back(path.string() + ": left out: " + left);
+    spec.notes.push_back(path.string() + ": skipped: " + left);
   }
   return spec;
 }
@@ -135,9 +135,9 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
   spec.source = path.string();
   std::error_code error;
   if (std::filesystem::exists(path / "scene.json", error)) {
-    spec.notes.push_back(
-        (path / "scene.json").string() +
-        ": it is not read: only the volumes of this folder are; name it to feel it");
+    spec.notes.push_back((path / "scene.json").string() +
+                         ": this file is not read, only the volumes of the folder; open the file "
+                         "itself to load the scene");
   }
   const std::vector<FileResult> loaded = loadFiles(files, progress);
   GuessNames names;
@@ -151,7 +151,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
       const Guess guess = guessScene(names, volumes);
       SceneSpec one = parseScene(guess.scene, files[f].string(), files[f].parent_path());
       for (const std::string& left : guess.left) {
-        spec.notes.push_back(files[f].string() + ": left out: " + left);
+        spec.notes.push_back(files[f].string() + ": skipped: " + left);
       }
       for (auto& [name, volume] : one.volumes) {
         const auto is_it = [&grid = volume.grid](const GuessVolume& v) { return v.grid == grid; };
@@ -166,7 +166,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
       spec.coupling = one.coupling;
     } catch (const VolumeError& e) {
       if (files.size() == 1) throw;
-      spec.notes.push_back(std::string(e.what()) + "; it is left out");
+      spec.notes.push_back(std::string(e.what()) + "; the file is skipped");
     }
   }
   if (spec.volumes.empty()) throwNoneFelt(path, spec.notes);

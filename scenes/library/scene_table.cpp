@@ -42,7 +42,7 @@ JsonType<Curve> piecewiseType() {
                           [](const auto& a, const auto& b) { return a.first < b.first; });
   };
   return jsonList(knot, "it is not a list of points", "write [[input, output], ...]")
-      .where(ascend, "its inputs do not ascend", "sort the points by input")
+      .where(ascend, "the inputs do not ascend", "sort the points by input")
       .as<Curve>([](std::vector<Curve::Knot> knots) { return Curve::piecewise(std::move(knots)); });
 }
 
@@ -68,8 +68,8 @@ JsonType<TransferSpec> curveType(JsonSchema& definitions) {
   const JsonType<TransferSpec> factor =
       jsonNumberOr(constantType(), JsonObject<TransferSpec>().chooseByKey(kinds).type())
           .says(
-              "A number, or a transfer function of the scalar that its own \"by\" names, else as "
-              "the mode's.")
+              "A number, or a transfer function of the scalar that its own \"by\" names. Without "
+              "\"by\" it reads the input of the mode.")
           .defined("factor", definitions);
   kinds.push_back(JsonObject<TransferSpec>().need(
       "product",
@@ -91,45 +91,48 @@ JsonType<double> unitType() {
 }
 
 JsonType<std::array<double, 4>> rotationType() {
-  return jsonNumbers<4>().says("Normalised when it is used.");
+  return jsonNumbers<4>().says("A quaternion, which is normalised before use.");
 }
 
 JsonObject<PlaceSpec> motionRows() {
   const JsonType<Keyframe> keyframe =
       JsonObject<Keyframe>()
-          .need("time", jsonNumber().says("Since the scene began [s]."), &Keyframe::time)
+          .need("time", jsonNumber().says("Time since the scene began [s]."), &Keyframe::time)
           .may("rotation_wxyz", rotationType(), &Keyframe::rotation_wxyz)
           .may("translate", vectorType(), &Keyframe::translate)
           .type();
   const JsonType<WarpSpec> warp =
       JsonObject<WarpSpec>()
           .need("field",
-                jsonName().says("The volume whose vectors are the displacement u, in its file's "
-                                "unit of length: what is at x rests at x + u. A frame for each "
-                                "grid of its name, or for each file that %04d in its name means."),
+                jsonName().says(
+                    "The volume whose vectors are the displacement u, in its file's unit of "
+                    "length. The matter now at x was at x + u before deformation. Its frames are "
+                    "the grids with its name, or the files with a number in the place of %04d."),
                 &WarpSpec::field)
           .may("times",
                jsonList(jsonNumber(), "it is not a list of times", "write [0, 0.1, ...]")
-                   .says("Of the frames, ascending [s]; held before the first and after the last. "
-                         "Of a single frame none is needed."),
+                   .says("Times of the frames, ascending [s]. The displacement is constant before "
+                         "the first and after the last. A single frame needs no time."),
                &WarpSpec::times)
           .may("repeat",
-               jsonFlag().says("Over and over; the last frame is the first again. Default false."),
+               jsonFlag().says("If true, the deformation repeats, and the last frame has to equal "
+                               "the first. The default is false."),
                &WarpSpec::repeat)
           .type()
-          .says("How the placed volume deforms, before the keyframes move it.");
+          .says("Deformation of the placed volume. The keyframes move the deformed volume.");
   return JsonObject<PlaceSpec>()
       .may("warp", warp, [](PlaceSpec& place, WarpSpec value) { place.warp = std::move(value); })
       .may("keyframes",
            jsonList(keyframe, "it is not a list of keyframes", "write [{\"time\": 0, ...}, ...]")
-               .says("How the placed volume moves: turned about the world's origin, then shifted; "
-                     "evenly in between, held before the first and after the last. Times ascend."),
+               .says("Motion of the placed volume. A keyframe turns it about the world's origin "
+                     "and then shifts it. The pose changes evenly between keyframes and is "
+                     "constant before the first and after the last. Times ascend."),
            &PlaceSpec::keyframes)
       .may("repeat",
-           jsonFlag().says("Over and over; the last keyframe's pose is the first's. Default "
-                           "false."),
+           jsonFlag().says("If true, the motion repeats, and the last keyframe's pose has to equal "
+                           "the first's. The default is false."),
            &PlaceSpec::repeat)
-      .needs("repeat", "keyframes", "there are no keyframes to repeat", "add \"keyframes\"");
+      .needs("repeat", "keyframes", "\"repeat\" needs keyframes", "add \"keyframes\"");
 }
 
 /// The three kinds of place that need no other volume.
@@ -146,12 +149,16 @@ std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motio
                                     "give scale, in metres per unit of the file, instead");
   };
   return {centred(JsonObject<PlaceSpec>().need(
-              "fit", jsonPositive().says("Longest side of the active bounds [m], centred."),
+              "fit",
+              jsonPositive().says("Longest side of the active bounds [m]. The volume is centred."),
               put(PlaceSpec::Kind::kFit))),
-          centred(JsonObject<PlaceSpec>().need("unit", unitType().says("True size, centred."),
-                                               put(PlaceSpec::Kind::kUnit))),
+          centred(JsonObject<PlaceSpec>().need(
+              "unit",
+              unitType().says(
+                  "The file's unit of length. The volume has its true size and is centred."),
+              put(PlaceSpec::Kind::kUnit))),
           JsonObject<PlaceSpec>()
-              .need("scale", jsonPositive().says("Metres per unit of the file."),
+              .need("scale", jsonPositive().says("Scale: metres per unit of the file."),
                     put(PlaceSpec::Kind::kMap))
               .may("rotation_wxyz", rotationType(), &PlaceSpec::rotation_wxyz)
               .may("translate", vectorType(), &PlaceSpec::translate)
@@ -162,26 +169,29 @@ JsonType<PlaceSpec> placeType() {
   std::vector<JsonObject<PlaceSpec>> kinds = placesWith(motionRows());
   kinds.push_back(
       JsonObject<PlaceSpec>()
-          .need("like", jsonName().says("Moves with it, too."),
+          .need("like",
+                jsonName().says("Name of the volume whose place and motion this volume shares."),
                 [](PlaceSpec& place, std::string name) {
                   place.kind = PlaceSpec::Kind::kLike;
                   place.like = std::move(name);
                 })
-          .refuse({"keyframes", "repeat", "warp"}, "a volume placed like another moves with that",
-                  "remove them, or place it by fit, unit or scale")
+          .refuse({"keyframes", "repeat", "warp"},
+                  "a volume that is placed like another volume moves with it",
+                  "remove these keys, or place the volume by fit, unit or scale")
           .refuse({"rotation_wxyz", "translate"}, "rotation_wxyz and translate need scale",
                   "give scale, in metres per unit of the file, instead"));
   return JsonObject<PlaceSpec>()
       .chooseByKey(std::move(kinds))
       .type()
-      .says("Default: {\"fit\": 0.1}.");
+      .says("Place of the volume. The default is {\"fit\": 0.1}.");
 }
 
 JsonType<PlaceSpec> instanceType() {
   return JsonObject<PlaceSpec>()
       .chooseByKey(placesWith({}))
       .refuse({"like", "keyframes", "repeat", "warp"},
-              "an instance has a place of its own and stands still", "give fit, unit or scale")
+              "an instance cannot move, and cannot be placed like another volume",
+              "give fit, unit or scale")
       .type();
 }
 
@@ -191,29 +201,29 @@ JsonType<FramesSpec> framesType() {
   const auto common =
       JsonObject<FramesSpec>()
           .may("repeat",
-               jsonFlag().says("After the last frame the first comes, over and over. Default "
-                               "false: the last one stays."),
+               jsonFlag().says("If true, the first frame follows the last one. If false, the "
+                               "default, the last frame stays."),
                &FramesSpec::repeat)
           .may("budget_mb",
-               jsonPositive().says("Of memory for frames [MB], which are fetched ahead of play; "
-                                   "default 1024."),
+               jsonPositive().says(
+                   "Memory for frames, which are loaded ahead of play [MB]. The default is 1024."),
                [](FramesSpec& to, double budget) { to.budget_mb = budget; });
   return JsonObject<FramesSpec>()
       .chooseByKey(
           {JsonObject<FramesSpec>()
-               .need("rate", jsonPositive().says("Frames a second."), &FramesSpec::rate)
+               .need("rate", jsonPositive().says("Frames per second."), &FramesSpec::rate)
                .with(common),
            JsonObject<FramesSpec>()
                .need("times",
                      jsonList(jsonNumber(), "it is not a list of times", "write [0, 0.1, ...]")
-                         .says("Of the frames, ascending [s]; repeated one more, when the first "
-                               "comes again."),
+                         .says("Times of the frames, ascending [s]. If the sequence repeats, one "
+                               "more time follows: the return of the first frame."),
                      &FramesSpec::times)
                .with(common)})
       .type()
       .says(
-          "The volume is a sequence: a frame for each grid of its name, or for each file that "
-          "%04d in its name means. Between two frames values are blended.");
+          "Makes the volume a sequence. Its frames are the grids with its name, or the files with "
+          "a number in the place of %04d. Values between two frames are blended.");
 }
 
 JsonObject<SceneSpec> playRows() {
@@ -223,19 +233,26 @@ JsonObject<SceneSpec> playRows() {
   };
   return JsonObject<SceneSpec>()
       .remark("description")
-      .may("speed", jsonNumber().says("Seconds of play a second; below 0: backwards. Default 1."),
+      .may("speed",
+           jsonNumber().says("Speed of play: seconds of the sequence per second. A negative speed "
+                             "plays backwards. The default is 1."),
            [play](SceneSpec& spec, double speed) { play(spec).speed = speed; })
-      .may("paused", jsonFlag().says("It stands until a key lets it go. Default false."),
+      .may("paused",
+           jsonFlag().says(
+               "If true, play is paused until the user presses a key. The default is false."),
            [play](SceneSpec& spec, bool paused) { play(spec).paused = paused; })
       .may("from",
-           jsonNumber().says("Play goes from there [s], forwards or backwards; default: from the "
-                             "first sequence on, or from for ever where all repeat."),
+           jsonNumber().says(
+               "Earliest time of play [s], for both directions of play. The default is the begin "
+               "of the first sequence. If all sequences repeat, the default is no limit."),
            [play](SceneSpec& spec, double from) { play(spec).from = from; })
       .may("to",
-           jsonNumber().says("Play goes to there [s]; default: with the last sequence, or never "
-                             "where one repeats. Backwards it begins here."),
+           jsonNumber().says(
+               "Latest time of play [s]. Backward play begins here. The default is the end of the "
+               "last sequence. If a sequence repeats, the default is no limit."),
            [play](SceneSpec& spec, double to) { play(spec).to = to; })
-      .may("repeat", jsonFlag().says("From one end it jumps to the other. Default false."),
+      .may("repeat",
+           jsonFlag().says("If true, play jumps from one end to the other. The default is false."),
            [play](SceneSpec& spec, bool repeat) { play(spec).repeat = repeat; });
 }
 
@@ -243,43 +260,49 @@ JsonType<VolumeSpec> volumeType() {
   return JsonObject<VolumeSpec>()
       .remark("description")
       .need("file",
-            jsonName().says("A .vdb, a folder of bricks (palpate brick), which is fetched as the "
-                            "hand goes, or for frames a name with %04d for their number."),
+            jsonName().says("A .vdb file, or a folder of bricks (palpate brick), which are loaded "
+                            "as the hand moves. For frames in several files, the name has %04d in "
+                            "the place of the frame's number."),
             [](VolumeSpec& to, const std::string& name) { to.file = name; })
       .may("grid", jsonName(), &VolumeSpec::grid)
       .may("interpolation",
            jsonWordOf({Interpolation::kTrilinear, Interpolation::kNearest,
                        Interpolation::kQuadratic, Interpolation::kCubic}),
            [](VolumeSpec& to, Interpolation value) { to.sampling.interpolation = value; })
-      .may("axial",
-           jsonFlag().says("A vector without a sign, as a fibre's direction. Default false."),
-           [](VolumeSpec& to, bool axial) { to.sampling.axial = axial; })
+      .may(
+          "axial",
+          jsonFlag().says(
+              "If true, the vectors have no sign, like a fibre's direction. The default is false."),
+          [](VolumeSpec& to, bool axial) { to.sampling.axial = axial; })
       .may("non_finite",
            jsonWord<NonFinite>({{"refuse", NonFinite::kRefuse}, {"fill", NonFinite::kFill}})
-               .says("Values that are no numbers: refuse the grid (default), or make them "
-                     "background, no data."),
+               .says(
+                   "Treatment of values that are NaN or infinite. The default, \"refuse\", rejects "
+                   "the grid; \"fill\" replaces the values by the background, which has no data."),
            &VolumeSpec::non_finite)
       .may("smooth",
-           jsonWhole(0, 16).says("OpenVDB's Gaussian at load: four box filters of so many voxels "
-                                 "to each side. Default 0."),
+           jsonWhole(0, 16).says("OpenVDB's Gaussian filter at load. The number is the reach of "
+                                 "its four box filters to each side [voxels]. The default is 0."),
            &VolumeSpec::smooth)
       .may("frames", framesType(),
            [](VolumeSpec& to, FramesSpec value) { to.frames = std::move(value); })
       .may("window",
            JsonObject<double>()
                .need("budget_mb",
-                     jsonPositive().says("Of memory for bricks about the hands [MB]; default 256."),
+                     jsonPositive().says(
+                         "Memory for the bricks near the hands [MB]. The default is 256."),
                      [](double& to, double budget) { to = budget; })
                .type()
-               .says("What of a volume in bricks is in memory."),
+               .says("The bricks of a volume that are in memory."),
            [](VolumeSpec& to, double budget) { to.budget_mb = budget; })
       .may("place", placeType(), &VolumeSpec::place)
       .may("instances",
            jsonList(instanceType(), "it is not a list of places", "write [{\"scale\": ...}, ...]")
-               .says("Instead of place: many, one after the other. Volumes that are placed like "
-                     "this one stand there as well."),
+               .says("Several places, instead of \"place\". Volumes that are placed like this one "
+                     "stand in the same places."),
            &VolumeSpec::instances)
-      .either("instances", "place", "it has a place as well", "give one of place and instances")
+      .either("instances", "place", "the volume also has \"place\"",
+              "remove \"place\" or \"instances\"")
       .type();
 }
 
@@ -319,15 +342,18 @@ ModeRows guideRows() {
     return ModeRows()
         .always([shape](NamedMode& named) { named.mode.guide.shape = shape; })
         .need("at", vectorType(), to(&GuideSpec::position))
-        .may("snap", jsonPositive().says("Acts within so many metres; default: always."),
+        .may("snap",
+             jsonPositive().says("Distance within which the guide acts [m, or units of \"in\"]. By "
+                                 "default it always acts."),
              to(&GuideSpec::snap))
         .may("in",
-             jsonName().says("The volume in whose own units at, along, snap and the distance that "
-                             "its curves read are given."),
+             jsonName().says("The volume that the guide moves with. \"at\", \"along\", \"snap\" "
+                             "and the distance that the curves read are in its units."),
              [](NamedMode& named, std::string name) { named.in = std::move(name); });
   };
   const auto directed = [&](PrimitiveKind shape) {
-    return rows(shape).need("along", vectorType().says("Of a line; a plane's outward normal."),
+    return rows(shape).need("along",
+                            vectorType().says("Direction of a line, or outward normal of a plane."),
                             to(&GuideSpec::direction));
   };
   return ModeRows().choose(
@@ -346,11 +372,12 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
         .may("solid", jsonWord<Solid>({{"above", Solid::kAbove}, {"below", Solid::kBelow}}),
              to(&ModeSpec::solid))
         .may("friction",
-             transfer.says("Coulomb's coefficient: slip starts at so much of the load. Default 0."),
+             transfer.says("Coulomb's coefficient of friction: sliding starts at this share of the "
+                           "load. The default is 0."),
              to(&ModeSpec::friction))
         .may("viscosity",
-             transfer.says("Newtons of drag where the surface acts, or in an isosurface's solid. "
-                           "Default 0."),
+             transfer.says(
+                 "Drag where the surface acts, or in an isosurface's solid [N]. The default is 0."),
              to(&ModeSpec::viscosity));
   };
   const std::vector<std::pair<ModeKind, ModeRows>> modes{
@@ -363,15 +390,21 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
       {ModeKind::kIsosurface,
        solid()
            .need("value", jsonNumber(), to(&ModeSpec::value))
-           .may("depth", jsonPositive().says("Voxels; default 3."), to(&ModeSpec::depth_voxels))},
+           .may("depth",
+                jsonPositive().says("Depth past the surface to which the plane pulls back after "
+                                    "the isosurface has yielded [voxels]. The default is 3."),
+                to(&ModeSpec::depth_voxels))},
       {ModeKind::kFollow, of()},
       {ModeKind::kTransverseDamping, of()},
       {ModeKind::kFrontShape,
-       of().may("two_sided", jsonFlag().says("Default true; else only against the vectors."),
+       of().may("two_sided",
+                jsonFlag().says("If true, the default, the front holds both ways along its normal. "
+                                "If false, it holds only against the vectors."),
                 to(&ModeSpec::two_sided))
            .may("snap_drag",
-                jsonPositive().says("Voxels that the proxy can be pulled off its front before the "
-                                    "next one takes over; default: the front comes along."),
+                jsonPositive().says(
+                    "Distance from its front at which the proxy changes to the next front "
+                    "[voxels]. By default the front moves along with the proxy."),
                 to(&ModeSpec::snap_voxels))},
       {ModeKind::kVortexTube, of()},
       {ModeKind::kGuide, guideRows()},
@@ -385,7 +418,7 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
       .may("name", jsonText(), to(&ModeSpec::name))
       .remark("description")
       .choose("mode", std::move(choices))
-      .need("strength", transfer.says("Newtons."), to(&ModeSpec::strength))
+      .need("strength", transfer.says("Strength [N]."), to(&ModeSpec::strength))
       .may("by", jsonName(), to(&ModeSpec::by))
       .type();
 }
@@ -405,8 +438,8 @@ JsonObject<SceneSpec> couplingRows(const JsonType<TransferSpec>& curve) {
       .may(
           "stiffness",
           jsonNumberOr<Stiffness>(jsonPositive().as<Stiffness>(either), curve.as<Stiffness>(either))
-              .says("k [N/m]; default 500. A transfer function changes at a limited rate, and "
-                    "passively."),
+              .says("Stiffness k [N/m]. The default is 500. If it is a transfer function, the "
+                    "stiffness changes at a limited rate and adds no energy."),
           [](SceneSpec& spec, Stiffness stiffness) {
             if (auto* varying = std::get_if<TransferSpec>(&stiffness)) {
               spec.graph.stiffness = std::move(*varying);
@@ -415,7 +448,7 @@ JsonObject<SceneSpec> couplingRows(const JsonType<TransferSpec>& curve) {
             spec.coupling.stiffness = std::get<double>(stiffness);
             spec.any_stiffness = false;
           })
-      .may("damping", jsonNotNegative().says("D [N s/m]; default 0."),
+      .may("damping", jsonNotNegative().says("Damping D [N s/m]. The default is 0."),
            [](SceneSpec& spec, double damping) { spec.coupling.damping = damping; });
 }
 
@@ -423,26 +456,28 @@ JsonObject<SceneSpec> accuracyRows() {
   return JsonObject<SceneSpec>()
       .remark("description")
       .may("tolerance_voxels",
-           jsonPositiveUpTo(kMostTolerance, "it is more than a voxel",
-                            "give a share of a voxel, as 0.01")
-               .says("How far the proxy may be off its surface or stream by its motion [voxels]; "
-                     "default 0.01."),
+           jsonPositiveUpTo(kMostTolerance, "it is more than one voxel",
+                            "give a part of a voxel, such as 0.01")
+               .says("Largest distance from its surface or stream to which the proxy's motion may "
+                     "lead [voxels]. The default is 0.01."),
            [](SceneSpec& spec, double voxels) { spec.step.tolerance_voxels = voxels; })
       .may("slope_reach",
-           jsonPositiveUpTo(1.0, "it is more than a voxel", "give 0.5 or 1")
-               .says("How far from a place the gradient of a trilinear scalar takes its "
-                     "differences [voxels]; default 0.5. 1 smooths rough surfaces more."),
+           jsonPositiveUpTo(1.0, "it is more than one voxel", "give 0.5 or 1")
+               .says("Distance from a place at which the gradient of a trilinear scalar takes its "
+                     "differences [voxels]. The default is 0.5. The value 1 smooths rough surfaces "
+                     "more."),
            [](SceneSpec& spec, double voxels) { spec.slope_reach = voxels; })
       .may("max_substeps",
-           jsonWhole(1, 64).says("Most readings a tick while something holds the proxy, which "
-                                 "moves at most a voxel between them; default 16."),
+           jsonWhole(1, 64).says(
+               "Largest number of sub-steps in a tick while a primitive holds the proxy. The proxy "
+               "moves at most one voxel between two sub-steps. The default is 16."),
            [](SceneSpec& spec, int most) { spec.step.max_substeps = most; })
-      .may(
-          "max_iterations",
-          jsonWhole(1, 1000000)
-              .says("Most iterations of the balance a tick: after so many nothing more is read and "
-                    "the rest of the path waits for the next tick; default 130."),
-          [](SceneSpec& spec, int most) { spec.step.max_iterations = most; });
+      .may("max_iterations",
+           jsonWhole(1, 1000000)
+               .says("Largest number of iterations of the balance in a tick. After these the tick "
+                     "reads no more values, and the rest of the path waits for the next tick. The "
+                     "default is 130."),
+           [](SceneSpec& spec, int most) { spec.step.max_iterations = most; });
 }
 
 const Table& table() {
@@ -451,16 +486,17 @@ const Table& table() {
     const JsonType<TransferSpec> curve = curveType(t.definitions);
     const JsonType<TransferSpec> transfer =
         jsonNumberOr(constantType(), curve)
-            .says("A number, a transfer function of a scalar, or a product of several.")
+            .says("A number, a transfer function of a scalar, or a product of several factors.")
             .defined("transfer", t.definitions);
     t.scene.remark("$schema")
         .remark("description")
         .version("palpate", 1, "Version of this format.")
-        .mayHold("coupling", couplingRows(curve), "The virtual coupling, Lundin et al. eq. (3).")
-        .mayHold("accuracy", accuracyRows(), "What a tick may take, and how exact it is.")
-        .mayHold("play", playRows(), "How the scene's sequences are played, all together.")
+        .mayHold("coupling", couplingRows(curve), "The virtual coupling: eq. (3) of Lundin et al.")
+        .mayHold("accuracy", accuracyRows(),
+                 "Limits of the work in a tick, and the accuracy of a tick.")
+        .mayHold("play", playRows(), "Common playback of the scene's sequences.")
         .need("volumes",
-              jsonMap(volumeType().defined("volume", t.definitions), 1, "there is no volume",
+              jsonMap(volumeType().defined("volume", t.definitions), 1, "the scene has no volume",
                       "write {\"name\": {\"file\": ...}}"),
               &SceneSpec::volumes)
         .may("fields",
@@ -471,8 +507,7 @@ const Table& table() {
              })
         .need("modes",
               jsonList(modeType(transfer).defined("mode", t.definitions),
-                       "it is not a list of one mode or more, so nothing can be felt",
-                       "write [{...}, ...]"),
+                       "it is not a list of at least one mode", "write [{...}, ...]"),
               [](SceneSpec& spec, std::vector<NamedMode> modes) {
                 for (NamedMode& named : modes) {
                   if (!named.in.empty()) spec.guide_volumes[spec.graph.modes.size()] = named.in;
@@ -493,7 +528,7 @@ const JsonObject<SceneSpec>& sceneTable() {
 JsonSchema sceneTableSchema() {
   return jsonFileSchema("palpate scene, version 1",
                         "Volumes placed in the hand's world (metres, newtons), fields derived from "
-                        "them, and the haptic modes that make them felt.",
+                        "the volumes, and the haptic modes that turn their values into forces.",
                         table().scene.schema(), table().definitions);
 }
 

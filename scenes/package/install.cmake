@@ -44,7 +44,7 @@ if(NOT PALPATE_ENGINE_ONLY)
   if(PALPATE_PYTHON)
     # Debian's folder for the modules of packages, if the prefix is the system's.
     set(PALPATE_PYTHON_FOLDER lib/python3/dist-packages
-        CACHE STRING "Where the Python module goes, below the prefix")
+        CACHE STRING "Folder of the Python module, below the prefix")
     install(TARGETS palpate_python
       LIBRARY DESTINATION ${PALPATE_PYTHON_FOLDER} COMPONENT python)
   endif()
@@ -168,13 +168,13 @@ python3 (<< 3.${next}), python3-numpy")
   set(CPACK_DEBIAN_PYTHON_PACKAGE_RECOMMENDS python3-vtk9)
 endif()
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
-Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, its importer of \
-NIfTI, NRRD, MetaImage and raw values, its manual, the rules that let a user open an arm.")
+Feels .vdb volumes with a force-feedback arm or a simulated hand. Contains the program, its importer \
+of NIfTI, NRRD, MetaImage and raw values, its manual, and the rules that let a user open an arm.")
 set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
-Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files; and netCDF of \
+Lets palpate import read the formats of VTK (DICOM, meshes of solvers, VTK files), and netCDF of \
 weather and oceans.")
 set(CPACK_COMPONENT_VIEW_DESCRIPTION "\
-A window for palpate view: the volumes, the hand and its forces, and why they are what they are.")
+A window for palpate view: shows the volumes, the hand, its forces and the reasons for them.")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\
 Static libraries and headers for find_package(palpate).")
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "\

@@ -135,7 +135,7 @@ class Writing(unittest.TestCase):
                       self.run_it("--write", self.page, "--only", "2,3", status=1))
         self.assertIn("figures 2, 3 are not", self.run_it(
             "--write", self.page, "--only", "1,4,5,6,7,8,9,10", commit="ba9876543210", status=1))
-        self.assertIn("is no commit", self.run_it("--write", self.page, commit="ba9876543210+",
+        self.assertIn("is not a commit", self.run_it("--write", self.page, commit="ba9876543210+",
                                                   status=1))
         self.untouched()
         self.run_it("--write", self.page, "--only", "2,3", commit="ba9876543210")

@@ -82,10 +82,10 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
   CHECK(watch.take(port, ms(1000)) == ReadStatus::kNothing);
   const std::string silent = watch.picture(ms(1100));
   CHECK_THAT(silent,
-             Contains("report 1: none has come\n") && Contains("report 2: none has come\n"));
+             Contains("report 1: none received\n") && Contains("report 2: none received\n"));
   CHECK_THAT(silent, Contains("joint 1 of a") && Contains("not known"));
   CHECK_THAT(silent, Contains("flag homed (switch is 1): not known"));
-  CHECK_THAT(silent, Contains("some firmware only answers, and nothing is sent here"));
+  CHECK_THAT(silent, Contains("some firmware only answers, and this command sends no reports"));
 
   // 500 ms at 1 kHz; the switch at 10 Hz; once a report that the profile does not have.
   for (int i = 1; i <= 500; ++i) {
@@ -95,11 +95,12 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
     CHECK(watch.take(port, ms(1100 + i)) == ReadStatus::kReport);
   }
   const std::string shown = watch.picture(ms(1600));
-  CHECK_THAT(shown, Contains("report 1, 6 bytes: 1000 a second, the last one 0.00 s ago\n"
+  CHECK_THAT(shown, Contains("report 1, 6 bytes: 1000 per second, last received 0.00 s ago\n"
                              "  01 e8 03 18 fc 00 00\n"));
-  CHECK_THAT(shown, Contains("report 2, 1 byte: 10 a second") && Contains("\n  02 01\n"));
-  CHECK_THAT(shown, Contains("report 9, 2 bytes: 2 a second, the last one 0.49 s ago, not in the "
-                             "profile\n  09 ab cd\n"));
+  CHECK_THAT(shown, Contains("report 2, 1 byte: 10 per second") && Contains("\n  02 01\n"));
+  CHECK_THAT(shown,
+             Contains("report 9, 2 bytes: 2 per second, last received 0.49 s ago, not in the "
+                      "profile\n  09 ab cd\n"));
   CHECK_THAT(shown, Contains("  a                        1000           0.01\n"));
   CHECK_THAT(shown, Contains("  b                       -1000           0.02\n"));
   // b's gear is 2; x of the arm is y of the world.
@@ -113,9 +114,9 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
     (void)watch.take(port, ms(1600 + i));
   }
   CHECK_THAT(watch.picture(ms(2100)),
-             Contains("report 2, 1 byte: STOPPED, the last one came 0.50 s ago\n  02 01\n"));
+             Contains("report 2, 1 byte: STOPPED, last received 0.50 s ago\n  02 01\n"));
   const std::string stopped = watch.picture(ms(4600));
-  CHECK_THAT(stopped, Contains("report 1, 6 bytes: STOPPED, the last one came 2.50 s ago"));
+  CHECK_THAT(stopped, Contains("report 1, 6 bytes: STOPPED, last received 2.50 s ago"));
   CHECK_THAT(stopped, Contains("m in the hand's world, 2.50 s ago\n"));
 
   // A report too short for a field; an empty report; more kinds of reports than the watch shows; an
@@ -126,7 +127,7 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
   (void)watch.take(port, ms(4700));
   const std::string odd = watch.picture(ms(5100));
   CHECK_THAT(odd, Contains("  b                beyond the report's end\n"));
-  CHECK_THAT(odd, Contains("reports of yet other numbers\n"));
+  CHECK_THAT(odd, Contains("reports with other numbers\n"));
   CHECK(odd.size() < 3000);
   port.there = false;
   CHECK(watch.take(port, ms(5200)) == ReadStatus::kGone);

@@ -99,7 +99,7 @@ TEST_CASE("a path may start at any time and have one row", "[path]") {
 TEST_CASE("a malformed path file is refused with its reason", "[path]") {
   CHECK_THROWS_WITH(path(""), Contains("p.csv: it is empty"));
   CHECK_THROWS_WITH(path("x,y,z\n1,2,3\n"), Contains("header t,x,y,z"));
-  CHECK_THROWS_WITH(path("t,x,y,z\n"), Contains("no row"));
+  CHECK_THROWS_WITH(path("t,x,y,z\n"), Contains("no rows"));
   CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2\n"), Contains("line 2: it has 3 fields"));
   CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2,nan\n"), Contains("\"nan\" is not a finite number"));
   CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2,3x\n"), Contains("\"3x\""));
@@ -207,7 +207,7 @@ TEST_CASE("a released simulated arm only slows down, and stops", "[simulated]") 
   CHECK(speed == 0.0);
 }
 
-TEST_CASE("a very light, very damped arm stays finite", "[simulated]") {
+TEST_CASE("the position of a very light, strongly damped arm stays finite", "[simulated]") {
   ArmParams arm;
   arm.mass = 1e-6;
   SimulatedDevice device(arm, {}, hold({0.01, 0, 0}, 1.0), 1000.0);

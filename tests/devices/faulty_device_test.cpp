@@ -190,7 +190,7 @@ TEST_CASE("troubles cannot be injected into a real arm", "[fault]") {
     [[nodiscard]] ZeroForce zeroForce() const noexcept override { return {1, {}, 1}; }
   };
   CHECK_THROWS_WITH(FaultyDevice(std::make_unique<Real>(), Trouble::kFrozen, kRate, kBegin),
-                    Catch::Contains("no test for a real arm"));
+                    Catch::Contains("cannot be applied to a real arm"));
 }
 
 TEST_CASE("a forward clock jump cuts the force, a backward jump adds at most 0.2 N", "[fault]") {

@@ -238,7 +238,7 @@ TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensatio
     CHECK(falls.result.weight + (falls.result.held ? 0.0 : 0.05) == Approx(weight).epsilon(0.1));
     WARN("weight " << weight << " N, found " << falls.result.weight
                    << (falls.result.held ? "" : " and what friction holds"));
-    CHECK_THAT(falls.words, Contains("let go of, it goes to"));
+    CHECK_THAT(falls.words, Contains("released, it moves to"));
 
     HidProfile carried = woody();
     carried.masses = masses;

@@ -210,7 +210,7 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   // A forgotten number shifts every field by a byte.
   arm.input[0].id.reset();
   CHECK(complaint(arm, virtualArm()) ==
-        "/input/0: the device has input report 1 of 40 bytes, and this has no number: write "
+        "/input/0: the device has input report 1 of 40 bytes, and this report has no number: write "
         "\"id\": 1");
   arm.input[0] = report(4, 40);
   CHECK(complaint(arm, virtualArm()) ==
@@ -218,7 +218,7 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   arm.input[0] = report(1, 41);
   CHECK(complaint(arm, virtualArm()) ==
         "/input/0: the device's input report 1 has 40 bytes after its number, not 41: write "
-        "\"size\": 40, and see whether its fields are where they are");
+        "\"size\": 40, and check the positions of its fields");
   arm.input[0] = report(1, 40);
   arm.output->size = 25;
   CHECK_THAT(complaint(arm, virtualArm()), Contains("/output: ") && Contains("\"size\": 24"));
@@ -230,7 +230,8 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   CHECK_THAT(complaint(arm, virtualArm()),
              Contains("/open/0/feature: the device has feature report 3 of 8 bytes, and none 5"));
   arm.open = {feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8, 9}))};
-  CHECK_THAT(complaint(arm, virtualArm()), Contains("8 bytes after its number, not 9: send no"));
+  CHECK_THAT(complaint(arm, virtualArm()),
+             Contains("8 bytes after its number, not 9: send at most 8 bytes"));
 
   // A profile with a number too many.
   arm.open.clear();
@@ -258,7 +259,8 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   for (int id = 1; id <= 200; ++id) many.insert(many.end(), {0x85, id, 0x81, 2});
   puck.input = {report(std::nullopt, 1)};
   const std::string said = complaint(puck, bytes(many));
-  CHECK_THAT(said, Contains("8 of 1 byte, ..., and this has no number: write the number of"));
+  CHECK_THAT(said,
+             Contains("8 of 1 byte, ..., and this report has no number: write the number of"));
   CHECK(said.size() < 250);
 }
 

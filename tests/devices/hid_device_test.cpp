@@ -786,7 +786,7 @@ TEST_CASE("an unplugged arm is a fault, a replugged arm returns with its counter
   await([&] { return arm.driven()[0] == 500; });
 }
 
-TEST_CASE("an arm that a write finds lost is gone for the reader too", "[hid]") {
+TEST_CASE("a failed write makes the arm gone for the reader too", "[hid]") {
   FakeArm arm;
   const auto device = open(arm, slides(), true, {{}, [] { return std::unique_ptr<ReportPort>(); }});
   Held held(arm);
@@ -855,7 +855,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     FakeArm arm;
     arm.giveCounts(0, 0, 0);
     CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(arm), true),
-                      Contains("it does not say state = 5") && Contains("press the button"));
+                      Contains("it does not report state = 5") && Contains("press the button"));
     // The command went out, and no report of the sequence drove a motor.
     bool commanded = false;
     for (const auto& report : arm.sent()) {
@@ -872,7 +872,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     pressed.again = {0, 0, 0, 5};
     CHECK_THROWS_WITH(
         HidDevice(profile, std::make_unique<FakePort>(pressed), true),
-        Contains("it has said state = 5 all the time: let go first; then press the button"));
+        Contains("it reported state = 5 from the start: release it first; then press the button"));
     // A state that the device sets without the user may hold before the request.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
@@ -931,7 +931,7 @@ TEST_CASE("the closing sequence runs in order, also after a failed opening", "[h
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
                               {{nullptr, [] { return true; }}}),
-                    Contains("it was not made ready"));
+                    Contains("the program ended before it was ready"));
   CHECK(closed(silent));
 }
 
@@ -1034,7 +1034,7 @@ TEST_CASE("a switch state expires when its report stops", "[hid]") {
   (void)device.read();
   givePlace();
   CHECK_FALSE(device.read().ready);
-  CHECK_THAT(device.whyNotReady(), Contains("the report with held does not come"));
+  CHECK_THAT(device.whyNotReady(), Contains("the report with held does not arrive"));
   giveSwitch(1);
   CHECK(device.read().ready);
 }
@@ -1177,7 +1177,8 @@ TEST_CASE("a joint that does not move the tip does not count as motion", "[hid][
   CHECK(device->read().still == 0.0);
 }
 
-TEST_CASE("a live hand feels the fade only within friction and an encoder count", "[hid][safety]") {
+TEST_CASE("a fading force moves a held arm by at most its friction and one encoder count",
+          "[hid][safety]") {
   // Friction holds the arm while the force fades, and the hand feels no less. Once the arm moves by
   // a count the force comes back.
   const FieldPtr ball = test::ballField();
@@ -1414,7 +1415,7 @@ TEST_CASE("the reason why an arm is not ready is reported", "[hid]") {
   CHECK(device->whyNotReady().empty());
   pass(0.06);
   (void)device->read();
-  CHECK_THAT(device->whyNotReady(), Contains("do not come"));
+  CHECK_THAT(device->whyNotReady(), Contains("do not arrive"));
 }
 
 TEST_CASE("a silent arm fails to open with a hint, an arm that only answers is polled", "[hid]") {

@@ -115,7 +115,7 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
     bool schema;  ///< The schema rejects the file too.
   };
   const std::vector<Bad> cases{
-      {"/palpate_arm", 2, "/palpate_arm: 2 is a version this program does not know", true},
+      {"/palpate_arm", 2, "/palpate_arm: 2 is a version that this program does not support", true},
       {"/name", "a b", "/name: it has other characters", true},
       {"/extra", 1, "/extra: unknown key", true},
       {"/match", Json::array(), "/match: it is not a list", true},
@@ -129,20 +129,21 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
       {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", true},
       {"/input/0/sequence", "tick", "/input/0/sequence: this report has no field \"tick\"", false},
       {"/input/0/sequence", 3, "/input/0/sequence: ", true},
-      {"/input/0/sequence", "a", "/input/0/sequence: a's bits are a joint's, which", false},
-      {"/input/0/sequence", "state", "/input/0/sequence: state's bits are a flag's, which", false},
+      {"/input/0/sequence", "a", "/input/0/sequence: a shares bits with a joint, which", false},
+      {"/input/0/sequence", "state", "/input/0/sequence: state shares bits with a flag, which",
+       false},
       {"/input/0/stale", 0, "/input/0/stale: 0 is not > 0", true},
       {"/input/0/stale", 3, "/input/0/stale: ", true},
       {"/handle/buttons/0/field", "knob", "/handle/buttons/0/field: ", false},
-      {"/handle/buttons/0/equals", 8, "/handle/buttons/0: state is never 8", false},
+      {"/handle/buttons/0/equals", 8, "/handle/buttons/0: state cannot be 8", false},
       {"/handle/buttons/0/name", 3, "/handle/buttons/0/name: ", true},
-      {"/handle/orientation/0/joint", 3, "joint: the model has no such joint", false},
+      {"/handle/orientation/0/joint", 3, "joint: the model does not have this joint", false},
       {"/handle/orientation/0/axis",
        {0, 0, 0},
-       "/handle/orientation/0/axis: it is no direc",
+       "/handle/orientation/0/axis: it is not a direc",
        false},
-      {"/handle/orientation/1/from", "a", "from: a counter is followed where it is a joint's",
-       false},
+      {"/handle/orientation/1/from", "a",
+       "from: palpate follows a counter that wraps only as a joint", false},
       {"/handle/orientation/1/ratio", 0, "/handle/orientation/1/ratio: it is 0", true},
       {"/handle/orientation", Json::array(), "/handle/orientation: it is not a list", true},
       {"/handle/gripper/axis", {0, 0, 1}, "/handle/gripper/axis: unknown key", true},
@@ -151,42 +152,42 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
       {"/flags/0/field", "stat", "did you mean \"state\"?", false},
       {"/flags/0/means", "happy", "\"happy\" is not known", true},
       {"/kinematics/model", "capstan-am", "did you mean \"capstan-arm\"?", true},
-      {"/kinematics/a", 1, "model cartesian has no such key", true},
+      {"/kinematics/a", 1, "model cartesian does not have this key", true},
       {"/kinematics/joints/0/from", "z", "the input has no field \"z\"", false},
       {"/kinematics/joints/0/motor", "fz", "did you mean \"fa\"?", false},
       {"/kinematics/joints/0/torque_constant", 0, "0 is not > 0", true},
       {"/kinematics/joints/0/ratio", 0, "/kinematics/joints/0/ratio: it is 0", true},
       {"/kinematics/joints/0/continuous", 2, "and its heating time belong together", true},
       {"/kinematics/joints/0/heating", 9, "and its heating time belong together", true},
-      {"/kinematics/home_at_open", true, "its user must know the pose", false},
-      {"/kinematics/rate_control", 0.1, "takes no forces", false},
-      {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is no rotation", false},
-      {"/mount/rotation_wxyz", {0, 1e200, 0, 0}, "it is no rotation", false},
+      {"/kinematics/home_at_open", true, "the user must know the home pose", false},
+      {"/kinematics/rate_control", 0.1, "does not take forces", false},
+      {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is not a rotation", false},
+      {"/mount/rotation_wxyz", {0, 1e200, 0, 0}, "it is not a rotation", false},
       {"/name", std::string(200000, 'a') + " ", "/name: it has other characters", true},
       {"/home/0/send/fa", 100, "a step drives a motor", false},
       {"/home/0/send", {{"fa", 0}}, "a step drives a motor", false},
-      {"/output/fields/fb/bit", 56, "its bits are another field's as well", false},
-      {"/output/fields/fa/offset", 6000, "cannot say that there is no force", false},
-      {"/output/fields/fa/most", -1, "cannot say that there is no force", false},
-      {"/output/fields/fa/most", 0, "cannot pull and push", false},
+      {"/output/fields/fb/bit", 56, "it shares bits with another field", false},
+      {"/output/fields/fa/offset", 6000, "cannot hold a force of zero", false},
+      {"/output/fields/fa/most", -1, "cannot hold a force of zero", false},
+      {"/output/fields/fa/most", 0, "cannot both pull and push", false},
       {"/output/fields/fa/most", 40000, "/most: 40000 does not fit: its bits hold -32768", false},
       {"/output/fields/fa/type", "unsigned", "/least: -5000 does not fit", false},
-      {"/output/fields/fa/rest", 1, "a motor drives it", false},
-      {"/output/fields/command/offset", 1, "no motor drives it", false},
+      {"/output/fields/fa/rest", 1, "the field drives a motor", false},
+      {"/output/fields/command/offset", 1, "the field does not drive a motor", false},
       {"/output/fields/command/rest", 300, "/rest: 300 does not fit", false},
-      {"/input/0/fields/a/rest", 1, "nothing is sent in it", false},
-      {"/home/0/send/command", 300, "/home/0/send/command: 300 does not fit", false},
+      {"/input/0/fields/a/rest", 1, "only output fields have a rest", false},
+      {"/home/0/send/command", 300, "/home/0/send/command: 300 is outside of 0 to", false},
       {"/home/0/send", {{"comand", 1}}, "did you mean \"command\"?", false},
       {"/home/0/send", {{"f", 1}}, "name one of its fields", false},
-      {"/kinematics/joints/1/from", "a", "its bits are another joint's as well", false},
-      {"/input/0/fields/b/bit", 100, "its bits are another joint's as well", false},
+      {"/kinematics/joints/1/from", "a", "it shares bits with another joint", false},
+      {"/input/0/fields/b/bit", 100, "it shares bits with another joint", false},
       {"/kinematics/joints/1/home", 90, "90 is more than 6.2832 radians", true},
-      {"/kinematics/joints/1/torque_constant", 0.01, "5 N would ask 500 of fb", false},
+      {"/kinematics/joints/1/torque_constant", 0.01, "5 N needs 500 of fb", false},
       {"/kinematics/joints",
        {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}}},
        "no joint has a motor",
        false},
-      {"/input/0/fields/b/scale", 0.01, "a count of every joint moves the tip 0.01 m", false},
+      {"/input/0/fields/b/scale", 0.01, "one count of each joint moves the tip by 0.01 m", false},
       {"/mount/origin", {0, 0, 100}, "/mount/origin/2: 100 is more than 2 metres", true},
       {"/gravity", {{"masses", {{{"mass", 0}}}}}, "/gravity/masses/0/mass: 0 is not > 0", true},
       {"/gravity", {{"masses", {{{"mass", 300}}}}}, "300 is more than 5 kilograms", true},
@@ -194,7 +195,7 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
       {"/gravity", {{"down", {0, 0, -1}}}, "/gravity: \"masses\" is missing", true},
       {"/gravity",
        {{"masses", {{{"mass", 0.1}}}}, {"down", {0, 0, 0}}},
-       "/gravity/down: it is no direction",
+       "/gravity/down: it is not a direction",
        false},
       {"/gravity",
        {{"masses", {{{"mass", 0.1}, {"link", 3}}}}},
@@ -202,29 +203,29 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
        false},
       {"/gravity",
        {{"masses", {{{"mass", 0.1}, {"centre", {0, 0, 0}}}}}},
-       "/gravity/masses/0/centre: of no link",
+       "/gravity/masses/0/centre: a centre needs a link",
        true},
       {"/gravity",
        {{"masses", {{{"mass", 0.1}}}}},
-       "/gravity: limits/continuous knows nothing of what its motors carry",
+       "/gravity: limits/continuous does not account for the weight that the motors carry",
        false},
-      {"/mount/turned", 1, "known are origin, rotation_wxyz", true},
+      {"/mount/turned", 1, "use one of origin, rotation_wxyz", true},
       {"/limits/force", 400, "400 is more than 100 newtons", true},
       {"/limits/slew", 1e9, "is more than 100000 N/s", true},
       {"/limits/workspace_radius", 100, "100 is more than 2 metres", true},
-      {"/sources", {{"/nonsense", "x"}}, "\"/nonsense\" is nothing in this file", false},
+      {"/sources", {{"/nonsense", "x"}}, "\"/nonsense\" is not in this file", false},
       {"/output/size", 256, "more than 255 bytes", false},
-      {"/kinematics/joints/1/motor", "fa", "it drives another joint", false},
-      {"/flags/0/equals", 9, "state is never 9", false},
+      {"/kinematics/joints/1/motor", "fa", "it drives another joint already", false},
+      {"/flags/0/equals", 9, "state cannot be 9", false},
       {"/limits/stale", 10, "more than 0.1 s", false},
       {"/limits/speed", 50, "more than 5 m/s", false},
-      {"/limits/continuous", 6, "more than the force", false},
-      {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: it may take 6 s", false},
+      {"/limits/continuous", 6, "it is more than limits/force", false},
+      {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: its steps may take 6 s", false},
       {"/home/1/wait/seconds", 0, "0 is not > 0", true},
       {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},
       {"/open/1",
        {{"pause", 1}, {"feature", {1}}},
-       "none or several of its kinds: give one of send, wait",
+       "none or several of these keys: give one of send, wait",
        true},
       {"/limits/force", 0, "/limits/force: 0 is not > 0", true},
       {"/sources", 1, "/sources: it is not an object", true},
@@ -251,7 +252,7 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
   homeless.erase("flags");
   homeless.erase("home");
   CHECK_THAT(trouble(homeless),
-             Contains("/kinematics/joints/0/from: nothing says where its counter is zero"));
+             Contains("/kinematics/joints/0/from: the pose at zero of its counter is unknown"));
   Json numbers = full();
   numbers["output"].erase("id");
   CHECK_THAT(trouble(numbers), Contains("numbers all its reports or none"));
@@ -297,9 +298,8 @@ TEST_CASE("a counter that is homed only by a flag must span the workspace", "[pr
   // 16 bits of 1 um: 66 mm, in a workspace of 200 mm. The counter may mean four places, one of
   // which would be a guess.
   json["input"][0]["fields"]["a"]["bits"] = 16;
-  CHECK_THAT(trouble(json),
-             Contains("/kinematics/joints/0/from: a begins anew every 0.0655 m of the "
-                      "tip, and the workspace is 0.2 m wide"));
+  CHECK_THAT(trouble(json), Contains("/kinematics/joints/0/from: a wraps every 0.0655 m of the "
+                                     "tip, and the workspace is 0.2 m wide"));
   json["limits"]["workspace_radius"] = 0.03;
   CHECK(trouble(json) == "none");
   json["limits"]["workspace_radius"] = 0.1;
@@ -330,7 +330,7 @@ TEST_CASE("a counter that is homed only by a flag must span the workspace", "[pr
                                       {"wraps", true}};
   CHECK(trouble(chain) == "none");
   chain["input"][0]["fields"]["d"]["scale"] = 0.5 * M_PI / 4096;
-  CHECK_THAT(trouble(chain), Contains("/kinematics/joints/3/from: d begins anew every 0.0157 m"));
+  CHECK_THAT(trouble(chain), Contains("/kinematics/joints/3/from: d wraps every 0.0157 m"));
   chain["kinematics"]["tip"] = {0, 0, 0.01};
   CHECK(trouble(chain) == "none");
 }
@@ -344,7 +344,7 @@ TEST_CASE("a device is claimed by one program at a time", "[profile]") {
   CHECK_NOTHROW(claim(ours, file));
   CHECK_NOTHROW(claim(ours, file));
   const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
-  CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") has it"));
+  CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") uses it"));
   // A guardian keeps the device for a killed program until it has written its zero.
   const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
   close(ours);
@@ -390,7 +390,7 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
   const pid_t short_one = killed(300);
   CHECK_NOTHROW(claim(ours, file, say));
   REQUIRE(said.size() == 1);
-  CHECK(said[0] == file + ": the program that had it, " + std::to_string(short_one) +
+  CHECK(said[0] == file + ": the program that used it, " + std::to_string(short_one) +
                        ", has ended: waiting for its guardian");
   CHECK(waitpid(short_one, nullptr, 0) == short_one);
   REQUIRE(flock(ours, LOCK_UN) == 0);
@@ -399,7 +399,7 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
   const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
   CHECK(waitpid(long_one, nullptr, 0) == long_one);
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
-                                                     std::to_string(long_one) + ") has it"));
+                                                     std::to_string(long_one) + ") uses it"));
   close(ours);
 }
 
@@ -423,15 +423,16 @@ TEST_CASE("a motor's continuous limit is read and checked", "[profile]") {
     other["kinematics"]["joints"][1][key] = value;
     return trouble(other);
   };
-  CHECK_THAT(with("continuous", 6), Contains("/joints/1/continuous: 6 is more than its field ever "
-                                             "gives, 5: remove it"));
+  CHECK_THAT(with("continuous", 6),
+             Contains("/joints/1/continuous: 6 is more than its field's limit of 5: remove it"));
   CHECK_THAT(with("continuous", 0), Contains("0 is not > 0"));
-  CHECK_THAT(with("heating", 0.01), Contains("/joints/1/heating: less than 0.1 s"));
+  CHECK_THAT(with("heating", 0.01), Contains("/joints/1/heating: it is less than 0.1 s"));
   CHECK_THAT(with("heating", 1e6), Contains("more than 10000 seconds"));
   Json twice = json;
   twice["limits"]["continuous"] = 2;
   twice["limits"]["heating"] = 10;
-  CHECK_THAT(trouble(twice), Contains("/limits/continuous: its motors have limits of their own"));
+  CHECK_THAT(trouble(twice),
+             Contains("/limits/continuous: joints have continuous limits of their own"));
   Json sensed = json;
   sensed["kinematics"] = Json::parse(R"({"model": "chain",
     "links": [{"along": 0.1, "twist": 1.5708}, {"across": 0.2}, {"across": 0.15}, {}],
@@ -510,13 +511,14 @@ TEST_CASE("gravity masses are read, and may use at most half of a motor's force"
   CHECK(facts.motors[0].carries == 0.0);
   // At most half of a motor's largest force, or of its continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
-  CHECK_THAT(trouble(json),
-             Contains("/gravity: to carry its masses fc is asked for 4.9, of 5 that"));
+  CHECK_THAT(trouble(json), Contains("/gravity: fc needs 4.9 to carry the arm's masses, more than "
+                                     "half of its continuous limit of 5"));
   json["gravity"]["masses"][0]["mass"] = 0.1;
   Json& motor = json["kinematics"]["joints"][2];
   motor["heating"] = 10.0;
   motor["continuous"] = 0.9;
-  CHECK_THAT(trouble(json), Contains("fc is asked for 0.49, of 0.9 that it may hold"));
+  CHECK_THAT(trouble(json), Contains("fc needs 0.49 to carry the arm's masses, more than half of "
+                                     "its continuous limit of 0.9"));
   motor["continuous"] = 1.0;
   CHECK(trouble(json) == "none");
 }
@@ -705,11 +707,12 @@ TEST_CASE("an arm's name is split into profile, serial number and file", "[profi
 TEST_CASE("an ambiguous profile name is refused with the matching profiles", "[profile]") {
   // Their motors differ twelvefold: one taken for the other would get twelve times its force.
   const std::string editions =
-      "hid:woodenhaptics: it may be woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
+      "hid:woodenhaptics: the name fits woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
       "differ";
   CHECK_THROWS_WITH(namedProfile({"woodenhaptics", ""}, nullptr), Contains(editions));
   CHECK_THROWS_WITH(openArm("hid:woodenhaptics", {}), Contains(editions));
-  CHECK_THROWS_WITH(namedProfile({"woodenhaptic", ""}, nullptr), Contains("there is no profile"));
+  CHECK_THROWS_WITH(namedProfile({"woodenhaptic", ""}, nullptr),
+                    Contains("no profile has the name"));
   const HidProfile old = namedProfile({"woodenhaptics-v2015", ""}, nullptr);
   const HidProfile young = namedProfile({"woodenhaptics-v2019", ""}, nullptr);
   CHECK(young.joints[0].torque_constant / old.joints[0].torque_constant ==
@@ -784,13 +787,13 @@ TEST_CASE("a user's profiles replace shipped ones, and a broken profile is repor
   CHECK(arms[2].name == "woodenhaptics-v2019");
   CHECK(arms[0].match[0].vendor == 0x1209);
   CHECK(notes.size() == 4);
-  CHECK_THAT(notes[0], Contains("a.json: /name: it calls itself polhem, as one of palpate's own"));
+  CHECK_THAT(notes[0], Contains("a.json: /name: this file replaces palpate's own profile polhem"));
   CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
   // Two files with one name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
   CHECK(hidProfiles(folder.path(), notes).size() == 3);
-  CHECK_THAT(notes[1], Contains("b.json: /name: another file here calls itself polhem"));
+  CHECK_THAT(notes[1], Contains("b.json: /name: another file in this folder has the name polhem"));
 }
 
 TEST_CASE("the known arms have limits and sources", "[profile]") {
@@ -871,18 +874,19 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
   for (const Bad& bad : std::vector<Bad>{
            {"/pid/axes", Json::array(), "/pid/axes: it is not a list of 1 to 3 axes", true},
            {"/pid/axes/0/axis", "rx", "/pid/axes/0/axis: \"rx\" is not known", true},
-           {"/pid/axes/0/axis", "x", "/pid/axes/1/axis: the axis stands twice", false},
+           {"/pid/axes/0/axis", "x", "/pid/axes/1/axis: the axis occurs twice", false},
            {"/pid/axes/0/way", 0, "/pid/axes/0/way: it is 0", true},
            {"/pid/axes/0/way", 200, "200 is more than 2 metres", true},
-           {"/pid/axes/0/way", 0.19, "the workspace is 0.2 m wide, and the grip goes 0.19", false},
+           {"/pid/axes/0/way", 0.19, "the workspace is 0.2 m wide, and the grip travels 0.19",
+            false},
            {"/pid/axes/0/force", 0, "/pid/axes/0/force: it is 0", true},
-           {"/pid/axes/0/force", 4, "limits/force is 5 N, and this gives 4", false},
+           {"/pid/axes/0/force", 4, "limits/force is 5 N, and this axis gives 4", false},
            {"/pid/axes/0/force", 900, "900 is more than 100 newtons", true},
-           {"/limits/force", 0.001, "limits/force is 0.001 N, and this gives 8", false},
-           {"/input", Json::array(), "none or several of its kinds: give one of input, pid", true},
-           {"/output", Json::object(), "/output: \"pid\" has no such key", true},
-           {"/kinematics", Json::object(), "/kinematics: \"pid\" has no such key", true},
-           {"/rate/output", 0.5, "0.5 reports a second", false},
+           {"/limits/force", 0.001, "limits/force is 0.001 N, and this axis gives 8", false},
+           {"/input", Json::array(), "none or several of these keys: give one of input, pid", true},
+           {"/output", Json::object(), "/output: \"pid\" does not have this key", true},
+           {"/kinematics", Json::object(), "/kinematics: \"pid\" does not have this key", true},
+           {"/rate/output", 0.5, "0.5 reports per second", false},
            {"/firmware", "", "add \"firmware\"", false},
        }) {
     Json json = good;
@@ -920,7 +924,7 @@ TEST_CASE("a PID profile with an axis that the device lacks is refused", "[profi
   found.device.descriptor = test::PidModel(shape).descriptor();
   REQUIRE(found.against(arm));
   CHECK(std::string(found.against(arm)->what()) ==
-        "arm.json: /pid/axes/1: the device says nothing of its z: remove this axis");
+        "arm.json: /pid/axes/1: the device does not report its z: remove this axis");
 }
 
 TEST_CASE("a device is refused while another program holds its force effects", "[profile][pid]") {
@@ -952,8 +956,8 @@ TEST_CASE("a device is refused while another program holds its force effects", "
   char word = 0;
   REQUIRE(read(ready[0], &word, 1) == 1);
   CHECK_THROWS_WITH(refuseEffects("/dev/hidraw3", {node}),
-                    Contains("/dev/hidraw3: ") &&
-                        Contains("(" + std::to_string(other) + ") has its effects, by " + node));
+                    Contains("/dev/hidraw3: ") && Contains("(" + std::to_string(other) +
+                                                           ") uses its effects through " + node));
   kill(other, SIGKILL);
   waitpid(other, nullptr, 0);
   close(ready[0]);

@@ -261,8 +261,8 @@ TEST_CASE("reports that a PID device lacks are not sent", "[hid][pid]") {
     CHECK((device->zeroForce().descriptor < 0) == !shape.control);
     const std::string& source = device->info().source;
     CHECK((source.find("it has no guardian") == std::string::npos) == shape.control);
-    CHECK((source.find("ends after 0.5 s at most") == std::string::npos) == !shape.duration);
-    CHECK((source.find("it knows no durations") == std::string::npos) == shape.duration);
+    CHECK((source.find("ends within 0.5 s") == std::string::npos) == !shape.duration);
+    CHECK((source.find("it has no durations") == std::string::npos) == shape.duration);
   }
   CHECK(wire.playing() == 0);
   CHECK(wire.model.strange() == 0);
@@ -293,7 +293,7 @@ TEST_CASE("an untested PID device opens without force and with a tenth of its ga
   CHECK(wire.model.gainShare() > 0.09);
   CHECK(device->info().limits.peak == kUntestedForce);
   CHECK(device->info().max_stiffness <= kUntestedStiffness);
-  CHECK_THAT(device->info().source, Contains("a tenth of what it is asked for"));
+  CHECK_THAT(device->info().source, Contains("its gain is a tenth"));
   // Even firmware that ignores its gain gives at most the requested force.
   send(*device, {0.5, 0.0, 0.0});
   CHECK(8.0 * wire.share(0) == Approx(0.5 * wire.model.gainShare()).epsilon(0.03));
@@ -322,12 +322,13 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     shape.load_status = 3;
     Wire wire(shape);
     CHECK_THAT(refusal(wire),
-               Contains("it makes no constant force: it says that the effect failed:"));
+               Contains("it cannot create a constant force: it reports that the effect failed:"));
   }
   {
     shape.load_status = 0;
     Wire wire(shape);
-    CHECK_THAT(refusal(wire), Contains("it does not say where the effect is: plug it in again"));
+    CHECK_THAT(refusal(wire),
+               Contains("it does not report the index of the effect: plug it in again"));
   }
   {
     shape.load_status = 1;
@@ -339,7 +340,8 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     shape.load_zero = false;
     shape.load_refused = 1000;
     Wire wire(shape);
-    CHECK_THAT(refusal(wire), Contains("it does not answer where the effect is"));
+    CHECK_THAT(refusal(wire),
+               Contains("it does not answer the request for the index of the effect"));
   }
   {
     shape.load_refused = 5;  // a slow device is waited for
@@ -360,8 +362,9 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
   {
     shape.at_once = 1;
     Wire wire(shape);
-    CHECK_THAT(refusal(wire), Contains("it plays at most 1 effects at once, and an axis needs one: "
-                                       "leave axes out"));
+    CHECK_THAT(
+        refusal(wire),
+        Contains("it plays at most 1 effects at once, and each axis needs one: remove axes"));
     shape.at_once = 0;  // unknown
     Wire other(shape);
     CHECK(refusal(other) == "none");
@@ -537,7 +540,7 @@ TEST_CASE("a PID device's stiffness limit follows from the time of its reports",
     CHECK(device->info().max_stiffness < 20.0);
     CHECK(device->traits().stiffness == device->info().max_stiffness);
     CHECK_THAT(device->info().source,
-               Contains("by 100 forces a second, 11 ms late") && Contains("which is a guess"));
+               Contains("from 100 forces per second, a delay of 11 ms and a guessed friction"));
   }
   wire.takes = 0.0;
   // The profile's rate, if reports take less time.
@@ -550,7 +553,7 @@ TEST_CASE("a PID device's stiffness limit follows from the time of its reports",
   arm.viscous = 2.0;
   arm.delay = 0.004;
   CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 500.0, 1.0)));
-  CHECK_THAT(device->info().source, Contains("as measured"));
+  CHECK_THAT(device->info().source, Contains("a measured friction"));
 }
 
 TEST_CASE("a reconnected PID device is set up again", "[hid][pid]") {
@@ -632,9 +635,9 @@ TEST_CASE("a descriptor without constant force is refused with the missing part"
   CHECK_THAT(without(0x22, 0x01), Contains("no report for the magnitude of a constant force"));
   CHECK_THAT(without(0x77, 0x01), Contains("no report that starts and stops an effect"));
   CHECK_THAT(without(0x7B, 0x01), Contains("no report that starts and stops an effect"));
-  CHECK_THAT(without(0x26, 0x01), Contains("nothing in its descriptor makes an effect"));
+  CHECK_THAT(without(0x26, 0x01), Contains("its descriptor cannot set the type of an effect"));
   CHECK(without(0x31, 0x34) ==
-        "stick.json: /pid/axes/1: the device says nothing of its y: remove "
+        "stick.json: /pid/axes/1: the device does not report its y: remove "
         "this axis");
   CHECK(without(0x99, 0x01) == "none");
 
@@ -646,7 +649,8 @@ TEST_CASE("a descriptor without constant force is refused with the missing part"
   }
   const auto pulls = parseHidDescriptor(bytes);
   REQUIRE(pulls);
-  CHECK_THROWS_WITH(readPidMap(*pulls, "arm"), Contains("its constant force cannot pull and push"));
+  CHECK_THROWS_WITH(readPidMap(*pulls, "arm"),
+                    Contains("its constant force cannot both pull and push"));
 }
 
 TEST_CASE("mutated PID descriptors and answers are accepted or refused", "[hid][pid][fuzz]") {

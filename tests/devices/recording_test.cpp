@@ -226,8 +226,9 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
     if (chunk < 3) REQUIRE(recording.torn() == 0);
     REQUIRE(recording.lost() == (chunk == 2 ? 3 : 0));
     REQUIRE(recording.tick(0).tick == (chunk == 1 ? 4 : 1));
-    if (chunk == 2)
-      CHECK_THAT(recording.incomplete(), Contains("are damaged and left out; 3 ticks"));
+    if (chunk == 2) {
+      CHECK_THAT(recording.incomplete(), Contains("are damaged and skipped; 3 ticks"));
+    }
   }
   // Chunks that repeat, or precede, ticks already read are ignored.
   const auto chunk = [&](std::size_t i) { return whole.substr(ends[i], ends[i + 1] - ends[i]); };
@@ -253,9 +254,9 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   const Recording before(file);
   std::filesystem::resize_file(file, 0);
   CHECK(before.tick(before.size() - 1).tick == 9);
-  CHECK_THROWS_WITH(ticksOf("t,x,y,z\n"), Contains("it is no recording"));
+  CHECK_THROWS_WITH(ticksOf("t,x,y,z\n"), Contains("it is not a recording"));
   CHECK_THROWS_WITH(Recording(folder.file("none.rec")), Contains("it cannot be read"));
-  CHECK_THROWS_WITH(Recording(folder.path), Contains("it is no file"));
+  CHECK_THROWS_WITH(Recording(folder.path), Contains("it is not a file"));
   std::string other = whole;
   other.replace(other.find("[\"time\""), 7, "[\"tame\"");
   CHECK_THROWS_WITH(ticksOf(other), Contains("another version"));
@@ -307,7 +308,7 @@ TEST_CASE("a full disk ends the recording, and the file stays readable", "[recor
   }
   REQUIRE(::setrlimit(RLIMIT_FSIZE, &before) == 0);
   std::signal(SIGXFSZ, handler);
-  CHECK_THAT(trouble, Contains("it cannot be written on (File too large)"));
+  CHECK_THAT(trouble, Contains("writing stopped (File too large)"));
   const Recording recording(file);
   CHECK(recording.torn() == 0);
   CHECK(recording.size() > 0);

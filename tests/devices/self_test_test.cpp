@@ -102,17 +102,17 @@ TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
     CHECK(run.farthest < 0.06);
   };
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y(), f.z()); }),
-       "pushed to +y it went the other way");
+       "pushed to +y, it moved the other way");
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(-f); }),
-       "pushed to +x it went the other way");
+       "pushed to +x, it moved the other way");
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.y(), f.x(), f.z()); }),
-       "pushed to +x it went elsewhere");
+       "pushed to +x, it moved in another direction");
   says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), 0, f.z()); }),
        "y: 0.5 N did not move it");
   says(tried(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
   says(tried(good, {2000.0, 20.0}), "did not move it");
   const Run heavy = tried(good, {0, 0}, nullptr, {0, 0, -0.4});
-  says(heavy, "let go of, it goes to (0, 0, -1) by itself, pushed by 0.399 N");
+  says(heavy, "released, it moves to (0, 0, -1) by itself, with 0.399 N");
   CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
   CHECK(heavy.result.held);
   // The remedy is for an arm that falls. An arm that rises carries too much.
@@ -121,7 +121,7 @@ TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
     params.down = Vec3(0, 0, -1);
     says(tried(good, {0, 0}, nullptr, {0, 0, 0.3 * up}, params),
          up < 0.0 ? "add a mass of 0.0306 kg to gravity/masses"
-                  : "gravity/masses are too heavy, by 0.0306 kg");
+                  : "reduce gravity/masses of its profile by 0.0306 kg");
     params.down = Vec3(1, 0, 0);
     says(tried(good, {0, 0}, nullptr, {0, 0, 0.3 * up}, params), "that is not down");
   }
@@ -130,14 +130,14 @@ TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
 TEST_CASE("wrong force scales and directions are found from implausible motion", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   // Motors ten times as strong; one motor six times; a force turned by 35 degrees.
-  expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
+  expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "moved farther");
   expectWords(tried(good, {0, 0},
                     [](const Vec3& f) {
                       const double c = std::cos(0.61);
                       const double s = std::sin(0.61);
                       return Vec3(c * f.x() - s * f.y(), s * f.x() + c * f.y(), f.z());
                     }),
-              "went elsewhere");
+              "moved in another direction");
   CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
@@ -145,7 +145,7 @@ TEST_CASE("wrong force scales and directions are found from implausible motion",
   // before its sign is known.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
-  expectWords(coupled, "pushed to +y it went the other way");
+  expectWords(coupled, "pushed to +y, it moved the other way");
   CHECK(coupled.farthest < 0.06);
 }
 
@@ -248,7 +248,7 @@ TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
         good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
         Vec3::Zero(), params);
     expectWords(turned, "pushed to +y" + std::string(lean > 0.0 ? " (0, 0.878, 0.479)" : "") +
-                            " it went the other way");
+                            ", it moved the other way");
   }
   // One axis only.
   SelfTestParams params;
@@ -275,9 +275,10 @@ TEST_CASE("a low position rate and long pauses are reported", "[hid]") {
     for (const std::string& problem : self.result().problems) all += problem + "; ";
     return all;
   };
-  CHECK_THAT(problems(1), !Contains("positions a second") && !Contains("a pause of"));
-  CHECK_THAT(problems(4), Contains("it gives 250 positions a second") && !Contains("a pause of"));
-  CHECK_THAT(problems(20), Contains("a pause of 20 ms between two positions is longer than 10 ms"));
+  CHECK_THAT(problems(1), !Contains("positions per second") && !Contains("a pause of"));
+  CHECK_THAT(problems(4), Contains("it sends 250 positions per second") && !Contains("a pause of"));
+  CHECK_THAT(problems(20),
+             Contains("a pause of 20 ms between two positions is longer than the limit of 10 ms"));
 }
 
 TEST_CASE("new positions are counted, and their longest pause is measured", "[hid]") {

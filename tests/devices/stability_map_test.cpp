@@ -37,7 +37,7 @@ std::shared_ptr<const Scene> wallScene() {
 
 }  // namespace
 
-TEST_CASE("the engine rests below 0.8 of the wall formula's stiffness, and not above 1.25",
+TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and not above 1.25",
           "[stability]") {
   const MapSetting setting;
   std::vector<std::pair<MapContact, MapMethod>> tried;
@@ -69,7 +69,7 @@ TEST_CASE("the engine rests below 0.8 of the wall formula's stiffness, and not a
   }
 }
 
-TEST_CASE("other methods swing at couplings where the engine rests", "[stability]") {
+TEST_CASE("other methods oscillate at couplings where the engine is stable", "[stability]") {
   const MapSetting setting;
   const MapContact trough = troughContact(20.0);
   const auto methods = methodsOver(trough);

@@ -126,7 +126,7 @@ double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period
 
 }  // namespace
 
-TEST_CASE("the boundary by eigenvalues is where an event simulation begins to swing up",
+TEST_CASE("the stability boundary from eigenvalues equals the one of an event simulation",
           "[stability]") {
   Random random(7);
   long cases = 0;
@@ -178,7 +178,7 @@ TEST_CASE("without hand and delay the boundary equals the closed form", "[stabil
   }
 }
 
-TEST_CASE("the passive stiffness is where the worst motion begins to gain energy", "[passivity]") {
+TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivity]") {
   // A motion z^k: the port's energy per |x_{k+1} - x_k|^2, with the best motion of the arm between
   // samples (docs/passivity.md, section 1).
   const auto gains = [](double k, double b, double period, int whole, double part,
@@ -269,7 +269,7 @@ TEST_CASE("an axis with a lagging amplifier moves as its differential equation s
   CHECK((swing(1e-3) - swing(0.0)).norm() > 1e-7);
 }
 
-TEST_CASE("beyond the boundary Coulomb friction stops small swings but not large ones",
+TEST_CASE("beyond the boundary Coulomb friction stops small oscillations but not large ones",
           "[stability]") {
   ArmParams arm = bare(0.1, 0.5);
   arm.coulomb = 0.1;

@@ -116,9 +116,9 @@ TEST_CASE("a strength is a product of transfer functions, each of its own scalar
   CHECK_THAT(refused({{1.0, ""}, {ramp, "nothing"}}, ""),
              Contains("/modes/0/strength/product/1/by"));
   CHECK_THAT(refused({{1.0, ""}, {ramp, "flow"}}, ""), Contains("is a vector"));
-  CHECK_THAT(refused({{2.0, ""}, {3.0, ""}}, "head"), Contains("no factor of"));
+  CHECK_THAT(refused({{2.0, ""}, {3.0, ""}}, "head"), Contains("no curve of"));
   CHECK_THAT(refused({{1e6, ""}, {1e6, ""}}, ""), Contains("exceed"));
-  CHECK_THAT(refused({}, ""), Contains("product of nothing"));
+  CHECK_THAT(refused({}, ""), Contains("no factors"));
   CHECK(refused({{2.0, ""}, {3.0, ""}}, "") == "accepted");
 }
 

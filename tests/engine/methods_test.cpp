@@ -155,7 +155,7 @@ TEST_CASE("eq. 2 gives the balance of orthogonal primitives at any positions", "
   }
 }
 
-TEST_CASE("eq. 2 makes newtons out of weak primitives that are not orthogonal",
+TEST_CASE("eq. 2 gives forces of newtons for weak primitives that are not orthogonal",
           "[methods][eq2][eq7]") {
   // Two planes 45 degrees apart have almost no strength. The hand is 4 mm behind both along the
   // first.

@@ -610,7 +610,7 @@ TEST_CASE("a mode of zero strength leaves the result the same bit for bit", "[mo
   }
 }
 
-TEST_CASE("turning and moving scene and hand together turns the force with them", "[modes]") {
+TEST_CASE("rotating and moving scene and hand together rotates the force with them", "[modes]") {
   Random random(73);
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();

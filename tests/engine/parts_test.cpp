@@ -399,8 +399,8 @@ TEST_CASE("a part with an unsupported property is refused with a reason", "[scal
   guide.modes.resize(1);
   guide.modes[0].kind = ModeKind::kGuide;
   guide.modes[0].strength = 1.0;
-  says(guide, {}, "no place of its own");
-  CHECK_THROWS_WITH(makeScene({}, {}), Catch::Contains("there is no mode"));
+  says(guide, {}, "a guide or a user-defined mode");
+  CHECK_THROWS_WITH(makeScene({}, {}), Catch::Contains("the scene has no modes"));
 }
 
 }  // namespace palpate::parts_test

@@ -454,7 +454,7 @@ TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
   CHECK(rubbed.energy() == Approx(paid + 0.5 * std::sqrt(3.0) * 0.2 * surely));
 }
 
-TEST_CASE("a force that varies between two positions costs the energy a hand can take by it",
+TEST_CASE("a force that varies between two positions costs the energy that a hand can gain from it",
           "[passivity]") {
   const double b = 0.5;
   const double period = 1e-3;

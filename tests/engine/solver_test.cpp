@@ -434,7 +434,7 @@ TEST_CASE("the same input and memory give the same bits", "[solver]") {
   }
 }
 
-TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
+TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
   const double width = GENERATE(0.0, 1e-6, 1e-3);
   const std::vector<Primitive> set{plane({0, 0, 0}, {0, 0, 1}, 2.0),
                                    plane({0, 0, width}, {0, 0, -1}, 2.0)};

@@ -76,7 +76,7 @@ TEST_CASE("a sphere pressed along 1,000 directions answers k times depth, radial
   CHECK(worst < 1e-11);
 }
 
-TEST_CASE("pushed harder than its strength, the surface lets go at s/k", "[step][fig6]") {
+TEST_CASE("a surface pushed harder than its strength releases the proxy at s/k", "[step][fig6]") {
   Random random(2);
   for (int i = 0; i < 50; ++i) {
     const double s = random.uniform(0.5, 3.0);
@@ -148,7 +148,7 @@ TEST_CASE("the force on a released hand goes to zero", "[step][passivity]") {
   CHECK(r.force.norm() < 1e-6);
 }
 
-TEST_CASE("anchored modes make no energy: the proxy never moves away from the probe",
+TEST_CASE("anchored modes add no energy: the proxy never moves away from the probe",
           "[step][passivity]") {
   Random random(4);
   const FieldPtr flow = makeVortex(Vec3::Zero(), {1, 2, 3}, 0.2, 1.0);

@@ -107,19 +107,20 @@ TEST_CASE("images that do not form a volume are refused with the reason", "[dico
              }),
              Contains("slices are missing between z = 4 and 20 mm: 7 of 12 in all"));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).position.z() = 4.3; }),
-             Contains("its slices are uneven: "));
+             Contains("the spacing of the slices is uneven: "));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).position.x() += 1.0; }),
-             Contains("not evenly in line: that at z = 4 mm is 1 mm off"));
+             Contains("not evenly spaced on a line: the slice at z = 4 mm is 1 mm off"));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).format[0] = 5; }),
              Contains("1 of 5 images differ from the others"));
-  CHECK_THAT(trouble([](Files& f) { at(f, 1).row = Vec3(0, 1, 0); }), Contains("a localiser"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 1).row = Vec3(0, 1, 0); }), Contains("localisers"));
   CHECK_THAT(trouble([](Files& f) { at(f, 1).placed = false; }),
-             Contains("1 of 5 images do not say where they are"));
+             Contains("1 of 5 images do not state their position"));
   CHECK_THAT(trouble([](Files& f) { at(f, 1).has_rescale = true; }),
-             Contains("only 1 of 5 images say what their values mean"));
-  CHECK_THAT(trouble([](Files& f) { f[0].is_colour = true; }), Contains("in colour: 1 of 5"));
+             Contains("only 1 of 5 images state the scale of their values"));
+  CHECK_THAT(trouble([](Files& f) { f[0].is_colour = true; }),
+             Contains("1 of 5 files have colour images"));
   CHECK_THAT(trouble([](Files& f) { at(f, 4).position = at(f, 3).position; }),
-             Contains("2 images are at the same place, z = 6 mm"));
+             Contains("2 images are at the same position, z = 6 mm"));
 }
 
 TEST_CASE("images at one position are time steps if they carry times", "[dicom]") {
@@ -140,17 +141,17 @@ TEST_CASE("images at one position are time steps if they carry times", "[dicom]"
   CHECK(stack.steps[1].size() == kImages);
   // Numbers are not times, unless the file gives the step.
   std::vector<File> numbered = twice(3, 1.0);
-  CHECK_THAT(stacked(numbered).notes.front(), Contains("taken 1 s apart"));
+  CHECK_THAT(stacked(numbered).notes.front(), Contains("a time step of 1 s is assumed"));
   for (File& file : numbered) file.time_step = 0.04;
   CHECK(stacked(numbered).times == std::vector<double>{0.0, 0.04});
   numbered.back().time_step = 0.05;
-  CHECK_THROWS_WITH(stacked(numbered), Contains("0.04 s apart by image0, 0.05 s by image2"));
+  CHECK_THROWS_WITH(stacked(numbered), Contains("0.04 s in image0, 0.05 s in image2"));
   // Another kind of image is not a step.
   std::vector<File> kinds = twice(0, 250.0);
   for (std::size_t i = 0; i < kinds.size(); ++i) {
     kinds[i].slices.front().kinds[0] = i < kImages ? "10" : "80";
   }
-  CHECK_THROWS_WITH(stacked(kinds), Contains("which differ in echo time"));
+  CHECK_THROWS_WITH(stacked(kinds), Contains("differ in echo time"));
   // One image of a step is missing.
   std::vector<File> fewer = twice(0, 250.0);
   const std::vector<File> third(fewer.begin(), fewer.begin() + kImages);
@@ -159,5 +160,5 @@ TEST_CASE("images at one position are time steps if they carry times", "[dicom]"
     fewer[i].slices.front().times[0] = 500.0;
   }
   fewer.pop_back();
-  CHECK_THROWS_WITH(stacked(fewer), Contains("steps of time are missing: 2 images are at"));
+  CHECK_THROWS_WITH(stacked(fewer), Contains("time steps are missing: 2 images are at"));
 }

@@ -266,20 +266,20 @@ class Places(Case):
             # Directions are written with 12 digits.
             self.same(volume, places=3)
 
-    def test_a_coronal_series_backwards(self):
+    def test_a_coronal_series_in_reverse_order(self):
         volume = Volume(row=(-1, 0, 0), column=(0, 0, -1), step=[0, 1.25, 0])
         self.imported(volume.write(self.dir / "mr"))
         self.same(volume)
 
     @suite.smoke
-    def test_a_tilted_gantry_shears(self):
+    def test_a_tilted_gantry_shears_the_volume(self):
         tilt = math.radians(20)
         # The slices lean about x, but the table moves along z.
         volume = Volume(column=(0, math.cos(tilt), math.sin(tilt)), step=[0, 0, 2.5])
         self.imported(volume.write(self.dir / "ct"))
         self.same(volume)
 
-    def test_a_single_file_stands_for_its_series(self):
+    def test_a_single_file_selects_its_series(self):
         volume = Volume()
         folder = volume.write(self.dir / "ct")
         Volume(uid="9.9", size=(3, 3, 3)).write(folder, "other")
@@ -292,7 +292,7 @@ class Places(Case):
         self.same(volume)
 
     @suite.smoke
-    def test_frames_of_one_file(self):
+    def test_frames_of_one_file_become_slices(self):
         volume = Volume()
         # The frames have another order than the slices.
         order = [3, 0, 5, 1, 4, 2]
@@ -318,7 +318,7 @@ class Places(Case):
         self.same(volume)
 
     @suite.smoke
-    def test_packed_pixels(self):
+    def test_reads_compressed_pixels_and_refuses_damaged_ones(self):
         for syntax in RLE, JPEG:
             volume = Volume(size=(20, 17, 4))
             stored = volume.stored
@@ -337,9 +337,9 @@ class Places(Case):
             self.refused(folder, says="fewer pixels")
         # The picture ends in codes that do not exist.
         file.write_bytes(whole[:-400] + b"\xfe" * 392 + whole[-8:])
-        self.refused(folder, says=["IM001: its pixels are damaged", "JPEG"])
+        self.refused(folder, says=["IM001: the pixels are damaged", "JPEG"])
         file.write_bytes(whole.replace(JPEG.encode(), b"1.2.840.10008.1.2.4.99"))
-        self.refused(folder, says="not read (1.2.840.10008.1.2.4.99)")
+        self.refused(folder, says="unsupported compression (1.2.840.10008.1.2.4.99)")
 
 
 class Values(Case):
@@ -367,7 +367,7 @@ class Values(Case):
         self.same(volume, lambda i, j, k: (0.5 + k) * volume.stored(i, j, k) - 1024, places=2)
 
     @suite.smoke
-    def test_padding_is_no_data(self):
+    def test_padding_has_no_data(self):
         hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
         plain = Volume().stored
         stored = lambda i, j, k: -2000 if (i, j, k) in hidden else plain(i, j, k)
@@ -387,20 +387,20 @@ class Values(Case):
 
 class Choice(Case):
     @suite.smoke
-    def test_one_of_several_series(self):
+    def test_an_option_selects_one_of_several_series(self):
         first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
         second = Volume(uid="1.2.4", number=9, description="Head", size=(3, 3, 3), modality="MR")
         folder = first.write(self.dir / "both")
         second.write(folder, "MR")
         (folder / "report").write_bytes(dicom({0x0020000E: ("UI", "1.2.99")}, kind=REPORT))
-        self.refused(folder, says=["it has 2 series", '1: "Lung 1.0" CT 6 images',
+        self.refused(folder, says=["the input has 2 series", '1: "Lung 1.0" CT 6 images',
                                    '2: "Head" MR 3 images', "--series"])
         for name, volume in (("1", first), ("2", second), ("1.2.30", first), ("1.2.4", second),
                              ("Lung 1.0", first), ("Head", second)):
             self.imported(folder, "--series", name)
             self.same(volume)
         self.out.unlink()
-        self.refused(folder, "--series", "3", says='there is no series "3" in it')
+        self.refused(folder, "--series", "3", says='no series matches "3"')
         self.refused(folder, "--series", "head", says="Lung 1.0")
         self.refused(folder / "report", says="no image")
 
@@ -409,7 +409,7 @@ class Choice(Case):
         Volume(uid="1.2").write(folder, "B")
         self.refused(folder, "--series", "Thorax", says="more than one")
 
-    def test_a_folder_above_those_of_the_series(self):
+    def test_finds_series_in_subfolders(self):
         first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
         first.write(self.dir / "patient" / "study" / "lung")
         (self.dir / "patient" / "study" / "again").symlink_to(self.dir / "patient")
@@ -419,23 +419,23 @@ class Choice(Case):
         second = Volume(uid="1.2.4", number=9, description="Head", size=(3, 3, 3), modality="MR")
         second.write(self.dir / "patient" / "study" / "head")
         self.out.unlink()
-        self.refused(self.dir / "patient", says=["it has 2 series", '1: "Lung 1.0" CT 6 images',
+        self.refused(self.dir / "patient", says=["the input has 2 series", '1: "Lung 1.0" CT 6 images',
                                                  '2: "Head" MR 3 images', "--series"])
         self.imported(self.dir / "patient", "--series", "Head")
         self.same(second)
 
-    def test_folders_without_dicom(self):
+    def test_refuses_folders_without_dicom(self):
         empty = self.dir / "empty"
         empty.mkdir()
-        self.refused(empty, says="there is no DICOM file in it")
+        self.refused(empty, says="the folder has no DICOM file")
         (empty / "in" / "the" / "depth").mkdir(parents=True)
-        self.refused(empty, says="there is no DICOM file in it")
+        self.refused(empty, says="the folder has no DICOM file")
         self.refused(self.dir / "none", says="no such file")
 
 
 class Trouble(Case):
     @suite.smoke
-    def test_missing_slices(self):
+    def test_refuses_missing_slices(self):
         volume = Volume(size=(4, 4, 30), origin=(0, 0, 0))
         self.refused(volume.write(self.dir / "one", slices=[k for k in range(30) if k != 6]),
                      says="slices are missing between z = 12.5 and 17.5 mm: 1 of 30")
@@ -444,13 +444,13 @@ class Trouble(Case):
         sagittal = Volume(row=(0, 1, 0), column=(0, 0, -1), origin=(0, 0, 0))
         self.refused(sagittal.write(self.dir / "x", slices=[0, 1, 3, 4]), says="x = ")
 
-    def test_uneven_slices(self):
+    def test_refuses_uneven_slices(self):
         volume = Volume()
         folder = volume.write(self.dir / "gap", shuffle=False)
         moved = volume.at(0, 0, 5)
         moved[2] += 0.2
         (folder / "IM005").write_bytes(volume.file(5, t00200032=("DS", text(moved))))
-        self.refused(folder, says="its slices are uneven: 2.7 mm apart")
+        self.refused(folder, says="the slices is uneven: 2.7 mm between")
         # Less than 5 %.
         moved[2] -= 0.1
         (folder / "IM005").write_bytes(volume.file(5, t00200032=("DS", text(moved))))
@@ -459,19 +459,19 @@ class Trouble(Case):
         moved = volume.at(0, 0, 3)
         moved[0] += 1
         (folder / "IM003").write_bytes(volume.file(3, t00200032=("DS", text(moved))))
-        self.refused(folder, says="not evenly in line")
+        self.refused(folder, says="not evenly spaced on a line")
 
-    def test_duplicates(self):
+    def test_refuses_duplicate_slices(self):
         folder = Volume().write(self.dir / "ct")
         (folder / "copy").write_bytes((folder / "IM002").read_bytes())
-        self.refused(folder, says=["2 images are at the same place, z = ", "copy", "IM002"])
+        self.refused(folder, says=["2 images are at the same position, z = ", "copy", "IM002"])
         for name in os.listdir(folder):
             (folder / ("again" + name)).write_bytes((folder / name).read_bytes())
         (folder / "again" "copy").unlink()
         (folder / "copy").unlink()
-        self.refused(folder, says="2 images are at the same place")
+        self.refused(folder, says="2 images are at the same position")
 
-    def test_a_localiser_within_the_series(self):
+    def test_refuses_a_localiser_within_the_series(self):
         folder = Volume().write(self.dir / "ct")
         Volume(size=(9, 9, 1)).write(folder, "size")
         self.refused(folder, says=["1 of 7 images differ", "localiser"])
@@ -481,26 +481,26 @@ class Trouble(Case):
 
     def test_refuses_images_without_a_position(self):
         screen = Volume(t00200032=None, t00200037=None, modality="OT")
-        self.refused(screen.write(self.dir / "screen"), says="do not say where they are")
+        self.refused(screen.write(self.dir / "screen"), says="do not state their position")
         part = Volume().write(self.dir / "part", shuffle=False)
         (part / "IM002").write_bytes(Volume().file(2, t00280030=None))
-        self.refused(part, says="1 of 6 images do not say where they are")
+        self.refused(part, says="1 of 6 images do not state their position")
         for tag in ({"t00200037": ("DS", "1\\0\\0\\1\\0\\0")}, {"t00280030": ("DS", "0\\0")},
                     {"t00200037": ("DS", "0\\0\\0\\0\\0\\0")}, {"t00200032": ("DS", "0\\0")}):
             self.refused(Volume(**tag).write(self.dir / "nonsense"),
-                         says="do not say where they are")
+                         says="do not state their position")
 
     @suite.smoke
-    def test_colour(self):
+    def test_refuses_colour_images(self):
         volume = Volume(t00280002=("US", 3), t00280004=("CS", "RGB"), t00280006=("US", 0))
         volume.pixels = lambda k: bytes(5 * 4 * 3 * 2)
-        self.refused(volume.write(self.dir / "rgb"), says="in colour")
+        self.refused(volume.write(self.dir / "rgb"), says="colour images")
 
-    def test_one_slice_is_flat(self):
+    def test_refuses_a_single_slice(self):
         self.refused(Volume(size=(5, 4, 1)).write(self.dir / "one"), says="flat")
 
     @suite.smoke
-    def test_cut_and_broken_files(self):
+    def test_refuses_truncated_and_damaged_files(self):
         folder = Volume().write(self.dir / "ct")
         file = folder / "IM002"
         whole = file.read_bytes()
@@ -559,10 +559,10 @@ class Time(Case):
         self.refused(folder, says="differ in diffusion weighting")
 
     @suite.smoke
-    def test_missing_steps(self):
+    def test_refuses_missing_time_steps(self):
         folder, _ = self.series(t00181060=("DS", ["20", "520"]))
         next(folder.glob("*-3-1")).unlink()
-        self.refused(folder, says="2 images are at the same place")
+        self.refused(folder, says="2 images are at the same position")
 
 
 def built_without():

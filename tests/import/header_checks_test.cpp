@@ -32,7 +32,8 @@ TEST_CASE("a header may name data only within its folder, unless links are follo
   for (const fs::path& data :
        {folder / "a.raw", folder / "headers" / ".." / "a.raw", folder / "headers" / "link.raw"}) {
     CAPTURE(data);
-    CHECK_THROWS_WITH(size(data, false), Contains("it names a data file in another folder"));
+    CHECK_THROWS_WITH(size(data, false),
+                      Contains("the header names a data file in another folder"));
     CHECK(size(data, true) == 8.0);
   }
   fs::remove_all(folder);

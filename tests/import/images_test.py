@@ -83,7 +83,7 @@ class Case(unittest.TestCase):
             capture_output=True, text=True, timeout=120))
         self.assertIn(says, line)
         # 1: the sanitizers' allocator ends a program that requests too much memory.
-        self.assertIn(done.returncode, (1, 2) if "gave up" in line else (2,))
+        self.assertIn(done.returncode, (1, 2) if "without a message" in line else (2,))
 
     def bits_are_guarded(self, name, before, packed, count=40):
         """Flips bits of the packed data after `before`. Each flip gives one line on stderr, or the same volume, for
@@ -231,7 +231,7 @@ class Nrrd(Case):
                    scalar)
 
     @suite.smoke
-    def test_detached_headers(self):
+    def test_reads_detached_headers(self):
         one = SHORTS
         self.write("whole.raw", b"junk" + one)
         self.write("a b.raw", one)
@@ -269,7 +269,7 @@ class Nrrd(Case):
             for header in (self.write("headers/a.nhdr", nrrd(f"data file: {name}")),
                            self.write("headers/a.mhd", meta(data=name))):
                 with self.subTest(name=name, header=header.name):
-                    self.refused(header, "it names a data file in another folder")
+                    self.refused(header, "the header names a data file in another folder")
                     self.convert(header, "--follow")
 
     @suite.smoke
@@ -336,7 +336,7 @@ class Nrrd(Case):
             self.holds(out, "tensor_anisotropy", *at, lambda *_: 3 / 18 ** 0.5)
             self.holds(out, "tensor_diffusivity", *at, lambda *_: 2.0)
 
-    def test_a_tensors_measurement_frame(self):
+    def test_a_measurement_frame_turns_tensors(self):
         # diag(3, 1, 1) in a frame with x along the space's z.
         data = struct.pack("<720f", *([3, 0, 0, 1, 0, 1] * 120))
         path = self.write("a.nrrd", nrrd(
@@ -390,7 +390,7 @@ class Nrrd(Case):
                            ("quaternion", 4), ("2D-symmetric-matrix", 3)):
             path = self.write("a.nrrd", nrrd(f"kinds: {word} space space space", kind="uchar",
                                              sizes=f"{size} 4 5 6"), "\n", bytes(120 * size))
-            self.refused(path, "cannot be felt")
+            self.refused(path, "palpate does not import")
         path = self.write("a.nrrd", nrrd("kinds: vector space space space", kind="uchar",
                                          sizes="2 4 5 6"), "\n", bytes(240))
         self.refused(path, "2 components")
@@ -400,7 +400,7 @@ class Nrrd(Case):
         self.refused(path, "blocks")
 
     @suite.smoke
-    def test_damage(self):
+    def test_refuses_damaged_files(self):
         good = nrrd("spacings: 1 1 1")
         self.refused(self.write("a.nrrd", good, "\n", SHORTS[:100]), "truncated")
         self.refused(self.write("a.nrrd", good), "ends within its header")
@@ -412,7 +412,7 @@ class Nrrd(Case):
         self.refused(self.write("a.nrrd", nrrd(encoding="bzip2"), "\n",
                                 bz2.compress(SHORTS)[:60]), "read")
         self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "1 2 " * 30), "truncated")
-        self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "9" * 5000), "no numbers")
+        self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "9" * 5000), "too long for a number")
         self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "word " * 200), "read")
         self.refused(self.write("a.nrrd", nrrd(encoding="hex"), "\n", "zz" * 300), "read")
         self.refused(self.write("a.nrrd", nrrd("space: RAS", "space directions: (1,0,0) (0,1,0)"),
@@ -421,15 +421,15 @@ class Nrrd(Case):
                                                "space directions: (1,0,0) (0,1,0) (1,1,0)"),
                                 "\n", SHORTS), "no volume")
         self.refused(self.write("a.nrrd", nrrd("spacings: 1 0 1"), "\n", SHORTS), "")
-        self.refused(self.write("a.nrrd", nrrd("A" * 3000), "\n", SHORTS), "too long")
+        self.refused(self.write("a.nrrd", nrrd("A" * 3000), "\n", SHORTS), "more than 800 characters")
 
-    def test_long_comments_and_names_do_no_harm(self):
+    def test_accepts_long_comments_and_names(self):
         path = self.write("a.nrrd", nrrd("# " + "A" * 3000, "key:=" + "B" * 3000,
                                          "content: " + "C" * 3000), "\n", SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
     @suite.smoke
-    def test_absurd_sizes(self):
+    def test_refuses_sizes_out_of_range(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2",
                       "2000000000 2000000000 2000000000", "0 5 6", "-4 5 6",
                       "99999999999999999999 2 2"):
@@ -444,7 +444,7 @@ class Nrrd(Case):
         self.bits_are_guarded("a.nrrd", nrrd(encoding="gzip") + "\n", gzip.compress(SHORTS), 60)
 
     @suite.smoke
-    def test_packed_values_between_lines_and_bytes(self):
+    def test_line_and_byte_skips_of_packed_values(self):
         for skip, data in ((6, gzip.compress(b"before" + SHORTS)),
                            (-1, gzip.compress(b"before" + SHORTS)),
                            (-6, gzip.compress(SHORTS + b"after"))):
@@ -461,14 +461,14 @@ class Nrrd(Case):
         self.refused(path, "a.raw.gz is truncated")
 
     @suite.smoke
-    def test_data_files_are_not_trusted(self):
+    def test_refuses_invalid_data_file_entries(self):
         self.write("a.raw", SHORTS)
         for field, says in (("none.raw", "cannot be read"), (".", "cannot be read"),
                             ("", "cannot be read"), ("-", "pipe"),
                             ("LIST\nnone.raw", "cannot be read"), ("LIST", "no data file"),
                             ("%s%d 1 2 1", "pattern"), ("%n 1 2 1", "pattern"),
-                            ("%0999999d 1 2 1", "pattern"), ("a%d 1 9 0", "never ends"),
-                            ("a%d 1 2000000000 1", "never ends"), ("a%d 1 7 1", "divide"),
+                            ("%0999999d 1 2 1", "pattern"), ("a%d 1 9 0", "more than 1000000 data files"),
+                            ("a%d 1 2000000000 1", "more than 1000000 data files"), ("a%d 1 7 1", "divide"),
                             ("/dev/zero", "cannot be read")):
             self.refused(self.write("a.nhdr", nrrd(f"data file: {field}")), says, "--follow")
         self.refused(self.write("a.nhdr", nrrd("byte skip: 100", "data file: a.raw")), "")
@@ -492,7 +492,7 @@ class MetaImage(Case):
     COLUMNS = ((0, 1, 0), (-2, 0, 0), (0, 0, 3))
 
     @suite.smoke
-    def test_the_place_is_exact(self):
+    def test_positions_are_exact(self):
         path = self.write("a.mha", meta(*self.PLACED), SHORTS)
         self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
         path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = ???"), SHORTS)
@@ -511,7 +511,7 @@ class MetaImage(Case):
                    scalar)
 
     @suite.smoke
-    def test_data_local_and_beside(self):
+    def test_reads_data_in_the_header_file_and_in_other_files(self):
         self.write("a.raw", SHORTS)
         self.write("a.zraw", zlib.compress(SHORTS))
         for k in range(6):
@@ -577,8 +577,8 @@ class MetaImage(Case):
         one = self.write("one.mha", meta(), SHORTS)
         three = self.write("three.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"),
                            VECTORS)
-        self.refused(one, "has one value a voxel, not the 3 of a vector", "--as", "vector")
-        self.refused(three, "has 3 values a voxel, not the 6 of a tensor", "--as", "tensor")
+        self.refused(one, "has one value per voxel, not the 3 of a vector", "--as", "vector")
+        self.refused(three, "has 3 values per voxel, not the 6 of a tensor", "--as", "tensor")
         self.convert(three, "--as", "vector")
         (self.dir / "out.vdb").unlink()
         nii = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007), PLANES)
@@ -589,7 +589,7 @@ class MetaImage(Case):
                       "ElementNumberOfChannels", "HeaderSize"):
             for value in ("1e999", "nan", "1x"):
                 self.refused(self.write("a.mha", meta(f"{field} = {value}"), SHORTS),
-                             f"its {field} is not 1 numbers")
+                             f"the field {field} is not a number")
         self.refused(self.write("a.mha", meta("ElementSpacing = 1 1 -1e999"), SHORTS),
                      "ElementSpacing is not 3")
         self.convert(self.write("a.mha", meta("ElementSpacing = +1 1. 1e0"), SHORTS))
@@ -621,13 +621,13 @@ class MetaImage(Case):
                      "out_0001.vdb: it is a pipe", "--time", "all")
 
     @suite.smoke
-    def test_damage(self):
+    def test_refuses_damaged_files(self):
         self.write("a.raw", SHORTS)
         self.refused(self.write("a.mha", meta(), SHORTS[:100]), "truncated")
         self.refused(self.write("a.mhd", meta(data="none.raw")), "none.raw cannot be read")
-        self.refused(self.write("a.mhd", meta(data="")), "names no ElementDataFile")
+        self.refused(self.write("a.mhd", meta(data="")), "has no ElementDataFile")
         self.refused(self.write("a.mhd", meta().rsplit("Element", 1)[0]),
-                     "names no ElementDataFile")
+                     "has no ElementDataFile")
         self.refused(self.write("a.mhd", meta(data="LIST\nnone.raw")), "none.raw cannot be read")
         self.refused(self.write("a.mhd", meta(data="%s%n 1 6 1")), "pattern")
         self.refused(self.write("a.mhd", meta(data="s%02d.raw 0 5 1")), "")
@@ -638,7 +638,7 @@ class MetaImage(Case):
         self.write("a.zraw", zlib.compress(SHORTS)[:100])
         self.refused(self.write("a.mhd", meta(CompressedData="True", data="a.zraw")), "a.zraw is truncated")
         self.refused(self.write("a.mha", meta(kind="MET_WHAT"), SHORTS), "MET_WHAT")
-        self.refused(self.write("a.mha", meta(BinaryData="False"), "word " * 100), "no numbers")
+        self.refused(self.write("a.mha", meta(BinaryData="False"), "word " * 100), "not a number")
         self.refused(self.write("a.mha", meta("HeaderSize = 9999999"), SHORTS), "truncated")
         self.refused(self.write("a.mhd", meta(data="LIST\n" + "a.raw\n" * 4)), "4 data files")
         self.refused(self.write("a.mha", meta("TransformMatrix = 1 0 0 0"), SHORTS), "9 numbers")
@@ -656,7 +656,7 @@ class MetaImage(Case):
             self.bits_are_guarded("a.mha", meta(CompressedData="True"), pack(SHORTS))
 
     @suite.smoke
-    def test_absurd_sizes(self):
+    def test_refuses_sizes_out_of_range(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2", "0 5 6", "-4 5 6", "4 5", "x y z"):
             self.refused(self.write("a.mha", meta(DimSize=sizes), SHORTS), "a.mha")
             self.refused(self.write("a.mha", meta(DimSize=sizes, CompressedData="True"),
@@ -716,7 +716,7 @@ FLOAT = (16, 32)
 class Nifti(Case):
     ROWS = ((2, 0, 0, 10), (0.5, 3, 0.25, -20), (0, 0, 4, 30))
 
-    def test_the_place_is_exact(self):
+    def test_positions_are_exact(self):
         path = self.write("a.nii", nifti(SIZE, *SHORT, sform=self.ROWS), SHORTS)
         out = self.convert(path)
         self.holds(out, "density", COLUMNS, AT, scalar)
@@ -748,7 +748,7 @@ class Nifti(Case):
                        lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
 
     @suite.smoke
-    def test_the_second_version(self):
+    def test_reads_nifti_2(self):
         for order, values in (("<", SHORTS), (">", BIG_SHORTS)):
             path = self.write("a.nii", nifti2(SIZE, *SHORT, rows=self.ROWS, order=order), values)
             self.holds(self.convert(path), "density", COLUMNS, AT,
@@ -760,7 +760,7 @@ class Nifti(Case):
         self.refused(self.write("a.nii", nifti2(SIZE, *SHORT)[:400]), "damaged")
 
     @suite.smoke
-    def test_packed_swapped_scaled_and_in_pairs(self):
+    def test_gzipped_byte_swapped_scaled_and_paired_files(self):
         path = self.write("a.nii.gz", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
         path = self.write("a.nii", nifti(SIZE, *SHORT, order=">"), BIG_SHORTS)
@@ -781,7 +781,7 @@ class Nifti(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
     @suite.smoke
-    def test_vectors_of_five_dimensions(self):
+    def test_the_fifth_dimension_holds_vectors(self):
         for intent in (1007, 1006):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
                                              sform=self.ROWS), PLANES)
@@ -837,7 +837,7 @@ class Nifti(Case):
         self.refused(self.write("a.nii", nifti((4, 30), *SHORT), SHORTS), "flat")
 
     @suite.smoke
-    def test_damage(self):
+    def test_refuses_damaged_files(self):
         whole = nifti(SIZE, *SHORT) + SHORTS
         self.refused(self.write("a.nii", whole[:500]), "truncated")
         packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
@@ -873,7 +873,7 @@ class Nifti(Case):
         path = self.write("a.nii.gz", whole)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
         (self.dir / "out.vdb").unlink()
-        self.refused(self.write("a.nii.gz", whole[:-240]), "96112 bytes of 96352")
+        self.refused(self.write("a.nii.gz", whole[:-240]), "96112 of 96352 bytes")
         self.write("b.hdr", gzip.compress(nifti(SIZE, *SHORT, magic=b"ni1\0")))
         self.write("b.img", gzip.compress(SHORTS))
         self.holds(self.convert(self.dir / "b.img"), "density", IDENTITY, (0, 0, 0), scalar)
@@ -897,7 +897,7 @@ class Nifti(Case):
             self.assertTrue(says in told if says else not told, (kind, scale, told))
 
     @suite.smoke
-    def test_absurd_sizes(self):
+    def test_refuses_sizes_out_of_range(self):
         for dims in ((32767, 32767, 32767), (32767, 32767, 32767, 32767, 3), (-4, 5, 6),
                      (0, 5, 6)):
             self.refused(self.write("a.nii", nifti(dims, *SHORT), SHORTS), "a.nii")

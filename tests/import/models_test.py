@@ -122,7 +122,7 @@ class Sizes(Case):
         return [(r * math.cos(t), r * math.sin(t), 0.25 * k) for k in range(nz) for r in rings
                 for t in (2 * math.pi * i / (nt - 1) for i in range(nt))]
 
-    def test_a_stretched_mesh_has_no_more_voxels_than_its_points_are_worth(self):
+    def test_a_stretched_mesh_gets_at_most_16_voxels_per_point(self):
         nt, nr, nz = self.SIZE
         points = self.points()
         body = (f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_GRID\n"
@@ -138,12 +138,12 @@ class Sizes(Case):
         self.assertLessEqual(s["active_voxels"], 16 * len(points))
         self.assertGreater(s["active_voxels"], 8 * len(points))
         self.assertLess(s["resampling"]["rms"], 0.005)
-        self.assertIn("at most 16 a point", report["note"])
+        self.assertIn("at most 16 per point", report["note"])
         finer = float(report["note"].split("--voxel ")[1].split()[0])
         self.assertLess(finer, s["voxel"][0])
         asked = self.imported(source, "--voxel", 0.9 * s["voxel"][0])
         self.assertGreater(asked["grid"]["s"]["active_voxels"], s["active_voxels"])
-        self.assertNotIn("a point", asked["note"])
+        self.assertNotIn("per point", asked["note"])
         self.assertLess(asked["grid"]["s"]["resampling"]["rms"], s["resampling"]["rms"])
 
     def of_at_most_twice(self, report, given):
@@ -164,7 +164,7 @@ class Sizes(Case):
                          '{"size": [3, 3, 3], "type": "uint8"}')
         return json.loads(done.stdout)["memory"]["peak"]
 
-    def test_a_ct_of_half_a_millimetre(self):
+    def test_memory_and_size_of_a_ct_of_half_a_millimetre(self):
         n = 256
         rng = random.Random(1)
         plane = struct.pack(f"<{n * n}h", *(rng.randrange(-1024, 2000) for _ in range(n * n)))
@@ -260,8 +260,8 @@ class Netcdf(Case):
             self.assertEqual(set(report["grid"]), {"wind", "w", "t"})
             self.assertEqual(report["grid"]["wind"]["unit"], "m s-1")
             self.assertEqual(report["grid"]["t"]["unit"], "K")
-            for says in ("as at latitude 48", "sp: left out", "u and v: joined", "standard atmos",
-                         "heights are 20 times", "the first of 2 steps"):
+            for says in ("as at latitude 48", "sp: skipped", "u and v: joined", "standard atmos",
+                         "heights are exaggerated 20 times", "the first of 2 steps"):
                 self.assertIn(says, report["note"])
             self.assertEqual(report["time"], 0)
             places = [(x, y, p) for x in LONGITUDES[2:9:3] for y in LATITUDES[2:7:2]
@@ -275,7 +275,7 @@ class Netcdf(Case):
             self.assertIn(b"made by a test, heights times 20", self.out.read_bytes())
 
     @suite.smoke
-    def test_times_and_fields(self):
+    def test_selects_times_and_fields(self):
         source = self.weather()
         report = self.imported(source, "--time", 1, "--field", "u", "--field", "t")
         self.assertEqual((report["time"], set(report["grid"])), (6, {"u", "t"}))
@@ -284,7 +284,7 @@ class Netcdf(Case):
         self.refused(source, 'no array "q"', "--field", "q")
         self.refused(source, "no step", "--time", "2")
 
-    def test_even_heights_are_an_image_of_its_own_values(self):
+    def test_evenly_spaced_heights_become_an_exact_image(self):
         levels = [0, 2000, 4000, 6000]
         report = self.imported(self.weather(levels=levels, level={"units": "m", "axis": "Z"}))
         t = report["grid"]["t"]
@@ -323,7 +323,7 @@ class Netcdf(Case):
             "lon": (netcdf.FLOAT, ("lon",), {"units": "degrees_east"}, lons),
             "thetao": (netcdf.FLOAT, ("depth", "lat", "lon"), {"units": "degC"}, values)})
         report = self.imported(source)
-        self.assertIn("depths are below 0", report["note"])
+        self.assertIn("depths became negative heights", report["note"])
         stretch = report["grid"]["thetao"]["voxel"][2] / 0.01
         self.assertEqual(round(stretch), 5000)
         points = [(i, j, k) for i in range(6) for j in range(5) for k in range(4)]
@@ -332,7 +332,7 @@ class Netcdf(Case):
                    lambda x, y, z: 100 * round(-z / 50) + 10 * round(y / DEGREE + 2)
                    + round(x / DEGREE - 178), 1e-2)
 
-    def test_a_grid_in_metres_stays_as_it_is(self):
+    def test_a_grid_in_metres_stays_unchanged(self):
         """Dimensions in the order x, y, z are identified by their axes, not by their order."""
         source = netcdf.write(self.dir / "m.nc", {"x": 4, "y": 5, "z": 6}, {
             **{n: (netcdf.DOUBLE, (n,), {"units": "m", "axis": n.upper()},
@@ -357,20 +357,20 @@ class Netcdf(Case):
             "lon2": (netcdf.FLOAT, ("y", "x"), {"units": "degrees_east"}, [1.0] * 20),
             "t": (netcdf.FLOAT, ("z", "y", "x"), {"coordinates": "lon2 lat2"},
                   [float(i) for i in range(60)])})
-        self.refused(source, "interpolate it to a regular grid")
+        self.refused(source, "interpolate the variable to a regular grid")
         source = netcdf.write(self.dir / "f.nc", {"cell": 30, "z": 3}, {
             "t": (netcdf.FLOAT, ("z", "cell"), {}, [1.0] * 90)})
-        self.refused(source, "none of its variables is a volume")
+        self.refused(source, "no variable of the netCDF file is a volume")
 
     @suite.smoke
-    def test_absurd_sizes_and_disorder(self):
+    def test_refuses_sizes_out_of_range_and_unordered_positions(self):
         source = netcdf.write(self.dir / "a.nc", {"z": 100000, "y": 100000, "x": 100000}, {
             "t": (netcdf.DOUBLE, ("z", "y", "x"), {}, None)}, form=netcdf.NETCDF4)
-        self.refused(source, "for which it is too short")
+        self.refused(source, "more than the file can hold")
         source = netcdf.write(self.dir / "b.nc", {"z": 3, "y": 3, "x": 3}, {
             "x": (netcdf.FLOAT, ("x",), {}, [0, 2, 1]),
             "t": (netcdf.FLOAT, ("z", "y", "x"), {}, [float(i) for i in range(27)])})
-        self.refused(source, "in no order")
+        self.refused(source, "neither rise nor fall")
         whole = self.weather().read_bytes()
         source.write_bytes(whole[:-200])
         self.refused(source, "truncated")
@@ -400,10 +400,10 @@ class Netcdf(Case):
             ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
              (-1, 0)),
             ((0.1, 0.5, 1), {"units": "1", "positive": "down"}, "levels have no height", (-1, 0)),
-            ((1, 2, 3), {"units": "furlongs", "axis": "Z"}, '"furlongs", is not known', (0, 1)),
+            ((1, 2, 3), {"units": "furlongs", "axis": "Z"}, '"furlongs" of the levels is unknown', (0, 1)),
             ((0, 1000, 3000), {"units": "ft"}, "heights are", (0, 0.9144)),
             ((0, 1000, 2000), {"units": "Meters"}, "heights are", (0, 2)),
-            ((0, 1000, 2000), {"units": "dbar", "positive": "down"}, "depths are below 0", (-2, 0)),
+            ((0, 1000, 2000), {"units": "dbar", "positive": "down"}, "depths became negative heights", (-2, 0)),
         ]
         for z, what, said, (low, high) in cases_of:
             report = self.imported(self.grid(z=z, z_is=what))
@@ -416,7 +416,7 @@ class Netcdf(Case):
 
     def test_an_ensemble_axis_is_not_a_height(self):
         self.refused(self.grid(first="number", z_is={"standard_name": "realization"}),
-                     "it has no three dimensions of space")
+                     "fewer than three dimensions of space")
 
     def test_unsigned_numbers_of_the_classic_format(self):
         raw = [(i * 1800) % 65536 for i in range(36)]
@@ -440,7 +440,7 @@ class Netcdf(Case):
         self.assertIn("u, v and w: joined", alike["note"])
 
     @suite.smoke
-    def test_damage(self):
+    def test_damaged_files_are_refused_or_read(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             source = self.weather(form=form)
             self.survives(source, source.read_bytes(), 24, "netCDF")
@@ -457,7 +457,7 @@ class Foam(Case):
         return foam.box(self.dir / "case", (6, 5, 4), 0.1, self.FIELDS, **more)
 
     @suite.smoke
-    def test_a_case_by_its_folder_or_its_file(self):
+    def test_opens_a_case_by_its_folder_or_its_file(self):
         case = self.case()
         (case / "case.foam").touch()
         for source in (case, case / "case.foam"):
@@ -472,14 +472,14 @@ class Foam(Case):
         self.imported(case, "--time", "1", "--field", "p")
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y + 1, 1e-3)
 
-    def test_an_initial_state_alone_is_taken(self):
+    def test_imports_time_0_if_it_is_the_only_time(self):
         self.assertEqual(set(self.imported(self.case(times=("0",)))["grid"]), {"U", "p"})
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
 
     @suite.smoke
     def test_names_missing_files(self):
         (self.dir / "a.foam").touch()
-        self.refused(self.dir / "a.foam", "there is no system/controlDict")
+        self.refused(self.dir / "a.foam", "system/controlDict is missing")
         case = self.case()
         (case / "constant" / "polyMesh" / "points").unlink()
         self.refused(case, "cannot read")
@@ -488,7 +488,7 @@ class Foam(Case):
         self.refused(case, "reconstructPar")
 
     @suite.smoke
-    def test_damage(self):
+    def test_damaged_files_are_refused_or_read(self):
         for name in ("constant/polyMesh/faces", "constant/polyMesh/owner", "0.5/U"):
             case = self.case()
             source = case / name
@@ -531,7 +531,7 @@ class Cgns(Case):
         self.felt_as("Velocity", "Pressure")
 
     @suite.smoke
-    def test_damage(self):
+    def test_damaged_files_are_refused_or_read(self):
         source = self.zone()
         whole = source.read_bytes()
         source.write_bytes(whole[:len(whole) // 2])
@@ -541,18 +541,18 @@ class Cgns(Case):
 
 class Others(Case):
     @suite.smoke
-    def test_formats_that_are_not_read(self):
+    def test_refuses_unsupported_formats(self):
         source = self.dir / "a.slc"
         source.write_bytes(b"11111\n10 10 10 8\n" + bytes(100))
         self.refused(source, "SLC")
 
     @suite.smoke
-    def test_grib_is_to_be_converted(self):
+    def test_names_the_conversion_of_grib(self):
         for name, begin in (("a.bin", b"GRIB"), ("a.grib", b"\1"), ("a.GRIB2", b"\1"), ("a.grb", b"\1"),
                             ("a.grb2", b"\1")):
             source = self.dir / name
             source.write_bytes(begin + bytes(100))
-            self.refused(source, "convert it to netCDF, as with ecCodes' grib_to_netcdf or cdo -f nc copy")
+            self.refused(source, "convert it to netCDF, for example with ecCodes' grib_to_netcdf or cdo -f nc copy")
 
     def test_a_volume_in_place_of_a_vdb_names_the_import_command(self):
         source = self.dir / "head.nii.gz"

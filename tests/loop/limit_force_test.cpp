@@ -126,7 +126,7 @@ TEST_CASE("an engagement waits for a small force or one second, then ramps up", 
   }
 }
 
-TEST_CASE("motors heat no more than their continuous force does", "[safety]") {
+TEST_CASE("motors heat no more than at their continuous force", "[safety]") {
   ForceLimits limits{8.0, 2000.0};
   limits.continuous = 2.0;
   limits.heating = 4.0;

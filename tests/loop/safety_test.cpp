@@ -25,7 +25,7 @@ HandState at(const Vec3& p, double age = 0.0) {
 
 }  // namespace
 
-TEST_CASE("every fault has words of its own, and a remedy", "[safety]") {
+TEST_CASE("every fault has its own description and remedy", "[safety]") {
   std::set<std::string> words;
   for (std::size_t i = 1; i < kFaults; ++i) {
     const auto fault = static_cast<Fault>(i);
@@ -102,7 +102,7 @@ TEST_CASE("a hand that is too fast is braked first, then cut", "[safety]") {
   }
 }
 
-TEST_CASE("a brake only takes energy", "[safety]") {
+TEST_CASE("braking a fast hand only takes energy from it", "[safety]") {
   Random random(4);
   for (long i = 0; i < test::cases(100000); ++i) {
     const Vec3 force = random.inCube(10.0);

@@ -38,7 +38,7 @@ void checkTheorem(const std::string& row, const ContactResult& r) {
 
 }  // namespace
 
-TEST_CASE("grooves of any opening hold, and few of their ticks are unfinished", "[motion]") {
+TEST_CASE("grooves of any opening hold the proxy, and few ticks do not converge", "[motion]") {
   struct Groove {
     double opening;  // [degrees]
     double capped;   // share of ticks
@@ -60,7 +60,7 @@ TEST_CASE("grooves of any opening hold, and few of their ticks are unfinished", 
   }
 }
 
-TEST_CASE("cubes and rough volumes hold, and few of their ticks are unfinished", "[motion]") {
+TEST_CASE("cubes and rough volumes hold the proxy, and few ticks do not converge", "[motion]") {
   const ContactResult hollow = feelCubes(true, runs(32));
   checkTheorem("hollow cube", hollow);
   CHECK(hollow.cappedShare() <= 5e-4);
@@ -84,7 +84,7 @@ TEST_CASE("cubes and rough volumes hold, and few of their ticks are unfinished",
   }
 }
 
-TEST_CASE("on a ball one reading is enough", "[motion]") {
+TEST_CASE("on a ball one reading a tick is enough", "[motion]") {
   for (const auto& [radius, readings] : {std::pair{20.0, 1.02}, {4.0, 1.5}}) {
     const ContactResult r = feelBalls(radius, runs(35));
     checkTheorem("ball of " + std::to_string(radius), r);

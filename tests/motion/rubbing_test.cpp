@@ -14,8 +14,9 @@
 
 namespace palpate::bench::rubbing_test {
 
-TEST_CASE("sliding on a scan buzzes little more than with planes that cannot lift the proxy",
-          "[.][data][motion]") {
+TEST_CASE(
+    "sliding on a scan has little more force ripple than with planes that cannot lift the proxy",
+    "[.][data][motion]") {
   // tests/motion/data_test.sh imports the scan: 64 x 64 x 93 voxels of 3.2 x 3.2 x 1.5 mm.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -33,7 +34,7 @@ TEST_CASE("sliding on a scan buzzes little more than with planes that cannot lif
   CHECK(r.injected >= r.engine.given);
 }
 
-TEST_CASE("on a scan the force leaps only where the force of an exact proxy leaps",
+TEST_CASE("on a scan the force jumps only where the force of an exact proxy jumps",
           "[.][data][motion]") {
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);

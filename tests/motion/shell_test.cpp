@@ -123,7 +123,7 @@ TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand
   }
 }
 
-TEST_CASE("a hand beyond the walls of a box does not take the proxy out", "[motion]") {
+TEST_CASE("a hand beyond the walls of a box does not pull the proxy out", "[motion]") {
   for (const double beyond : {3.0, 20.0}) {
     for (const double speed : {1.0, 3.0}) {
       for (int turned = 0; turned < test::share(6); ++turned) {

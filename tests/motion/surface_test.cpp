@@ -35,7 +35,7 @@ std::string words(const SurfaceMotion& motion, const MotionResult& r) {
 
 }  // namespace
 
-TEST_CASE("after 100 laps a proxy is still on its surface", "[motion]") {
+TEST_CASE("after 100 laps the proxy is still on its surface", "[motion]") {
   // The requirement: 0.01 voxel at every tick, at most 2 readings on average at 40 voxels, and a
   // mean radius within 1e-4 from lap 1 to lap 100.
   struct Case {
@@ -197,7 +197,7 @@ TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
   }
 }
 
-TEST_CASE("no corner of a hollow cube lets a fast hand out", "[motion]") {
+TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion]") {
   // At the cap of readings a proxy can be behind a wall that was just placed. This is not a yield.
   for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
     for (const int cap : {2, 8, 16}) {

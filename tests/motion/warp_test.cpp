@@ -503,18 +503,18 @@ TEST_CASE("invalid displacements are refused with their JSON path", "[motion][wa
                f.frames.clear();
                t.times.clear();
              }),
-             Contains("there is no displacement"));
+             Contains("it does not have a displacement field"));
   CHECK_THAT(message([](DisplacementFrames& f, auto&) {
                f.size = {100000, 10000, 10000};
              }),
-             Contains("make them coarser"));
+             Contains("resample them to a coarser lattice"));
   // The sign or the unit of another convention: space folds.
   CHECK_THAT(message([](DisplacementFrames& f, auto&) {
                for (auto& frame : f.frames) {
                  for (float& value : frame) value *= 200.0F;
                }
              }),
-             Contains("makes lengths"));
+             Contains("multiplies lengths"));
   const Displaces turned_over = [](const Vec3& x, double) {
     return Vec3(-2.0 * (x - kVoxel * kCentre));
   };

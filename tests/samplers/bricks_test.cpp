@@ -677,7 +677,7 @@ TEST_CASE("bricks left by a broken run are checked before they are kept", "[bric
   CHECK(allIn(folder / "b") == whole);
 }
 
-TEST_CASE("a folder with other contents is left unchanged", "[bricks]") {
+TEST_CASE("a folder with other contents stays unchanged", "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "b", fogOf(1));
   const auto before = allIn(folder / "b");
@@ -700,10 +700,11 @@ TEST_CASE("a folder with other contents is left unchanged", "[bricks]") {
   fs::create_directory(folder / "photos");
   put(folder / "photos" / "a.jpg", Bytes(3));
   CHECK_THAT(trying(folder / "photos", fogOf(1)),
-             Contains("it is there already and holds \"a.jpg\""));
+             Contains("it exists already and contains \"a.jpg\""));
   put(folder / "file", Bytes(3));
-  CHECK_THAT(trying(folder / "file", fogOf(1)), Contains("it is there already, and no folder"));
-  CHECK_THAT(trying(folder / "no" / "b", fogOf(1)), Contains("the folder cannot be made (No such"));
+  CHECK_THAT(trying(folder / "file", fogOf(1)), Contains("it exists already and is not a folder"));
+  CHECK_THAT(trying(folder / "no" / "b", fogOf(1)),
+             Contains("the folder cannot be created (No such"));
   fs::create_directory(folder / "empty");
   CHECK(trying(folder / "empty", fogOf(1)) == "no error");
 
@@ -715,7 +716,7 @@ TEST_CASE("a folder with other contents is left unchanged", "[bricks]") {
     if (second.empty()) second = trying(folder / "c", input);
   };
   CHECK(trying(folder / "c", input, options) == "no error");
-  CHECK_THAT(second, Contains("another run is writing it"));
+  CHECK_THAT(second, Contains("another run is writing into it"));
 }
 
 TEST_CASE("an input that cannot be stored is refused with one line", "[bricks]") {
@@ -741,13 +742,13 @@ TEST_CASE("an input that cannot be stored is refused with one line", "[bricks]")
     box.values[0] = 1e5F;
     return BoxFilled::kOneValue;
   };
-  CHECK_THAT(trying(input), Contains("or too large for 16 bits: replace it, or store 32 bits"));
+  CHECK_THAT(trying(input), Contains("or is too large for 16 bits: replace it, or store 32 bits"));
   input = fogOf(1);
   input.grid_class = GridClass::kStaggered;
   CHECK_THAT(trying(input), Contains("it is staggered"));
   input = fogOf(1);
   input.linear.col(1).setZero();
-  CHECK_THAT(trying(input), Contains("its map is singular"));
+  CHECK_THAT(trying(input), Contains("its transform is singular"));
   input = fogOf(1);
   input.upper[1] = -1;
   CHECK_THAT(trying(input), Contains("its extent is empty"));
@@ -755,9 +756,9 @@ TEST_CASE("an input that cannot be stored is refused with one line", "[bricks]")
   CHECK_THAT(trying(input), Contains("more than 2^30 voxels from the origin"));
   input = fogOf(1);
   input.background[0] = std::nanf("");
-  CHECK_THAT(trying(input), Contains("its background is no number"));
+  CHECK_THAT(trying(input), Contains("its background is not a finite number"));
   CHECK_THAT(trying(fogOf(1), 0), Contains("its compression is 0: give 1 to 19"));
-  CHECK_THAT(trying(fogOf(1), 20), Contains("its compression is 20"));
+  CHECK_THAT(trying(fogOf(1), 20), Contains("its compression level is 20"));
 }
 
 TEST_CASE("voxels beyond a volume's extent stay background", "[bricks]") {
@@ -809,15 +810,15 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
   read(BrickStatus::kMissing, "it is missing: copy or write the volume again");
   for (const std::size_t size : {std::size_t{0}, std::size_t{10}, whole.size() - 1}) {
     put(place, Bytes(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)));
-    read(BrickStatus::kCut, "it has " + std::to_string(size) + " bytes, not the " +
-                                std::to_string(whole.size()) + " of the manifest");
+    read(BrickStatus::kCut, "it has " + std::to_string(size) + " bytes instead of the " +
+                                std::to_string(whole.size()) + " in the manifest");
   }
   Bytes longer = whole;
   longer.push_back(std::byte{0});
   put(place, longer);
-  read(BrickStatus::kCut, "bytes, not the");
+  read(BrickStatus::kCut, "bytes instead of the");
   put(place, Bytes(10'000'000));
-  read(BrickStatus::kCut, "bytes, not the");
+  read(BrickStatus::kCut, "bytes instead of the");
   Random random(3);
   for (int n = 0; n < 40; ++n) {
     Bytes flipped = whole;
@@ -853,7 +854,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
   fs::rename(folder / "b", folder / "moved");
   CHECK(source.read(id, slot).status == BrickStatus::kArrived);
   fs::remove_all(folder / "moved");
-  read(BrickStatus::kGone, "the volume is not there any more");
+  read(BrickStatus::kGone, "the volume does not exist any more");
 }
 
 TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
@@ -884,7 +885,7 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
   PosixBricks source(folder / "b");
   const BrickArrival arrival = source.read(id, chunk);
   CHECK(arrival.status == BrickStatus::kDamaged);
-  CHECK_THAT(arrival.why, Contains("it holds values that are no numbers"));
+  CHECK_THAT(arrival.why, Contains("some of its values are not finite"));
 }
 
 TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
@@ -912,7 +913,7 @@ TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
     StoreParams params;
     params.opened = opened;
     CHECK_THAT(errorOf([&] { FarBricks("there", std::make_unique<Slow>(count), params); }),
-               Contains("it does not come (it fails)"));
+               Contains("it was not received (it fails)"));
     return count;
   };
   CHECK(tries(std::chrono::minutes(1)) == 3);
@@ -945,7 +946,8 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(refusal(longer), Contains("it is cut off or damaged"));
   Bytes newer = whole;
   newer[7] = std::byte{'2'};
-  CHECK_THAT(refusal(newer), Contains("it is of another version of palpate: read it by that one"));
+  CHECK_THAT(refusal(newer),
+             Contains("it was written by another version of palpate: read it with that version"));
 
   // Reading JSON this large would take twenty times its size.
   CHECK_THAT(refusal(forged(whole, [](Json& facts) { facts["source"] = std::string(70000, 'x'); })),
@@ -953,7 +955,7 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   BrickInput wordy = fogOf(2);
   wordy.source = std::string(70000, 'x');
   CHECK_THAT(errorOf([&] { (void)writeBricks(folder / "wordy", wordy); }),
-             Contains("more than 60 kB: leave some of them out"));
+             Contains("more than 60 kB: shorten them"));
 
   // The checksum is right, the facts are wrong.
   const std::vector<std::pair<const char*, Json>> wrong{
@@ -1007,12 +1009,12 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(table(0, std::uint64_t{1} << 60U), Contains("it ends too early"));
   CHECK_THAT(table(0, ~std::uint64_t{0}), Contains("it ends too early"));
   CHECK_THAT(table(0, std::uint64_t{7}), Contains("it is damaged"));
-  CHECK_THAT(table(8, std::int32_t{-1}), Contains("a brick of it cannot be"));
-  CHECK_THAT(table(8, std::int32_t{2}), Contains("a brick of it cannot be"));
-  CHECK_THAT(table(20, std::uint32_t{3}), Contains("a brick of it cannot be"));
-  CHECK_THAT(table(24, std::uint32_t{0}), Contains("a brick of it cannot be"));
-  CHECK_THAT(table(32, std::nanf("")), Contains("a brick of it cannot be"));
-  CHECK_THAT(table(8 + 36 + 8, std::int32_t{0}), Contains("a brick of it cannot be"));
+  CHECK_THAT(table(8, std::int32_t{-1}), Contains("the entry of a brick is invalid"));
+  CHECK_THAT(table(8, std::int32_t{2}), Contains("the entry of a brick is invalid"));
+  CHECK_THAT(table(20, std::uint32_t{3}), Contains("the entry of a brick is invalid"));
+  CHECK_THAT(table(24, std::uint32_t{0}), Contains("the entry of a brick is invalid"));
+  CHECK_THAT(table(32, std::nanf("")), Contains("the entry of a brick is invalid"));
+  CHECK_THAT(table(8 + 36 + 8, std::int32_t{0}), Contains("the entry of a brick is invalid"));
   const auto deep = std::string(60'000, '[');
   Bytes nested(whole.begin(), whole.begin() + 8);
   const auto size = static_cast<std::uint32_t>(deep.size());
@@ -1036,12 +1038,13 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(folderSays(), Contains("it cannot be read"));
   fs::remove(file);
   put(file, {});
-  CHECK_THAT(folderSays(), Contains("palpate.bricks: it is no manifest of bricks"));
+  CHECK_THAT(folderSays(), Contains("palpate.bricks: it is not a manifest of bricks"));
   CHECK_THAT(errorOf([&] { (void)loadBricks(folder / "none"); }), Contains("no such folder"));
-  CHECK_THAT(errorOf([&] { (void)loadBricks(folder.path()); }), Contains("no volume in bricks"));
+  CHECK_THAT(errorOf([&] { (void)loadBricks(folder.path()); }),
+             Contains("it is not a volume in bricks"));
   put(file, whole);
   CHECK_THAT(errorOf([&] { (void)loadBricks(folder / "b", 1); }),
-             Contains("it has no level 1: give 0 to 0"));
+             Contains("it does not have level 1: give 0 to 0"));
 }
 
 TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted does not arrive",
@@ -1125,8 +1128,9 @@ TEST_CASE("a full disk leaves no manifest, and the next run completes the bricks
   const std::string why = errorOf([&] { (void)writeBricks(folder / "b", input); });
   setrlimit(RLIMIT_FSIZE, &was);
   (void)std::signal(SIGXFSZ, handled);
-  CHECK_THAT(why, Contains("it cannot be written (File too large): make room and run the same "
-                           "command again: it goes on where it stopped"));
+  CHECK_THAT(why,
+             Contains("it cannot be written (File too large): free disk space and run the same "
+                      "command again: it continues where it stopped"));
   CHECK(!fs::exists(folder / "b" / "palpate.bricks"));
   CHECK(fs::is_empty(folder / "b" / ".partial"));
   (void)writeBricks(folder / "b", input);

@@ -219,7 +219,7 @@ TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]
                     "grid \"flow\": it is a vector: for gradient give a scalar grid");
   CHECK_THROWS_WITH(
       deriveVolume(vectors, Derivation::kQ),
-      Contains("grid \"flow\": its q is beyond the numbers of a float at") && Contains("scale"));
+      Contains("grid \"flow\": its q is outside the range of float at") && Contains("scale"));
   CHECK_NOTHROW(deriveVolume(vectors, Derivation::kCurl));
   const auto scalars = load({makeBall(1.0, 0.1)}, "ball");
   CHECK_THROWS_AS(deriveVolume(scalars, Derivation::kCurl), VolumeError);

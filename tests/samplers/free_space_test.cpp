@@ -213,7 +213,7 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
   }
 }
 
-TEST_CASE("a hand in free space needs fewer moves and samples, with the same forces", "[scale]") {
+TEST_CASE("the map of free space saves moves and samples and does not change forces", "[scale]") {
   // Two balls of 2 cm are at the ends of 30 cm of empty space.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);

@@ -116,7 +116,7 @@ TEST_CASE("an answer with a wrong length in its header is refused before its bod
   CHECK(request->body.empty());
 }
 
-TEST_CASE("an answer that does not end is given up at its deadline", "[bricks][http]") {
+TEST_CASE("an answer that does not end fails at its deadline", "[bricks][http]") {
   StoreParams params;
   params.stalled = 60s;
   params.opened = 1s;

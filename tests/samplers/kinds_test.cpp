@@ -146,7 +146,7 @@ TEST_CASE("three scalar grids form one vector, each at its own place", "[sampler
   auto apart = Transform::createLinearTransform(1.0);
   apart->postTranslate(Vec3d(1e4, 0, 0));
   grids[1] = component(1, apart);
-  CHECK_THROWS_WITH(reload(grids, "vel"), Contains("lie apart"));
+  CHECK_THROWS_WITH(reload(grids, "vel"), Contains("do not overlap"));
 }
 
 TEST_CASE("vectors of index space are turned by the rule of their kind", "[samplers][kinds]") {

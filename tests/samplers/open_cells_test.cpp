@@ -84,20 +84,20 @@ TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers]"
                             static_cast<float>(random.uniform(-1, 1)));
     }
   };
-  SECTION("leaves, full and not") {
+  SECTION("full and partial leaves") {
     noise(8000, 14.0);
   }
   SECTION("few voxels in many leaves") {
     noise(500, 60.0);
   }
-  SECTION("tiles beside leaves and tiles") {
+  SECTION("tiles next to leaves and to other tiles") {
     noise(3000, 12.0);
     for (const Coord& at : {Coord(16, 0, 0), Coord(24, 0, 0), Coord(16, 8, 8), Coord(-24, -8, 0)}) {
       grid->tree().addTile(1, at, random.uniform() < 0.5 ? 1.0F : -1.0F, true);
     }
     grid->tree().addTile(1, Coord(-32, -8, 0), -0.5F, false);
   }
-  SECTION("a tile of a node") {
+  SECTION("a tile of an upper node") {
     grid->tree().addTile(2, Coord(0, 0, 0), -0.5F, true);
     grid->tree().addTile(1, Coord(128, 8, 8), -0.75F, true);
     grid->tree().setValue(Coord(64, 64, 128), 1.0F);

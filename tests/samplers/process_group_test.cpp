@@ -144,7 +144,7 @@ TEST_CASE("a process group gathers values and lists in the order of its ranks", 
         }) == 0);
 }
 
-TEST_CASE("bricks have the same bytes by any process group", "[bricks][process_group]") {
+TEST_CASE("bricks have the same bytes for any number of ranks", "[bricks][process_group]") {
   const TemporaryFolder folder;
   const BrickReport alone = writeBricks(folder / "alone", ball());
   const auto whole = allIn(folder / "alone");
@@ -230,7 +230,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
                   if (group.rank() == 1) input.identity = "another";
                 })
                  .first,
-             Contains("another than that of rank 0"));
+             Contains("differs from that of rank 0"));
   CHECK_FALSE(fs::exists(out / "palpate.bricks"));
   const auto [why, kept] = by(4, [](ProcessGroup&, BrickInput&, BrickOptions&) {});
   CHECK(why == "no error");

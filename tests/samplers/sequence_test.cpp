@@ -146,7 +146,7 @@ TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
   CHECK(round.settled(-0.05, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
 }
 
-TEST_CASE("times of frames need not be even", "[sequence]") {
+TEST_CASE("frames may have uneven times", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 3, ramp);
   const auto of = std::make_shared<const FrameSequence>(
@@ -226,7 +226,8 @@ TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][movi
   CHECK(given > 0.01);
 }
 
-TEST_CASE("a ball that shrinks in play takes the proxy along, tick by tick", "[sequence][moving]") {
+TEST_CASE("the proxy follows the surface of a ball that shrinks in play, in each tick",
+          "[sequence][moving]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(20.0 - 0.25 * i); });
   const double rate = GENERATE(16.0, 64.0);  // 4 and 16 voxels a second
@@ -308,7 +309,7 @@ TEST_CASE("a hand on a ball feels no force step while play jumps", "[sequence]")
   CHECK(largest < 0.03);
 }
 
-TEST_CASE("a surface that play takes away releases the hand gradually", "[sequence]") {
+TEST_CASE("a surface that disappears in play releases the hand gradually", "[sequence]") {
   const TemporaryFolder folder;
   const double apart = GENERATE(5.0, 10.0, 20.0);  // voxels; the bands have three
   const auto frames = framesIn(folder, 2, [&](int i) { return ball(20.0 + apart * i); });
@@ -655,7 +656,7 @@ TEST_CASE("an invalid sequence is refused", "[sequence]") {
   fs::remove(frames[4].file);
   CHECK_THAT(refused(evenTimes(6, 10.0, false)), Contains("frame_4.vdb"));
   frames.clear();
-  CHECK_THAT(refused({}), Contains("no frame"));
+  CHECK_THAT(refused({}), Contains("it does not have a frame"));
 }
 
 }  // namespace palpate::sequence_test

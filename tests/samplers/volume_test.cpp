@@ -264,12 +264,12 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
   const std::filesystem::path file = folder / "a.vdb";
   double longest = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> longest;
-  const auto somebodyWaits = [&] {
+  const auto let_writer_wait = [&] {
     // The writer would have to try again. Its first try is enough here.
     CHECK(open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC) < 0);
     CHECK(errno == EWOULDBLOCK);
   };
-  SECTION("asked") {
+  SECTION("a waiting writer ends the lease after half of the longest wait") {
     const LeasedFile steady(file);
     // The place is a copy if the file system gives no lease.
     if (!std::filesystem::equivalent(steady.place(), file)) return;
@@ -278,25 +278,25 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
                          std::chrono::duration<double>(seconds));
     };
     CHECK(steady.keptAt(after(10.0 * longest)));
-    somebodyWaits();
+    let_writer_wait();
     CHECK(steady.keptAt(after(10.4 * longest)));
     CHECK_FALSE(steady.keptAt(after(10.6 * longest)));
   }
-  SECTION("a copy has no other writer") {
+  SECTION("a file that is open for writing is copied, and the copy has no other writer") {
     const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
     const LeasedFile steady(file);
     close(ours);
     CHECK_FALSE(std::filesystem::equivalent(steady.place(), file));
     CHECK(steady.keptAt(LeasedFile::Clock::now() + std::chrono::hours(1)));
   }
-  SECTION("between the parts of a load") {
+  SECTION("a load ends between its parts") {
     // This takes half of the longest wait, so only a whole run does it.
     if (share(10) < 10) return;
     LoadOptions options;
     int parts = 0;
     options.progress = [&](double) {
       if (++parts > 1) return;
-      somebodyWaits();
+      let_writer_wait();
       std::this_thread::sleep_for(std::chrono::duration<double>(0.51 * longest));
     };
     std::string why = "no error";
@@ -305,9 +305,9 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
     } catch (const VolumeError& e) {
       why = e.what();
     }
-    CHECK(why ==
-          file.string() +
-              ": others have waited too long to change it: load it when nobody writes to it");
+    CHECK(why == file.string() +
+                     ": another program has waited too long to change it: load it when no program "
+                     "writes to it");
     CHECK(parts == 1);
   }
 }
@@ -343,7 +343,8 @@ TEST_CASE("a load uses the values that it checked while another process writes t
   }
 }
 
-TEST_CASE("a file that others may change and that cannot be copied is refused", "[volume]") {
+TEST_CASE("a file that another program may change and that cannot be copied is refused",
+          "[volume]") {
   const TemporaryFolder folder;
   writeRough(folder / "a.vdb", {"density"}, 12, 1);
   const NoRoom none(false);
@@ -356,7 +357,9 @@ TEST_CASE("a file that others may change and that cannot be copied is refused", 
   const std::string why = refusal(folder / "a.vdb");
   setrlimit(RLIMIT_FSIZE, &was);
   (void)std::signal(SIGXFSZ, handled);
-  CHECK_THAT(why, Contains("others may change it, and it cannot be copied (File too large): make"));
+  CHECK_THAT(
+      why,
+      Contains("another program may change it, and it cannot be copied (File too large): free"));
   CHECK(refusal(folder / "a.vdb") == "no error");
   close(ours);
 }

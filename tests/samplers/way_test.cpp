@@ -309,7 +309,7 @@ TEST_CASE("a trace to the hand ends at the first nearest place in either directi
   }
 }
 
-TEST_CASE("fibres without a sign are followed straight on", "[samplers][motion]") {
+TEST_CASE("a trace along fibres without a sign does not turn back", "[samplers][motion]") {
   Random random(9);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
       16, Transform::createLinearTransform(1.0),

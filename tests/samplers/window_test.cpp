@@ -326,12 +326,13 @@ TEST_CASE("a missing brick is reported in one line and read coarsely", "[bricks]
   CHECK(window->state().failed == 1);
   CHECK(both.ofWindow(kVoxel * Vec3::Constant(96.0)).coarse);
   CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
-  CHECK_THROWS_WITH(windowOf(folder / "bricks", 3), Contains("a window of") && Contains("give it"));
+  CHECK_THROWS_WITH(windowOf(folder / "bricks", 3),
+                    Contains("a window of") && Contains("increase the budget"));
   // The same holds if no brick is stored, because the tables need their memory.
   (void)writeBricks(folder / "empty",
                     formulaBricks("empty", {63, 63, 63}, [](const VoxelAt&) { return 0; }));
   CHECK_THROWS_WITH(BrickWindow(std::make_unique<PosixBricks>(folder / "empty"), {1000}),
-                    Contains("a window of") && Contains("give it"));
+                    Contains("a window of") && Contains("increase the budget"));
 }
 
 TEST_CASE("a reader that waits gets fine values from the first tick on", "[bricks]") {
@@ -473,7 +474,7 @@ TEST_CASE("a wall in a loaded brick stops a path out of a missing brick", "[bric
   }
 }
 
-TEST_CASE("the box about a brick keeps clear of missing bricks and holds all points far from them",
+TEST_CASE("the box around a brick excludes points near missing bricks and contains all others",
           "[bricks]") {
   Random random(11);
   const auto number = [](const std::array<int, 3>& off) {

@@ -409,7 +409,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   CHECK(watcher.refused() == 3);
   CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.5F});
   for (int i = 0; i < 20; ++i) CHECK_FALSE(watcher.look());
-  CHECK(said.times("the scene before it goes on") == 1);
+  CHECK(said.times("the previous scene stays active") == 1);
 
   // A wrong file does not prevent a change of a gain.
   write("nothing");
@@ -417,7 +417,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   built = look();
   REQUIRE(built);
   CHECK(strength(*built, 2) == 3.75);
-  CHECK(said.times("the scene before it goes on") == 2);
+  CHECK(said.times("the previous scene stays active") == 2);
   CHECK(watcher.refused() == 3);
 }
 

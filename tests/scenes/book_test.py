@@ -58,32 +58,32 @@ class Pages(unittest.TestCase):
                 self.assertRegex(line, complaint)
 
     @unittest.skipUnless(HEAD.exists(), "needs mricron-data")
-    def test_your_ct(self):
-        self.run_page("your_ct.md", r"4392672 active voxels", r"felt +skin: .* touches",
-                      r"felt +inner: .* touches")
+    def test_the_page_your_ct_runs(self):
+        self.run_page("your_ct.md", r"4392672 active voxels", r"contact +skin: .* touches",
+                      r"contact +inner: .* touches")
 
-    def test_your_flow(self):
-        self.run_page("your_flow.md", r"felt +stream: ", r"mode +tip: vortex_tube")
+    def test_the_page_your_flow_runs(self):
+        self.run_page("your_flow.md", r"contact +stream: ", r"mode +tip: vortex_tube")
 
-    def test_your_arm(self):
+    def test_the_page_your_arm_runs(self):
         self.run_page("your_arm.md", r"profiles: polhem, ", r"status +fault in 3000 ticks",
                       complaint=r"^palpate: feel: the force was cut: the position jumped")
 
-    def test_your_script(self):
+    def test_the_page_your_script_runs(self):
         needed = subprocess.run(["/usr/bin/python3", "-c", "import palpate, matplotlib"], check=False,
                                 env={**os.environ, "PYTHONPATH": str(BIN)}, stderr=subprocess.DEVNULL)
         if needed.returncode != 0:
             self.skipTest("needs palpate's module for /usr/bin/python3, and matplotlib")
         self.run_page("your_script.md", r"the same to the last bit: True", r"forces differ by at most 0 N")
 
-    def test_questions(self):
-        self.run_page("questions.md", r"because +", r"room +")
+    def test_the_page_questions_runs(self):
+        self.run_page("questions.md", r"because +", r"stability +")
 
 
-    def test_primitives(self):
+    def test_the_page_primitives_runs(self):
         self.run_page("primitives.md", r'"proxy":\[0\.0015196')
 
-    def test_its_pictures_are_drawn(self):
+    def test_the_pictures_of_primitives_are_drawn(self):
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run(["/usr/bin/python3", str(ROOT / "bench" / "primitives_chart.py"), str(BIN),
                             folder], check=True)
@@ -92,7 +92,7 @@ class Pages(unittest.TestCase):
 
 
 class Book(unittest.TestCase):
-    def test_it_is_built_and_nothing_is_left_out(self):
+    def test_the_book_is_built_with_every_page(self):
         if shutil.which("mkdocs") is None:
             self.skipTest("needs mkdocs")
         with tempfile.TemporaryDirectory() as folder:
@@ -109,7 +109,7 @@ class Book(unittest.TestCase):
 
 
 class Api(unittest.TestCase):
-    def test_no_public_name_is_undocumented(self):
+    def test_every_public_name_is_documented(self):
         if shutil.which("doxygen") is None:
             self.skipTest("needs doxygen")
         with tempfile.TemporaryDirectory() as folder:

@@ -132,12 +132,13 @@ TEST_CASE("a setting that bricks do not support is rejected with its path", "[sc
     return refusal(scene, folder.path());
   };
   const std::string at = "/volumes/ball/";
-  CHECK_THAT(with("smooth", 2), Contains(at + "smooth") && Contains("before it is written"));
+  CHECK_THAT(with("smooth", 2), Contains(at + "smooth") && Contains("before you write the bricks"));
   CHECK_THAT(with("interpolation", "cubic"), Contains(at + "interpolation"));
   CHECK_THAT(with("axial", true), Contains(at + "axial"));
-  CHECK_THAT(with("grid", "other"), Contains("it is the grid \"density\""));
+  CHECK_THAT(with("grid", "other"), Contains("the bricks hold the grid \"density\""));
   CHECK(with("grid", "density") == "taken");
-  CHECK_THAT(with("window", {{"budget_mb", 20}}), Contains("holds") && Contains("give it 47 MB"));
+  CHECK_THAT(with("window", {{"budget_mb", 20}}),
+             Contains("holds") && Contains("to 47 MB or more"));
   CHECK(with("window", {{"budget_mb", 64}}) == "taken");
   CHECK_THAT(with("window", {{"budget_mb", 64}}, "ball.vdb"),
              Contains(at + "window") && Contains("palpate brick"));
@@ -152,7 +153,7 @@ TEST_CASE("a setting that bricks do not support is rejected with its path", "[sc
       Json::parse(R"({"steep": {"gradient": "ball"}, "how": {"magnitude": "steep"}})");
   derived["modes"][0]["of"] = "how";
   CHECK_THAT(refusal(derived, folder.path()),
-             Contains("/fields/") && Contains("before the bricks are written"));
+             Contains("/fields/") && Contains("before you write the bricks"));
   fs::remove(brickManifestFile(folder / "ball.bricks"));
   CHECK_THAT(refusal(ballJson("ball.bricks"), folder.path()),
              Contains("/volumes/ball") && Contains("unfinished"));
@@ -201,7 +202,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   CHECK(step <= 2.0 + 1e-9);  // 2,000 N/s
   const auto troubles = window.takeTroubles();
   REQUIRE(troubles.size() == 1);
-  CHECK_THAT(troubles[0], Contains("ball.bricks") && Contains("not there any more"));
+  CHECK_THAT(troubles[0], Contains("ball.bricks") && Contains("does not exist any more"));
   CHECK(window.state().gone);
   // If the fault is cleared while the folder is away, the force is cut again.
   loop.clear();

@@ -91,7 +91,7 @@ class Case(unittest.TestCase):
 class Others(Case):
     """The data that a tool finds which knows only Zarr and docs/bricks.md."""
 
-    def test_values_are_where_the_document_says(self):
+    def test_values_have_the_documented_positions(self):
         # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
         for half, tolerance in (((), 0), (("--half",), 2e-3)):
             for grid in ("density", "velocity"):
@@ -114,7 +114,7 @@ class Others(Case):
                 self.assertLessEqual(float(np.abs(found - is_to_be).max()), tolerance)
 
     @suite.smoke
-    def test_the_manifest_is_read_by_the_document(self):
+    def test_the_manifest_has_the_documented_format(self):
         out, said = self.brick("manifest", "bodies.vdb", "--grid", "bowl")
         names = {"folder": str(out)}
         exec(snippet(1), names)  # pylint: disable=exec-used
@@ -160,7 +160,7 @@ class Others(Case):
             np.testing.assert_array_equal(coarse.chunk(*at)[2:66, 2:66, 2:66],
                                           means.astype(np.float32))
 
-    def test_zarr_reads_it_in_five_lines(self):
+    def test_zarr_reads_a_volume_in_bricks(self):
         try:
             import zarr  # noqa: F401 pylint: disable=import-outside-toplevel,unused-import
         except ImportError:
@@ -206,7 +206,7 @@ class Broken(Case):
             shutil.rmtree(out)
         self.assertGreater(killed, 6)
 
-    def test_an_interrupted_run_says_how_to_resume(self):
+    def test_an_interrupted_run_prints_how_to_resume(self):
         run("make", "two-bodies", self.dir / "slow.vdb", "--voxel", 0.25)
         words = ["brick", self.dir / "slow.vdb", self.dir / "slow", "--grid", "bowl",
                  "--compression", 12]
@@ -218,10 +218,10 @@ class Broken(Case):
         child.send_signal(signal.SIGINT)
         out, said = child.communicate(timeout=60)
         self.assertEqual((child.returncode, out), (130, ""))
-        self.assertEqual(said, "palpate: interrupted: the same command goes on from here\n")
+        self.assertEqual(said, "palpate: interrupted: run the same command again to resume\n")
         told = run(*words).stdout
-        self.assertRegex(told, r"note +\d+ of them were there already, from a run that did not end")
-        self.assertIn("all of it was there already", run(*words).stdout)
+        self.assertRegex(told, r"note +\d+ of these bricks were already written by an interrupted run")
+        self.assertIn("all bricks were already written", run(*words).stdout)
 
     def test_a_run_on_a_full_disk_resumes(self):
         out = self.dir / "full"
@@ -231,8 +231,8 @@ class Broken(Case):
 
         done = run("brick", self.dir / "bodies.vdb", out, "--grid", "cloud", status=2,
                    preexec_fn=small)
-        self.assertRegex(done.stderr, r"^palpate: \S+: it cannot be written \(File too large\): make "
-                         r"room and run the same command again: it goes on where it stopped\n$")
+        self.assertRegex(done.stderr, r"^palpate: \S+: it cannot be written \(File too large\): free "
+                         r"disk space and run the same command again: it continues where it stopped\n$")
         self.assertFalse((out / "palpate.bricks").exists())
         run("brick", self.dir / "bodies.vdb", out, "--grid", "cloud")
         self.assertTrue((out / "palpate.bricks").exists())
@@ -240,7 +240,7 @@ class Broken(Case):
 
 class Verbs(Case):
     @suite.smoke
-    def test_info_prints_the_same_of_bricks_and_their_file(self):
+    def test_info_of_bricks_equals_info_of_their_file(self):
         out, made = self.brick("told", "bodies.vdb", "--grid", "bowl")
         grids = json.loads(run("info", self.dir / "bodies.vdb", "--json").stdout)["grids"]
         file = next(grid for grid in grids if grid["name"] == "bowl")
@@ -282,13 +282,13 @@ class Verbs(Case):
     def test_invalid_outputs_and_damaged_bricks_are_refused(self):
         ball = self.dir / "ball.vdb"
         out, _ = self.brick("there", "ball.vdb")
-        self.refused("brick", ball, out, "--half", says="it holds bricks of another input or of other "
+        self.refused("brick", ball, out, "--half", says="it contains bricks of another input or of other "
                      "options: remove it, or name another folder")
         self.refused("brick", self.dir / "linear.vdb", self.dir / "n", says="more than one grid")
         self.refused("brick", self.dir / "nan.vdb", self.dir / "n", says="NaN")
-        self.refused("brick", ball, ball, says="it is there already, and no folder")
-        self.refused("brick", ball, "/no/such/place", says="the folder cannot be made")
-        self.refused("brick", ball, self.dir, says="it is there already and holds")
+        self.refused("brick", ball, ball, says="it exists already and is not a folder")
+        self.refused("brick", ball, "/no/such/place", says="the folder cannot be created")
+        self.refused("brick", ball, self.dir, says="it exists already and contains")
         self.refused("brick", ball, self.dir / "n", "--compression", 20, says="give 1 to 19")
         self.refused("brick", ball, self.dir / "n", "--compression", "x", says="--compression")
         self.refused("brick", self.dir / "none.vdb", self.dir / "n", says="no such file")
@@ -340,7 +340,8 @@ class Felt(Case):
         bricks = self.skin()
         self.feel("whole.json", "whole.csv")
         out, summary = self.feel("bricks.json", "bricks.csv")
-        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched, \d+ there, in a window of \d+ \([\d.]+ MB\)\n")
+        self.assertRegex(out.stdout, r"bricks    rod: \d+ loaded, \d+ in memory, in a window of \d+ bricks "
+                                     r"\([\d.]+ MB\)\n")
         self.assertEqual(summary["coarse_share"], 0)
         self.assertGreater(summary["felt_share"], 0.5)
         self.assertEqual(summary["bricks"]["rod"]["failed"], 0)
@@ -357,7 +358,7 @@ class Felt(Case):
         run("feel", f"{bricks}/", "--seconds", 1, status=None)
 
     @suite.smoke
-    def test_missing_bricks_are_reported_and_felt_coarsely(self):
+    def test_missing_bricks_are_reported_and_replaced_by_coarser_data(self):
         bricks = self.skin()
         (bricks / "0/2.1.1.0.0.0").unlink()
         (bricks / "0/2.1.2.0.0.0").write_bytes(b"no brick")
@@ -369,14 +370,14 @@ class Felt(Case):
         self.assertLess(summary["coarse_share"], 0.9)
         self.assertEqual(summary["bricks"]["rod"]["failed"], 2)
         self.assertEqual(summary["faults"], {})
-        self.assertRegex(out.stdout, r"coarse    data were not there")
+        self.assertRegex(out.stdout, r"coarse    coarser data replaced missing data")
 
     def test_a_recording_replays_identically(self):
         self.skin()
         self.feel("bricks.json", "bricks.csv", "--record", self.dir / "felt.rec")
         again = run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}",
                     "--record", self.dir / "again.rec")
-        self.assertIn("bricks are felt as they are now", again.stderr)
+        self.assertIn("reads sequences and bricks as they are now", again.stderr)
         said = json.loads(run("compare", self.dir / "felt.rec", self.dir / "again.rec", "--json").stdout)
         self.assertTrue(said["identical"], said)
 
@@ -405,10 +406,10 @@ class Import(Case):
     def test_invalid_outputs_are_refused(self):
         file, layout = self.raw()
         words = ["import", file, "--raw", layout, "--bricks"]
-        self.refused(*words, self.dir / "a.vdb", says="name it without .vdb")
-        self.refused(*words, self.dir / "a", "--scene", "s.json", says="--scene: it is of a .vdb")
-        self.refused("import", file, self.dir / "a", "--raw", layout, says="name it so")
-        self.refused(*words, self.dir, says="it is there already and holds")
+        self.refused(*words, self.dir / "a.vdb", says="omit .vdb in the name")
+        self.refused(*words, self.dir / "a", "--scene", "s.json", says="--scene: a scene needs a .vdb")
+        self.refused("import", file, self.dir / "a", "--raw", layout, says="add .vdb to the name")
+        self.refused(*words, self.dir, says="it exists already and contains")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ namespace palpate::c_api_test {
 
 namespace {
 
-/// A ball of 43 mm, felt like a .vdb, and its hand.
+/// A scene from a .vdb file with a ball of 43 mm, and a hand in it.
 class Host {
  public:
   Host() {

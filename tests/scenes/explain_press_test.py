@@ -104,7 +104,7 @@ class Explain(Touch):
         self.assertEqual(out["because"][0], "wall holds with 0.5 of 3 N along its normal.")
         self.assertIn("because   wall holds with 0.5 of 3 N", text)
 
-    def test_beyond_its_strength_it_yields(self):
+    def test_a_plane_yields_beyond_its_strength(self):
         out, _ = self.explain(self.scene(WALL), MIDDLE, along(INTO, 0.008))
         wall = self.mode(out, "wall")
         self.assertEqual((wall["state"], wall["contact"]), ("yields", "yielded"))
@@ -115,7 +115,7 @@ class Explain(Touch):
         self.assertEqual((limiter["slewed"], limiter["peaked"]), (True, False))
         self.assertAlmostEqual(size(out["force"]["wanted"]), 3)
         self.assertAlmostEqual(out["force"]["size"], 2)
-        self.assertIn("grow by 2 N a tick: 2 N is sent", out["because"][1])
+        self.assertIn("grow by 2 N per tick: the device gets 2 N", out["because"][1])
 
     def test_friction_sticks_below_mu_n_and_slips_at_it(self):
         scene = self.scene({**WALL, "friction": 0.3})
@@ -159,7 +159,7 @@ class Explain(Touch):
                           out["force"]["wanted"])
 
     @suite.smoke
-    def test_each_mode_that_does_not_act_says_why(self):
+    def test_each_inactive_mode_has_a_reason(self):
         far = {"file": "ball.vdb", "place": {"scale": 0.001, "translate": [1, 0, 0]}}
         scene = self.scene(
             {"name": "gone", "mode": "isosurface", "of": "far", "value": 0, "solid": "below",
@@ -181,11 +181,11 @@ class Explain(Touch):
         why = {m["name"]: m["because"] for m in out["modes"]}
         self.assertEqual(why["gone"], "the proxy is outside the bounds of far")
         self.assertEqual(why["faint"], "its strength is zero here: 0 where d is 4")
-        self.assertIn("has not come to the surface; the value here is 4, the surface is at 9",
+        self.assertIn("has not reached the surface; the value here is 4, the surface is at 9",
                       why["high"])
         self.assertIn("on the solid side", why["deep"])
         self.assertEqual(why["masked"], "its strength is zero here: far has no data here")
-        self.assertEqual(why["guide"], "the proxy is 0.03 m from it, farther than its snap of 0.01 m")
+        self.assertEqual(why["guide"], "the proxy is 0.03 m from the guide, farther than the snap of 0.01 m")
         self.assertEqual(out["silent"], ["null"])
         self.assertEqual(out["left_out"], ["spin"])
         fields = {f["field"]: f for f in out["fields"]}
@@ -207,7 +207,7 @@ class Explain(Touch):
         self.assertAlmostEqual(product["primitives"][0]["strength"], math.sqrt(44) - 6)
         self.assertIn("no mode reads it", text)
 
-    def test_no_data_within_the_bounds(self):
+    def test_missing_data_within_the_bounds_are_reported(self):
         # The centre of the ball is outside of its narrow band.
         ball = {"b": {"file": "ball.vdb", "place": PLACE}}
         scene = self.scene({"name": "fog", "mode": "viscosity", "of": "b", "strength": 1},
@@ -215,7 +215,7 @@ class Explain(Touch):
         out, _ = self.explain(scene, [0, 0, 0], [0.001, 0, 0])
         self.assertEqual(self.mode(out, "fog")["because"], "b has no data here")
         self.assertEqual(out["fields"][0]["because"], "it is read, but has no data here")
-        self.assertEqual(out["because"][0], "Nothing holds the proxy.")
+        self.assertEqual(out["because"][0], "No primitive holds the proxy.")
         self.near(out["balance"]["proxy"], [0.001, 0, 0])
 
     def test_a_slab_is_reported_as_one_primitive(self):
@@ -228,9 +228,9 @@ class Explain(Touch):
         out, _ = self.explain(self.scene(front), MIDDLE, [0, 0, 0])
         self.assertEqual(self.mode(out, "front")["state"], "idle")
         self.assertEqual(self.mode(out, "front")["because"],
-                         "it is there, but nothing presses on it")
+                         "the mode placed primitives, but they carry no load")
 
-    def test_where_forces_act_the_proxy_does_not_stay(self):
+    def test_a_directed_force_moves_the_resting_proxy(self):
         wind = {"name": "wind", "mode": "force", "of": "v", "strength": 0.3}
         out, _ = self.explain(self.scene(wind), MIDDLE, [0, 0, 0])
         self.assertAlmostEqual(out["rest"]["moved"], 0.3 / K)
@@ -247,7 +247,7 @@ class Explain(Touch):
         self.assertGreater(out["rest"]["ticks"], 5)  # 5 N/m a tick
         self.assertAlmostEqual(size(self.mode(out, "wall")["load"]), 0.001 * k, 6)
 
-    def test_a_long_push_takes_sub_steps(self):
+    def test_a_long_push_needs_sub_steps(self):
         # One voxel, 5 mm, at a time.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
         out, text = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
@@ -269,13 +269,13 @@ class Explain(Touch):
         self.assertIn("has not arrived", out["because"][-1])
 
     @suite.smoke
-    def test_refusals(self):
+    def test_invalid_options_are_refused(self):
         ball = self.dir / "ball.vdb"
         good = "0,0,0"
         for at in ("0,0", "0,0,0,0", "0,0,x", "", "nan,0,0", "0,0,1e999", "0, 0, 0", "0,,0"):
             self.refused("explain", ball, "--at", at, "--push", good, says="is not x,y,z")
         self.refused("explain", ball, "--at", "1e7,0,0", "--push", good, says="1,000 km")
-        self.refused("explain", ball, "--at", "9e5,0,0", "--push", "9e5,0,0", says="--push: it leads")
+        self.refused("explain", ball, "--at", "9e5,0,0", "--push", "9e5,0,0", says="--push: the place is farther")
         self.refused("explain", ball, "--at", good, "--push", "1", says="--push: ")
         self.refused("explain", ball, "--at", good, says="--push is required")
         self.refused("explain", ball, "--at", good, "--push", good, "--rate", 1, says="--rate")
@@ -330,7 +330,7 @@ class Press(Touch):
         contacts = [row["contacts"] for row in rows[:241]]
         self.assertEqual(list(dict.fromkeys(contacts)), ["", "wall=holds", "wall=yields"])
 
-    def test_a_wall_that_lets_go_keeps_the_work(self):
+    def test_a_wall_that_releases_the_proxy_keeps_the_work(self):
         # The force fades over one voxel, 5 mm, from a depth of 1 mm on.
         summary, rows = self.press(self.scene({**WALL, "depth": 0.2}), MIDDLE,
                                    along(INTO, 0.014))
@@ -342,7 +342,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["hysteresis"], summary["work_in"], 6)
         self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
 
-    def test_a_wall_that_a_tick_comes_through_has_yielded(self):
+    def test_a_wall_that_is_passed_within_a_tick_has_yielded(self):
         # 14 mm in one tick: at its end the wall has no strength any more.
         soft = {"name": "wall", "mode": "surface", "of": "d",
                 "strength": {"piecewise": [[6, 1], [6.5, 0]]}}
@@ -354,7 +354,7 @@ class Press(Touch):
         self.assertAlmostEqual(wall["let_go_at"], 0.014)
         said = run("press", self.dir / "touch.json", "--at", words(MIDDLE), "--along",
                    words(along(INTO, 0.014)), "--speed", 14).stdout
-        self.assertIn("wall: not felt; gave way at 14 mm within a tick; let go at 14 mm", said)
+        self.assertIn("wall: no contact; yielded at 14 mm within a tick; released at 14 mm", said)
 
     def test_a_drag_dissipates_the_work_put_in(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
@@ -370,7 +370,7 @@ class Press(Touch):
         self.assertAlmostEqual(drag["yield"]["force"], 0.5)
         self.assertAlmostEqual(float(rows[-1]["force_along"]), -0.5)
 
-    def test_friction_is_felt_across(self):
+    def test_friction_acts_across_the_path(self):
         # 45 degrees into the wall. A sticking hand feels k times the path's length along the path; without friction
         # half of it along the path and half of it across.
         way = along(INTO, 0.002 / math.sqrt(2), ASIDE, 0.002 / math.sqrt(2))
@@ -385,7 +385,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["hysteresis"], 0, 6)
 
     @suite.smoke
-    def test_a_ball(self):
+    def test_a_ball_yields_at_its_strength(self):
         [low, high] = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["bounds"]
         # The scene guess gives an isosurface of 3 N; its radius is 2 units of the file.
@@ -415,7 +415,7 @@ class Press(Touch):
             self.assertTrue(touched or way != INTO)
 
     @suite.smoke
-    def test_files(self):
+    def test_the_curve_and_the_picture_are_written(self):
         curve = self.dir / "curve.csv"
         scene = self.scene(WALL)
         words_ = ("press", scene, "--at", "0.02,0.02,0.02", "--along", "0,0.004,0")
@@ -430,11 +430,11 @@ class Press(Touch):
         os.remove(picture)
 
     @suite.smoke
-    def test_refusals(self):
+    def test_invalid_options_are_refused(self):
         ball = self.dir / "ball.vdb"
         at = ("press", ball, "--at", "0,0,0.06")
-        self.refused(*at, "--along", "0,0,0", says="--along: its length is how deep")
-        self.refused(*at, "--along", "0,0,1e6", says="--along: it leads")
+        self.refused(*at, "--along", "0,0,0", says="--along: its length is the depth")
+        self.refused(*at, "--along", "0,0,1e6", says="--along: the place is farther")
         self.refused(*at, "--along", "0;0;1", says="is not x,y,z")
         self.refused(*at, says="--along is required")
         for speed in (0, -1, "nan", "inf", 1e-9):
@@ -509,7 +509,7 @@ class NearParts(Touch):
         done = run(*words_)
         return done.stdout.replace("few.json", "touch.json"), done.stderr
 
-    def test_near_parts_are_reported_as_in_a_scene_of_only_them(self):
+    def test_near_parts_are_reported_as_in_a_scene_of_these_parts(self):
         many = self.many(1000)
         few = self.few((0, 1, 2))
         for push in ([0, 0, 0.001], along(INTO, 0.002), along(INTO, -0.004)):
@@ -555,25 +555,25 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]], ["skin 5"])
         self.assertEqual(out["modes"][0]["primitives"][0]["state"], "holds")
 
-    def test_nothing_near_and_too_much(self):
+    def test_no_parts_and_too_many_parts_near_the_hand(self):
         balls = {"b": {"file": "ball.vdb", "instances": [self.place(i) for i in range(5)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         far = self.scene(skin, volumes=balls)
-        self.refused("press", far, "--at", "0,5,0", "--along", "0,0,1", says="comes near nothing")
+        self.refused("press", far, "--at", "0,5,0", "--along", "0,0,1", says="comes near no part")
         self.refused("explain", far, "--at", "0,5,0", "--push", "0,0,0.001",
-                     says="comes near nothing")
+                     says="comes near no part")
         balls["b"]["instances"] = [{"scale": 0.01, "translate": [0.05 * i, 0, 0]}
                                    for i in range(70)]
         row = self.scene(skin, volumes=balls)
         self.refused("press", row, "--at", "0,0,0.021", "--along", "3.5,0,0", "--speed", 1,
-                     says="near 70 of its 70 parts; at most 64 are told of")
+                     says="near 70 of its 70 parts; a report covers at most 64")
         self.refused("press", row, "--at", "0,0,0.021", "--along", "2,0,0", "--speed", 1,
-                     says="more than is told of at once (64 volumes")
+                     says="a report covers at most 64 volumes")
         self.assertIn("near 4 of its 70", run("press", row, "--at", "0,0,0.021", "--along",
                                               "0.15,0,0", "--speed", 1).stderr)
 
     @suite.smoke
-    def test_names_notes_crowds_and_unread_volumes(self):
+    def test_names_notes_limits_and_unread_volumes_of_parts(self):
         ball = {"file": "ball.vdb"}
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
                 "strength": 3}
@@ -583,7 +583,7 @@ class NearParts(Touch):
                    "b[0]": {**ball, "place": {"scale": 0.01, "translate": [0, 0, 0.001]}}}
         own = {**skin, "name": "own", "of": "b[0]"}
         self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
-                     says='/volumes/b/instances/0: it is told of as "b[0]"')
+                     says='/volumes/b/instances/0: the report names the instance "b[0]"')
         # A volume in many places that no mode reads, beside parts that are reported.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
@@ -604,7 +604,7 @@ class NearParts(Touch):
         self.assertIn("off by at most 0.72 N", done.stderr)
         self.assertAlmostEqual(size(json.loads(done.stdout)["balance"]["spring"]), 1.0)
 
-    def test_interrupted_it_leaves_nothing(self):
+    def test_an_interrupted_command_leaves_no_files(self):
         ball = self.dir / "ball.vdb"
         before = sorted(os.listdir(self.dir))
         for words_ in (("press", ball, "--at", "0,0,0.06", "--along", "0,0,-0.1", "--speed", 1e-4,
@@ -620,10 +620,10 @@ class NearParts(Touch):
                 child.send_signal(how)
                 _, said = child.communicate(timeout=60)
                 self.assertEqual(child.returncode, 130)
-                self.assertIn("interrupted: nothing is written", said)
+                self.assertIn("interrupted: no output was written", said)
                 self.assertEqual(sorted(os.listdir(self.dir)), before)
 
-    def test_a_map_is_not_drawn_over_its_scene(self):
+    def test_a_map_does_not_overwrite_its_scene(self):
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         scene = self.scene(skin, volumes={"b": {"file": "ball.vdb", "place": PLACE}})
         before = scene.read_text()

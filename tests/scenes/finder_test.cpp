@@ -119,7 +119,7 @@ TEST_CASE("the exploration path finds smoke where it is dense", "[finder]") {
   CHECK(run.held[1] > 0.4);
 }
 
-TEST_CASE("the exploration path feels a scene that has only a flow", "[finder]") {
+TEST_CASE("the exploration path meets forces in a scene that has only a flow", "[finder]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kFollow, "flow", 1.0)};
   const FieldPtr flow = makeVortex({0.02, 0.02, 0.0}, {0.0, 0.0, 5.0}, 0.01, 0.02);

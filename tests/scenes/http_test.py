@@ -129,7 +129,7 @@ class Served(Stored, Server):
         record, bowl, other = (self.dir / name for name in ("served.rec", "bowl", "other"))
         run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
         again = run("feel", record, "--device", f"replay:{record}")
-        self.assertNotIn("that was recorded", again.stderr)
+        self.assertNotIn("since the recording", again.stderr)
         run("brick", self.dir / "bodies.vdb", other, "--grid", "cloud")
         bowl.rename(self.dir / "kept")
         other.rename(bowl)
@@ -138,11 +138,11 @@ class Served(Stored, Server):
         finally:
             bowl.rename(other)
             (self.dir / "kept").rename(bowl)
-        self.assertIn(f"{self.address}: it is not the file that was recorded", again.stderr)
+        self.assertIn(f"{self.address}: the file has changed since the recording", again.stderr)
         self.kill(signal.SIGKILL)
         self.server.wait()
         again = run("feel", record, "--device", f"replay:{record}", status=2)
-        self.assertNotIn("that was recorded", again.stderr)
+        self.assertNotIn("since the recording", again.stderr)
 
 
 class Killed(Ended, Server):
@@ -193,7 +193,7 @@ class Far(Case):
         run("feel", self.dir / "far.scene", "--device", f"replay:{self.dir / 'far.rec'}", "--record", here)
         # Status 1: they differ, in steps through levels that had not arrived.
         said = run("compare", self.dir / "far.rec", here, status=None).stdout
-        self.assertIn("force     by 0 N at most, proxy by 0 mm", said)
+        self.assertIn("force     differs by at most 0 N, proxy by at most 0 mm", said)
 
     def test_a_lost_network_cuts_the_force(self):
         def part(running, log):
@@ -211,10 +211,10 @@ class Wrong(Case):
 
     @suite.smoke
     def test_an_invalid_address_or_answer_is_refused_in_a_line(self):
-        self.refused("http://127.0.0.1:1/bowl", "does not come")
+        self.refused("http://127.0.0.1:1/bowl", "was not received")
         for none in ("http://", "http:///bowl", "http://a:b@127.0.0.1:1/bowl", "http://127.0.0.1:1/bowl?a=b"):
-            self.refused(none, "it is no address")
-        self.refused(self.served_badly(lambda path: None).replace("/bowl", "/nothing"), "no volume in bricks")
+            self.refused(none, "it is not an address")
+        self.refused(self.served_badly(lambda path: None).replace("/bowl", "/nothing"), "not a volume in bricks")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"", 503)), "answers 503")
         self.refused(self.served_badly(
             lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers 302")
@@ -271,30 +271,30 @@ class Wrong(Case):
         self.assertIn(says, said)
         self.assertGreater(max(float(row["force_z"]) for row in rows), 0.1)
 
-    def test_a_brick_that_does_not_come_is_felt_coarsely(self):
+    def test_a_missing_brick_is_replaced_by_coarser_data(self):
         self.of_brick(lambda of: of.give(b"<html>" * 100_000, 404), "it is missing")
-        self.of_brick(lambda of: of.give(b"", 500), "the server answers 500")
+        self.of_brick(lambda of: of.give(b"", 500), "the server answers with status 500")
 
         def hangs_up(of):
             of.send_response(200)
             of.send_header("Content-Length", str((self.dir / of.path[1:]).stat().st_size))
             of.end_headers()
             of.wfile.write(b"z" * 10)
-        self.of_brick(hangs_up, "does not come")
+        self.of_brick(hangs_up, "was not received")
 
     @suite.smoke
-    def test_a_brick_that_is_wrong_is_felt_coarsely(self):
+    def test_a_damaged_brick_is_replaced_by_coarser_data(self):
         def changed(of):
             body = bytearray((self.dir / of.path[1:]).read_bytes())
             body[len(body) // 2] ^= 1
             of.give(bytes(body))
         self.of_brick(changed, "checksum")
 
-    def test_a_brick_of_another_length_is_felt_coarsely(self):
+    def test_a_brick_of_wrong_length_is_replaced_by_coarser_data(self):
         self.of_brick(lambda of: of.give(b"y" * 10), "it has 10 bytes, not the ")
-        self.of_brick(lambda of: of.give(b"y" * 2_000_000), "longer than its manifest says")
+        self.of_brick(lambda of: of.give(b"y" * 2_000_000), "longer than the manifest states")
 
-    def test_a_brick_that_was_wrong_once_is_fetched_again(self):
+    def test_a_brick_that_was_damaged_once_is_loaded_again(self):
         seen = set()
 
         def once(path):

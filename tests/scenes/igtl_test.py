@@ -172,7 +172,7 @@ class Run:
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL)
         self.reader = threading.Thread(target=self.read, daemon=True)
         self.reader.start()
-        where = self.said(r"listened for at 127\.0\.0\.1:(\d+)")
+        where = self.said(r"waiting for 3D Slicer at 127\.0\.0\.1:(\d+)")
         self.port = int(where.group(1))
 
     def read(self):
@@ -313,7 +313,7 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["igtl"]["ended"], 0)
         self.assertIn("STATUS".lower(), " ".join(name.lower() for _, name, _ in told))
 
-    def test_an_image_is_felt_at_its_placement(self):
+    def test_an_image_acts_at_its_placement(self):
         run = self.start()
         client = self.connect(run)
         client.state("felt")
@@ -325,7 +325,7 @@ class IgtlTest(unittest.TestCase):
             values = [int(v) for v in wall(at)] if how.get("scalar", 4) < 10 else wall(at)
             client.send("TRANSFORM", "PalpateSteer", transform(40, 0, 0))
             client.send("IMAGE", "head", image(values, SIZE, **how), version=version)
-            run.said("image is felt now")
+            run.said("image is active")
             run.errors.clear()
             where = at + how.get("middle", (0,))[0]
             which = f"{where}: {how}"
@@ -354,7 +354,7 @@ class IgtlTest(unittest.TestCase):
         time.sleep(0.3)
         client.send("IMAGE", "head", image(values, SIZE))
         client.send("STRING", "PalpateCommand", string("cut"))
-        self.assertEqual(client.until("STATUS"), (6, "IMAGE head: another image is not felt yet: send it again"))
+        self.assertEqual(client.until("STATUS"), (6, "IMAGE head: another image is still loading: send it again"))
         self.assertEqual(client.until("STATUS")[0], 1)
         client.state("cut")
         run.end()
@@ -364,7 +364,7 @@ class IgtlTest(unittest.TestCase):
         client = self.connect(run)
         other = self.connect(run)
         client.send("IMAGE", "head", image([int(v) for v in wall(1)], SIZE))
-        run.said("image is felt now")
+        run.said("image is active")
         self.press(client, 8)
         self.assertGreater(self.press(client, -6)[2][0], 0.5)
         client.send("STRING", "PalpateCommand", string("cut"))
@@ -427,7 +427,7 @@ class IgtlTest(unittest.TestCase):
         lines = [line for line in run.errors if "igtl: 127" in line and "is closed" in line]
         self.assertTrue(lines)
         self.assertLess(len(lines), len(hostile))  # a line each second; the other closures are counted,
-        counted = re.findall(r"\((\d+) more before it\)", "".join(lines))
+        counted = re.findall(r"\((\d+) earlier not shown\)", "".join(lines))
         self.assertEqual(len(lines) + sum(map(int, counted)), len(hostile))  # including the last ones
         for line in lines:
             self.assertTrue(line.startswith("palpate: "), line)
@@ -513,7 +513,7 @@ class IgtlTest(unittest.TestCase):
         waiting[4].until("TRANSFORM", "PalpateProxy")
         run.end()
 
-    def test_thousands_of_connections(self):
+    def test_the_server_survives_thousands_of_connections(self):
         run = self.start(device="simulated")
         good = self.connect(run)
         good.next()

@@ -43,7 +43,7 @@ SceneSpec ballAndDrag() {
 
 }  // namespace
 
-TEST_CASE("a reader sees whole values and never an older one", "[live]") {
+TEST_CASE("a reader gets whole values and never an older value after a newer one", "[live]") {
   struct Value {
     std::array<std::uint64_t, 40> all{};
   };
@@ -148,7 +148,7 @@ TEST_CASE("memory of another layout is rejected, and the loop's memory cannot be
     }
     return std::string("none");
   };
-  const std::string other = "the loop is of another version of palpate";
+  const std::string other = "the loop belongs to another version of palpate";
   const int shorter = memfd_create("shorter", MFD_CLOEXEC);
   const std::array<std::uint64_t, 3> head{LiveBlock::kMagic, LiveBlock::kLayout, 0};
   REQUIRE(write(shorter, head.data(), sizeof head) == sizeof head);
@@ -156,7 +156,7 @@ TEST_CASE("memory of another layout is rejected, and the loop's memory cannot be
   share.block().layout = LiveBlock::kLayout + 1;
   CHECK(refusal(dup(share.descriptor())) == other);
   share.block().magic = 7;
-  CHECK_THAT(refusal(dup(share.descriptor())), Catch::Contains("is no loop's memory"));
+  CHECK_THAT(refusal(dup(share.descriptor())), Catch::Contains("is not the memory of a loop"));
 }
 
 }  // namespace palpate::live_test

@@ -119,7 +119,7 @@ TEST_CASE("the wind's grid equals its formula at the voxels and has little diver
   }
 }
 
-TEST_CASE("procedural level sets are distances", "[made]") {
+TEST_CASE("procedural level sets equal the distance to their surface", "[made]") {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   const auto slope = [](auto distance, const Vec3& p, double step) {

@@ -145,7 +145,7 @@ class Pictures(Case):
         self.assertIn("skin: body = 0 HU", words)
         self.assertIn("force on the hand [N]", words)
 
-    def test_letters_are_where_the_patient_is(self):
+    def test_letters_mark_the_patient_s_directions(self):
         ends = [("L", "R"), ("P", "A"), ("I", "S")]  # of -x and +x, and so on
         letters = self.look(self.given("feel", *self.head("lps")))["letters"]
         for seen, (a, b) in zip(letters, PLANES):
@@ -193,7 +193,7 @@ class Pictures(Case):
         words = texts(self.svg("feel", self.dir / "ball.vdb", "--seconds", 1))
         self.assertIn("ball", words)  # without a unit, the field's name
 
-    def test_no_folder_name_is_drawn(self):
+    def test_a_scene_is_named_without_its_folder(self):
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
             text = self.svg("feel", *words)
             self.assertNotIn(str(self.dir), text)
@@ -286,7 +286,7 @@ class Pictures(Case):
         front = low + (last + 1) / len(column) * (high - low)
         self.assertAlmostEqual(front, 44.0, delta=1.5)
 
-    def test_the_legend_covers_no_axes_and_stays(self):
+    def test_the_legend_is_outside_the_axes_at_a_fixed_place(self):
         places = []
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
             look = self.look(self.given("feel", *words))
@@ -296,7 +296,7 @@ class Pictures(Case):
             places.append(left)
         self.assertEqual(places[0], places[1])
 
-    def test_formats(self):
+    def test_every_format_is_written(self):
         words = ("feel", self.dir / "ball.vdb", "--seconds", 0.5, "--picture")
         for ending, begin in (("png", b"\x89PNG\r\n\x1a\n"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
             place = self.dir / f"p.{ending}"
@@ -322,7 +322,7 @@ class Pictures(Case):
         self.refused("press", self.dir / "ball.vdb", "--at", "0,0,0.06", "--along", "0,0,-0.1",
                      "--picture", "p.txt", says="it is not named .png, .pdf or .svg")
 
-    def test_a_picture_that_fails_leaves_none(self):
+    def test_a_failed_picture_leaves_no_file(self):
         drawer = self.tee / "feel_picture.py"
         kept = drawer.read_text()
         self.addCleanup(drawer.write_text, kept)
@@ -345,13 +345,13 @@ class Pictures(Case):
         self.assertIn(name, words)
         self.assertTrue([w for w in words if w.startswith("$x$: " + name)])
 
-    def test_a_press_is_drawn_too(self):
+    def test_a_press_is_drawn(self):
         scene, *_ = self.head("lps")
         text = self.svg("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0")
         words = texts(text)
         self.assertEqual(words.count("L"), 2)
         self.assertIn("body [HU]", words)
-        self.assertTrue(re.search(r"slices through the place of most force", "\n".join(words)))
+        self.assertTrue(re.search(r"slices through the place of the largest force", "\n".join(words)))
 
 
 if __name__ == "__main__":

@@ -172,7 +172,7 @@ class Plot(unittest.TestCase):
             ranges = {json.dumps(panels[name, panel]["y"]["limits"]) for name in STRENGTHS}
             self.assertEqual(len(ranges), 1, panel)
 
-    def test_every_format(self):
+    def test_every_format_is_written(self):
         for kind in ("png", "pdf", "svg"):
             told, picture = self.drawn(*self.traces, out=f"runs.{kind}")
             self.assertEqual((told["format"], told["dpi"]), (kind, 300))
@@ -199,7 +199,7 @@ class Plot(unittest.TestCase):
                              f"{self.numbers[0].percentile(0.999):.3g} µs"):
                     self.assertIn(word, words)
 
-    def test_many_rows_stay_a_light_picture_that_keeps_a_spike(self):
+    def test_many_rows_give_a_small_picture_that_keeps_a_spike(self):
         head, row = self.traces[0].read_text().splitlines()[:2]
         fields = dict(zip(head.split(","), row.split(",")))
         lines = [head]
@@ -239,7 +239,7 @@ class Plot(unittest.TestCase):
         piped, _ = self.drawn("-", stdin=text)
         self.assertEqual(piped["runs"][0], {**told["runs"][0], "name": "stdin"})
 
-    def test_missing_numbers_of_a_tick_are_left_out(self):
+    def test_missing_numbers_of_a_tick_are_skipped(self):
         head, *rows = self.traces[0].read_text().splitlines()
         bound = head.split(",").index("error_bound")
         fields = rows[100].split(",")
@@ -290,7 +290,7 @@ class Plot(unittest.TestCase):
             self.assertRegex(line, rf"^{name}: {len(own.t)} ticks in [\d.]+ s; at most [\d.]+ N, ")
 
     @suite.smoke
-    def test_refusals_leave_nothing(self):
+    def test_refused_commands_leave_no_files(self):
         good = self.traces[0]
         out = self.dir / "out.png"
         text = good.read_text()
@@ -310,17 +310,17 @@ class Plot(unittest.TestCase):
             refused(good, "--out", name, says="it is not named .png, .pdf or .svg")
         refused(*[good] * 7, "--out", out, says="7 traces do not fit side by side: give at most 6")
         refused(good, "--out", "/no/such/place/p.png", says="cannot be written")
-        refused(self.dir / "ball.vdb", "--out", out, says="it is no trace: it has no column \"t\"")
+        refused(self.dir / "ball.vdb", "--out", out, says="it is not a trace: the column \"t\" is missing")
         for name in ("t", "probe_y", "error_bound", "tick_ns", "status", "limited"):
-            bad(",".join(n for n in head.split(",") if n != name), says=f'it has no column "{name}"')
-        bad("", says='it has no column "t"')
+            bad(",".join(n for n in head.split(",") if n != name), says=f'the column "{name}" is missing')
+        bad("", says='the column "t" is missing')
         bad(head + "\n", says="it has no rows")
         bad("\n".join([head, first, second[:20]]), says="bad.csv line 3: it has ")
         bad("\n".join([head, "x" + first]), says="is not a finite number")
         bad("\n".join([head, first.replace("0,", "inf,", 1)]), says='t: "inf" is not a finite number')
         bad("\n".join([head, first.replace("0,", ",", 1)]), says='t: "" is not a finite number')
-        bad("\n".join([head, first.replace("converged", "fine")]), says='"fine" is no status')
-        bad("\n".join([head, second, first]), says="bad.csv line 3: its time is before")
+        bad("\n".join([head, first.replace("converged", "fine")]), says='"fine" is not a status')
+        bad("\n".join([head, second, first]), says="bad.csv line 3: its time is earlier")
         bad(head + "\n" + "1," * 40000, says="bad.csv line 2: it is longer than")
         # Existing files are kept: an input, and the previous picture.
         trace = self.written("trace.png", text)

@@ -80,7 +80,7 @@ def test_whole_numbers_that_no_double_holds_are_told_of():
         warnings.simplefilter("error")
         assert palpate.volume(counts).info["highest"] == 2**53
         counts[2, 2, 2] += 1
-        with pytest.raises(UserWarning, match="counts: whole numbers above 9,007,199,254,740,992 are rounded"):
+        with pytest.raises(UserWarning, match="counts: integers above 9,007,199,254,740,992 are rounded"):
             palpate.volume(counts, name="counts")
     for value, dtype in ((-2**53 - 1, "i8"), (2**64 - 1, "u8")):
         with pytest.warns(UserWarning, match="are rounded"):
@@ -222,14 +222,14 @@ def deep(levels=100000):
 
 
 @pytest.mark.parametrize("wrong, why", [
-    ({**SCENE, "modes": {1, 2}}, "a set is no number"),
+    ({**SCENE, "modes": {1, 2}}, "a set is not a number"),
     ({**SCENE, (1, 2): 3}, "keys must be"),
-    ({**SCENE, "palpate": 1j}, "a complex is no number"),
+    ({**SCENE, "palpate": 1j}, "a complex is not a number"),
     ({**SCENE, "palpate": float("nan")}, "Out of range float"),
     (deep(), "recursion"),
     ("{ no", "it is not valid JSON (parse error at line 1, column 4"),
     ("\udc80", "surrogates not allowed"),
-    ('{"modes": [], "modes": []}', "stands twice"),
+    ('{"modes": [], "modes": []}', "occurs twice"),
 ])
 @pytest.mark.parametrize("with_volume", [False, True])
 def test_why_a_scene_is_none(wrong, why, with_volume):
@@ -277,7 +277,7 @@ try:
 except palpate.Error as e:
     print(e)
 """)
-    assert told == "memory: there is not enough of it: ask for less at once\n"
+    assert told == "memory: the call needs more than is available: split the work into smaller calls\n"
 
 
 @pytest.mark.parametrize("work", [

@@ -153,21 +153,21 @@ class Killed(Ended, Server):
 
 
 class Served(Stored, Server):
-    def test_a_user_that_may_only_read_feels(self):
+    def test_a_user_with_read_access_can_feel(self):
         run("feel", "rados://reader@bricks/bowl/", "--seconds", 0.2)
 
     def test_an_unusable_address_is_refused_in_a_line(self):
         for none in ("rados://", "rados:///bowl", "rados://bricks", "rados://bricks/", "rados://a@b@bricks/bowl",
                      "rados://@bricks/bowl"):
-            self.refused(none, "it is no address")
-        self.refused("rados://bricks/nothing", "no volume in bricks")
-        self.refused("rados://pond/bowl", 'there is no pool "pond"')
-        self.refused("rados://stranger@bricks/bowl", 'Ceph does not let "stranger" in')
-        self.refused("rados://nobody@bricks/bowl", 'Ceph does not let "nobody" in')
+            self.refused(none, "it is not an address")
+        self.refused("rados://bricks/nothing", "not a volume in bricks")
+        self.refused("rados://pond/bowl", 'Ceph does not have the pool "pond"')
+        self.refused("rados://stranger@bricks/bowl", 'Ceph rejects the user "stranger"')
+        self.refused("rados://nobody@bricks/bowl", 'Ceph rejects the user "nobody"')
         conf = os.environ["CEPH_CONF"]
         self.addCleanup(os.environ.__setitem__, "CEPH_CONF", conf)
         os.environ["CEPH_CONF"] = str(self.dir / "none.conf")
-        self.refused(self.address, "there is no configuration of Ceph")
+        self.refused(self.address, "the configuration of Ceph cannot be read")
         silent = Path(conf).with_name("silent.conf")
         silent.write_text(Path(conf).read_text().replace("mon_host = [v2:127.0.0.1:", "mon_host = [v2:127.0.0.2:"))
         os.environ["CEPH_CONF"] = str(silent)
@@ -175,7 +175,7 @@ class Served(Stored, Server):
         self.refused(self.address, "no monitor of Ceph answers")
         self.assertLess(time.monotonic() - begin, 10)
 
-    def test_a_brick_that_is_wrong_is_felt_coarsely(self):
+    def test_a_damaged_brick_is_replaced_by_coarser_data(self):
         bricks = [file.relative_to(self.dir) for file in (self.dir / "bowl/0").rglob("*") if file.is_file()]
 
         def of_bricks(body_of, says):
@@ -192,7 +192,7 @@ class Served(Stored, Server):
             self.assertGreater(max(float(row["force_z"]) for row in rows), 0.1)
         self.addCleanup(self.cluster.copy, self.dir / "bowl")
         of_bricks(lambda body: body[:100], "it has 100 bytes, not the ")
-        of_bricks(lambda body: body + b"y", "longer than its manifest says")
+        of_bricks(lambda body: body + b"y", "longer than the manifest states")
         of_bricks(lambda body: body[:50] + bytes([body[50] ^ 1]) + body[51:], "checksum")
         of_bricks(lambda body: None, "it is missing")
 

@@ -75,14 +75,14 @@ class Recorded(Case):
         return self.dir / name
 
     @suite.smoke
-    def test_it_feels_the_same_again(self):
+    def test_a_replay_is_identical(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         for scene in (self.scene, a):
             self.record("b.rec", scene, "--device", f"replay:{a}")
             told = self.compare("a.rec", "b.rec")
             self.assertTrue(told["identical"])
             self.assertEqual(told["ticks"], [4000, 4000])
-        self.assertIn("the same to the last bit, 4000 ticks", run("compare", a, a).stdout)
+        self.assertIn("identical to the last bit, 4000 ticks", run("compare", a, a).stdout)
         # Traces and summaries of the replay equal those of the run, except for times.
         told = [json.loads(run("feel", self.scene, "--json", *words).stdout)
                 for words in (("--seconds", 4), ("--device", f"replay:{a}"))]
@@ -116,7 +116,7 @@ class Recorded(Case):
         self.assertLess((told["force"] or {"by": 0})["by"], 1e-9)
 
     @suite.smoke
-    def test_an_edit_is_told_by_where_and_how_much(self):
+    def test_compare_reports_where_and_how_much_an_edit_changes(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         other = json.loads(json.dumps(SCENE))
         other["modes"][0]["strength"] = 2.9
@@ -128,9 +128,9 @@ class Recorded(Case):
         self.assertAlmostEqual(told["force"]["by"], 0.1, delta=0.05)
         words = run("compare", a, self.dir / "b.rec", status=1).stdout
         self.assertIn(f"first in tick {told['first']['tick']} ", words)
-        self.assertIn("most      in tick", words)
+        self.assertIn("largest   in tick", words)
         # The output has a command that explains this tick: it gives the force of A.
-        line = re.search(r"why +palpate (explain .*)", words).group(1)
+        line = re.search(r"explain +palpate (explain .*)", words).group(1)
         self.assertEqual("palpate " + line, told["explain"])
         explained = json.loads(run(*line.split(), "--json").stdout)
         _, rows = rows_of(a)
@@ -144,7 +144,7 @@ class Recorded(Case):
         self.assertEqual(told["given_otherwise"]["tick"], 1)
         self.assertEqual(told["given_otherwise"]["field"], "dt")
 
-    def test_from_a_time_on(self):
+    def test_a_replay_can_start_at_a_time(self):
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n1,0,0,0.04\n2,0.01,0,0.04\n", encoding="utf-8")
         a = self.record("a.rec", self.scene, "--device", f"path:{path}", "--seconds", 2)
@@ -157,7 +157,7 @@ class Recorded(Case):
         self.assertEqual(told["lost"], [0, 0])
         self.assertIsNone(told["given_otherwise"])
 
-    def test_at_a_speed(self):
+    def test_a_replay_can_run_at_a_speed(self):
         a = self.record("a.rec", self.scene, "--seconds", 1)
         for speed, least in ((2, 0.5), (1, 1.0)):
             begun = time.monotonic()
@@ -165,7 +165,7 @@ class Recorded(Case):
             self.assertGreater(time.monotonic() - begun, 0.99 * least)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
 
-    def test_a_path_is_recorded_as_well(self):
+    def test_a_path_can_be_recorded(self):
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n0.5,0,0,0.045\n1,0.01,0,0.045\n", encoding="utf-8")
         self.record("a.rec", self.scene, "--device", f"path:{path}")
@@ -250,7 +250,7 @@ class Recorded(Case):
 
     @unittest.skipIf(WITHOUT_HDF5, "built without HDF5")
     @suite.smoke
-    def test_a_table_is_whole_or_not_there(self):
+    def test_a_table_is_complete_or_absent(self):
         a = self.record("a.rec", self.scene, "--seconds", 20)
         out = self.dir / "a.h5"
         out.write_bytes(b"what stood there")
@@ -286,7 +286,7 @@ class Recorded(Case):
             file.write(bytes([last[0] ^ 1]))
         done = subprocess.run([PALPATE, "feel", a, "--device", f"replay:{a}"], capture_output=True,
                               text=True, check=False)
-        self.assertIn("ball.vdb: it is not the file that was recorded", done.stderr)
+        self.assertIn("ball.vdb: the file has changed since the recording", done.stderr)
 
     @suite.smoke
     def test_invalid_options_are_refused_in_a_line(self):
@@ -304,18 +304,18 @@ class Recorded(Case):
         refused("feel", self.scene, "--device", replay, "--device", "simulated", says="alone")
         refused("feel", self.scene, "--device", f"{replay}@9", says="it ends at 0.099 s")
         refused("feel", self.scene, "--device", f"{replay}@x", says="a.rec@x: it cannot be read")
-        refused("feel", self.scene, "--device", f"replay:{self.scene}", says="it is no recording")
+        refused("feel", self.scene, "--device", f"replay:{self.scene}", says="it is not a recording")
         refused("feel", self.scene, "--device", "replay:none.rec", says="it cannot be read")
-        refused("feel", self.scene, "--record", "-", says="a recording is no text")
+        refused("feel", self.scene, "--record", "-", says="a recording is binary")
         refused("feel", self.scene, "--record", self.scene, says="ball.json")
         refused("feel", self.scene, "--record", self.dir, says="it is a folder")
         refused("feel", self.scene, "--device", replay, "--record", a, says="a.rec")
         refused("feel", a, "--record", a, says="a.rec")
         refused("feel", a, "--record", self.scene, says="ball.json")
         refused("feel", a, "--trace", self.dir / "ball.vdb", says="ball.vdb")
-        refused("feel", self.scene, "--device", replay, "--passive", says="leave it out")
-        refused("feel", self.scene, "--speed", 1, says="only a recorded hand")
-        refused("feel", self.scene, "--device", replay, "--speed", 0, says="0 is not 0.001 to 1000")
+        refused("feel", self.scene, "--device", replay, "--passive", says="leave out --passive")
+        refused("feel", self.scene, "--speed", 1, says="only to recorded hands")
+        refused("feel", self.scene, "--device", replay, "--speed", 0, says="0 is not in 0.001 to 1000")
         refused("feel", self.scene, "--device", replay, "--rate", 500, says="recorded at 1000 Hz")
         # If a run is refused, existing files are kept.
         (self.dir / "b.2.rec").mkdir()
@@ -324,9 +324,9 @@ class Recorded(Case):
                 self.dir / "b.rec", says="it is a folder")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
         refused("feel", self.scene, "--record", "/dev/full", says="it is a pipe or a device")
-        refused("compare", a, self.scene, says="it is no recording")
-        refused("check", a, says="it is a recording, which feel takes")
-        refused("explain", a, "--at", "0,0,0", "--push", "0,0,0", says="it is a recording, which feel takes")
+        refused("compare", a, self.scene, says="it is not a recording")
+        refused("check", a, says="the file is a recording, not a scene")
+        refused("explain", a, "--at", "0,0,0", "--push", "0,0,0", says="the file is a recording, not a scene")
         refused("convert", a, a, says="a.rec")
         (self.dir / "a.h5").symlink_to(a)
         refused("convert", a, self.dir / "a.h5", says="a.h5")
@@ -347,8 +347,8 @@ class Recorded(Case):
             run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",
                 self.dir / "b.rec", status=1)
             self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
-        for words, says in (("simulated:nam", '"nam" is no trouble of a device'),
-                            ("simulated:nan@x", '"nan@x" is no trouble'),
+        for words, says in (("simulated:nam", '"nam" is not a trouble of a device'),
+                            ("simulated:nan@x", '"nan@x" is not a trouble'),
                             ("simulated:hung", "add --realtime")):
             done = subprocess.run([PALPATE, "feel", self.scene, "--device", words],
                                   capture_output=True, text=True, check=False)
@@ -359,7 +359,7 @@ class Recorded(Case):
         full = f"ulimit -f 300; exec {PALPATE} feel {self.scene} --seconds 3 --record {self.dir}/a.rec"
         done = subprocess.run(["bash", "-c", full], capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 1, done.stderr)
-        self.assertIn("--record: it cannot be written on (File too large)", done.stderr)
+        self.assertIn("--record: writing stopped (File too large)", done.stderr)
         self.assertIn("3000 ticks", done.stdout)
         self.assertLess(len(rows_of(self.dir / "a.rec")[1]), 3000)
         self.assertEqual(self.compare("a.rec", "a.rec", status=None)["torn"], [0, 0])
@@ -412,7 +412,7 @@ class OnTime(Case):
             self.dir / "c.rec")
         self.assertTrue(self.compare("a.rec", "c.rec")["identical"])
 
-    def test_a_killed_program_loses_next_to_nothing(self):
+    def test_a_killed_program_loses_few_ticks(self):
         kills = int(os.environ.get("PALPATE_KILLS", "5"))
         chance = random.Random(12)
         worst = 0.0

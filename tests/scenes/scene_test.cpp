@@ -113,7 +113,7 @@ std::string parseError(const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
+TEST_CASE("a scene with every kind of entry is read, placed and compiled", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   const SceneSpec spec = parseScene(fullScene().dump(), "s.json", folder.path());
@@ -146,7 +146,7 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
   const std::vector<Bad> cases{
       {"/palpate", 2, "/palpate: 2 is a version"},
       {"/extra", 1, "/extra: unknown key"},
-      {"/volumes", Json::object(), "/volumes: there is no volume"},
+      {"/volumes", Json::object(), "/volumes: the scene has no volume"},
       {"/volumes/head/fil", "a", "/volumes/head/fil: unknown key: did you mean \"file\"?"},
       {"/volumes/head/file", 3, "/volumes/head/file: 3 is not a text"},
       {"/volumes/head/file", "", "/volumes/head/file: it is empty"},
@@ -154,16 +154,17 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/head/axial", 1, "/volumes/head/axial: 1 is not true or false"},
       {"/volumes/head/non_finite", "ignore", "use one of refuse, fill"},
       {"/volumes/head/smooth", 1.5, "not a whole number from 0 to 16"},
-      {"/volumes/head/instances", Json::parse(R"([{"scale": 1}])"), "it has a place as well"},
+      {"/volumes/head/instances", Json::parse(R"([{"scale": 1}])"),
+       "the volume also has \"place\""},
       {"/volumes/many/instances", Json::array(), "it is not a list of places"},
       {"/volumes/many/instances/0", 3, "/volumes/many/instances/0: it is not an object"},
-      {"/volumes/many/instances/0", {{"like", "head"}}, "a place of its own"},
-      {"/volumes/many/instances/1/keyframes", Json::array(), "stands still"},
+      {"/volumes/many/instances/0", {{"like", "head"}}, "an instance cannot move"},
+      {"/volumes/many/instances/1/keyframes", Json::array(), "an instance cannot move"},
       {"/volumes/many/instances/1/scale", 0, "/volumes/many/instances/1/scale: 0 is not > 0"},
       {"/volumes/many/instances/1/turn", 1, "instances/1/turn: unknown key"},
       {"/volumes/head/place/fit", -1, "/volumes/head/place/fit: -1 is not > 0"},
-      {"/volumes/head/place/unit", "mm", "none or several of its kinds"},
-      {"/volumes/head/place", Json::object(), "none or several of its kinds"},
+      {"/volumes/head/place/unit", "mm", "none or several of these keys"},
+      {"/volumes/head/place", Json::object(), "none or several of these keys"},
       {"/volumes/turned/place/translate", {1, 2}, "not a list of 3 numbers"},
       {"/volumes/true/place/unit", "inch", "\"inch\" is not known: use one of m, cm, mm, um"},
       {"/volumes/true/place/keyframes", Json::array(), "not a list of keyframes"},
@@ -174,8 +175,8 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/true/place/keyframes/1/rotation_wxyz", {1, 0, 0}, "not a list of 4 numbers"},
       {"/volumes/true/place/keyframes/2/translate", {1, 0}, "not a list of 3 numbers"},
       {"/volumes/true/place/repeat", 1, "/volumes/true/place/repeat: 1 is not true or false"},
-      {"/volumes/head/place/repeat", true, "there are no keyframes to repeat"},
-      {"/volumes/flow/place/keyframes", Json::parse(R"([{"time": 0}])"), "moves with that"},
+      {"/volumes/head/place/repeat", true, "\"repeat\" needs keyframes"},
+      {"/volumes/flow/place/keyframes", Json::parse(R"([{"time": 0}])"), "moves with it"},
       {"/fields/speed", Json::object(), "give one of magnitude"},
       {"/fields/speed/curl", "flow", "give one of magnitude"},
       {"/fields/way/q", "flow", "give one of magnitude"},
@@ -190,20 +191,20 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/modes/0/strength", {{"piecewise", Json::array()}}, "it is not a list of points"},
       {"/modes/1/strength/window/width", 0, "/modes/1/strength/window/width: 0 is not > 0"},
       {"/modes/0/friction", -0.3, "/modes/0/friction: -0.3 is negative"},
-      {"/modes/3/friction", 0.3, "mode follow has no such key"},
-      {"/modes/3/two_sided", true, "mode follow has no such key"},
-      {"/modes/3/shape", "line", "mode follow has no such key"},
+      {"/modes/3/friction", 0.3, "mode follow does not have this key"},
+      {"/modes/3/two_sided", true, "mode follow does not have this key"},
+      {"/modes/3/shape", "line", "mode follow does not have this key"},
       {"/modes/0/viscosity", {{"window", {{"level", 1}}}}, "\"width\" is missing"},
       {"/modes/0/solid", "inside", "\"inside\" is not known"},
-      {"/modes/0/sense", "repel", "mode isosurface has no such key"},
-      {"/modes/3/value", 1, "mode follow has no such key"},
+      {"/modes/0/sense", "repel", "mode isosurface does not have this key"},
+      {"/modes/3/value", 1, "mode follow does not have this key"},
       {"/modes/0/depth", 0, "/modes/0/depth: 0 is not > 0"},
       {"/coupling/stiffness", 0, "/coupling/stiffness: 0 is not > 0"},
       {"/coupling/stiffness", nullptr, "null is neither a number nor an object"},
       {"/coupling/stiffness", {{"window", 1}}, "/coupling/stiffness/window: it is not an object"},
       {"/coupling/damping", -0.1, "/coupling/damping: -0.1 is negative"},
       {"/accuracy/slope_reach", 0, "0 is not > 0"},
-      {"/accuracy/slope_reach", 1.5, "more than a voxel"},
+      {"/accuracy/slope_reach", 1.5, "more than one voxel"},
       {"/accuracy/max_substeps", 2.5, "not a whole number"},
       {"/accuracy/max_substeps", 0, "not a whole number"},
       {"/accuracy/max_iterations", 0, "not a whole number"},
@@ -315,7 +316,7 @@ TEST_CASE("each instance is felt at its own place, and all share one volume", "[
   bad = scene;
   bad["modes"].push_back(
       {{"mode", "guide"}, {"shape", "point"}, {"at", {0, 0, 0}}, {"in", "ball"}, {"strength", 1}});
-  CHECK_THAT(error(bad), Contains("/volumes/ball/instances") && Contains("there once"));
+  CHECK_THAT(error(bad), Contains("/volumes/ball/instances") && Contains("cannot have instances"));
   bad = scene;
   bad["modes"][1]["strength"] = 1e13;
   CHECK_THAT(error(bad), Contains("s.json: /modes/1/strength"));
@@ -331,7 +332,8 @@ TEST_CASE("each instance is felt at its own place, and all share one volume", "[
     volume.instances = both.volumes.at("ball").instances;
     break;
   }
-  CHECK_THROWS_WITH(buildScene(both), Contains("/instances: it is placed like another volume"));
+  CHECK_THROWS_WITH(buildScene(both),
+                    Contains("/instances: the volume has instances and is also placed"));
   // The caller can cancel while parts are built, too.
   int calls = 0;
   CHECK_THROWS_AS(buildScene(parseScene(scene.dump(), "s.json", folder.path()),
@@ -453,7 +455,7 @@ TEST_CASE("a field is computed at load only if its derivatives are needed", "[sc
     scene["fields"]["f" + std::to_string(i)] = {{i % 2 == 0 ? "magnitude" : "gradient", of}};
   }
   scene["modes"][0]["of"] = "f64";
-  CHECK_THAT(error(scene), Contains("more than 64 fields are to be computed at load"));
+  CHECK_THAT(error(scene), Contains("more than 64 fields have to be computed at load"));
 
   scene = vortexScene("spin", 0.4, "above");
   CHECK_THAT(error(scene), Contains("s.json: /modes/0/of"));
@@ -487,14 +489,14 @@ TEST_CASE("invalid JSON and duplicate keys are rejected", "[scene]") {
   CHECK_THAT(parseError(""), Contains("not valid JSON"));
   CHECK_THAT(parseError("[1, 2]"), Contains("it is not an object"));
   CHECK_THAT(parseError(R"({"palpate": 1, "palpate": 1})"),
-             Contains("\"palpate\" stands twice in one object"));
+             Contains("\"palpate\" occurs twice in one object"));
   CHECK_THAT(parseError(R"({"palpate": 1e999})"), Contains("not valid JSON"));
   CHECK_THAT(parseError(R"({"palpate": NaN})"), Contains("not valid JSON"));
   CHECK_THAT(parseError(std::string(100000, '[') + std::string(100000, ']')),
              Contains("nested deeper"));
 }
 
-TEST_CASE("errors that only loading finds name the file and path too", "[scene]") {
+TEST_CASE("an error found at load names the scene file and the JSON path", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
   const auto error = [&](const char* pointer, const Json& value) {
@@ -520,7 +522,7 @@ TEST_CASE("errors that only loading finds name the file and path too", "[scene]"
              Contains("s.json: /volumes/head: ") && Contains("only a vector"));
   CHECK_THAT(error("/volumes/flow/place/like", "haed"),
              Contains("/volumes/flow/place/like") && Contains("did you mean \"head\"?"));
-  CHECK_THAT(error("/volumes/head/place", {{"like", "flow"}}), Contains("in a circle"));
+  CHECK_THAT(error("/volumes/head/place", {{"like", "flow"}}), Contains("form a circle"));
   const auto keyframes = [&](const char* list, bool repeat = false) {
     return error("/volumes/head/place",
                  {{"fit", 0.1}, {"keyframes", Json::parse(list)}, {"repeat", repeat}});
@@ -529,7 +531,7 @@ TEST_CASE("errors that only loading finds name the file and path too", "[scene]"
   CHECK_THAT(keyframes(R"([{"time": 2}, {"time": 1}])"),
              Contains("s.json: /volumes/head/place/keyframes/1/time") && Contains("ascend"));
   CHECK_THAT(keyframes(R"([{"time": 2, "rotation_wxyz": [0, 0, 0, 0]}])"),
-             Contains("keyframes/0/rotation_wxyz: it is no rotation"));
+             Contains("keyframes/0/rotation_wxyz: it is not a rotation"));
   CHECK_THAT(keyframes(R"([{"time": 0}, {"time": 1, "translate": [0, 0, 1]}])", true),
              Contains("keyframes/1: a repeated motion must end where it began"));
   CHECK_THAT(error("/modes/0/of", "flow"), Contains("s.json: /modes/0/of"));
@@ -838,8 +840,8 @@ TEST_CASE("the default coupling is lowered to the stiffness that the device can 
   spec.any_stiffness = true;
   DeviceInfo weak = arm(100);
   weak.source = "untested";
-  CHECK_THAT(fitCoupling(spec, weak),
-             Contains("100 N/m, not the usual 500") && Contains("\"arm\"") && Contains("untested"));
+  CHECK_THAT(fitCoupling(spec, weak), Contains("100 N/m instead of the default 500") &&
+                                          Contains("\"arm\"") && Contains("untested"));
   CHECK(spec.coupling.stiffness == 100);
   CHECK_NOTHROW(checkDevice(spec, weak));
   // A stronger device does not raise the stiffness again.
@@ -886,7 +888,7 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   const BuiltScene built = buildScene(spec);
   CHECK(built.placements.at("ball.ball").scale == built.placements.at("linear.density").scale);
 
-  CHECK_THROWS_WITH(openScene(folder / "labels.vdb"), Contains("none of its grids can be felt"));
+  CHECK_THROWS_WITH(openScene(folder / "labels.vdb"), Contains("none of its grids is usable"));
   CHECK_THROWS_WITH(openScene(folder / "none.vdb"), Contains("no such file"));
 }
 
@@ -1008,11 +1010,11 @@ TEST_CASE("the reader and the schema accept every mode and material property", "
     CHECK_FALSE(schemaAccepts(bad));
   };
   refused(0, "friction", "rough", "is neither a number nor an object");
-  refused(2, "friction", 0.1, "mode transverse_damping has no such key");
+  refused(2, "friction", 0.1, "mode transverse_damping does not have this key");
   refused(3, "snap_drag", 0, "0 is not > 0");
   refused(3, "two_sided", 1, "1 is not true or false");
   refused(4, "of", nullptr, "\"of\" is missing");
-  refused(5, "of", "head", "mode guide, shape point has no such key");
+  refused(5, "of", "head", "mode guide, shape point does not have this key");
   refused(5, "along", {0, 0, 1}, "a point has no direction");
   refused(5, "at", nullptr, "\"at\" is missing");
   refused(6, "along", nullptr, "\"along\" is missing");
@@ -1031,7 +1033,7 @@ TEST_CASE("the reader and the schema accept every mode and material property", "
   bad["coupling"]["stiffness"] = {{"window", {{"level", 0}, {"width", 1}, {"max", 500}}},
                                   {"by", "head"}};
   CHECK_THROWS_WITH(buildScene(parseScene(bad.dump(), "s.json", folder.path())),
-                    Contains("s.json: /coupling/stiffness: it can be zero"));
+                    Contains("s.json: /coupling/stiffness: its lowest value is zero"));
   bad["coupling"]["stiffness"] = {{"piecewise", {{0, 100}, {1, 200}}}};
   CHECK_THROWS_WITH(buildScene(parseScene(bad.dump(), "s.json", folder.path())),
                     Contains("s.json: /coupling/stiffness") && Contains("\"by\""));

@@ -80,7 +80,7 @@ class Case(unittest.TestCase):
 
 class Play(Case):
     @suite.smoke
-    def test_a_ball_grows_as_its_frames_say(self):
+    def test_a_ball_grows_with_its_frames(self):
         rows, summary, _ = self.felt(self.dir / "scene.json")
         for at in (0.3, 0.45, 0.6, 1.5):
             row = rows[np.searchsorted(rows["t"], at)]
@@ -109,7 +109,7 @@ class Play(Case):
         # From the end to the beginning within 50 ms, not at once.
         self.assertLess(np.abs(np.diff(settled["force_x"])).max(), 0.1)
 
-    def test_little_memory_feels_the_same(self):
+    def test_forces_do_not_depend_on_the_memory_for_frames(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"from": 0, "to": 0.65, "repeat": True}
         rows, _, _ = self.felt(self.write("all.json", scene))
@@ -129,7 +129,7 @@ class Play(Case):
         self.felt(self.write("again.json", scene), "--record", record)
         again = self.dir / "b.rec"
         run("feel", record, "--device", f"replay:{record}", "--record", again)
-        self.assertIn("the same to the last bit", run("compare", record, again).stdout)
+        self.assertIn("identical to the last bit", run("compare", record, again).stdout)
         rows = rows_of(record)
         self.assertAlmostEqual(rows["play"].max(), 0.4, delta=0.002)
         self.assertAlmostEqual(rows["play"].min(), 0.1, delta=0.002)

@@ -1,4 +1,4 @@
-/// A scene that several sites edit.
+/// Tests a scene that several sites edit.
 #include "palpate/scenes/network/sites/shared_scene.h"
 
 #include <algorithm>
@@ -80,7 +80,7 @@ TEST_CASE("sites end with the same edits after lost, late and repeated messages"
     CAPTURE(seed);
     const auto count = static_cast<std::size_t>(2 + random.integer(4));
     std::vector<SharedEdits> sites(count);
-    SharedEdits ever;  // of each part the largest edit that was ever made, found without merge()
+    SharedEdits ever;  // the largest edit of each part so far, found without merge()
     std::vector<std::pair<std::size_t, SharedEdits>> flying;
     const auto parted = static_cast<std::size_t>(random.integer(static_cast<int>(count) + 1));
     const bool forgets = random.integer(4) == 0;
@@ -185,7 +185,7 @@ TEST_CASE("local files and device settings are never sent to other sites", "[sit
   SharedScene other("uppsala", scene().dump());
   CHECK(other.hear("boston", *told).empty());
   SharedEdits all = other.edits();
-  CHECK_THROWS_WITH(other.textWith(all), Contains("volume \"new\": it is not here"));
+  CHECK_THROWS_WITH(other.textWith(all), Contains("volume \"new\": this site does not have it"));
   all.erase({"volumes", "new"});
   const Json felt = Json::parse(other.textWith(all));
   Json wanted = scene();
@@ -310,7 +310,7 @@ TEST_CASE("a local edit changes only the parts that differ in the file", "[site]
   CHECK(strengths(boston) == std::vector<double>{4, 9, 2});
   CHECK(uppsala.hear("boston", *boston.takeTold()).empty());
   CHECK(strengths(uppsala) == std::vector<double>{4, 9, 2});
-  // A repeated message has no news, so sites do not send for ever.
+  // A repeated message changes no edit, so the sites stop sending.
   CHECK(uppsala.takeNews());
   const std::string echo = *uppsala.takeTold();
   CHECK(boston.hear("uppsala", echo).empty());
@@ -386,8 +386,8 @@ TEST_CASE("a site with another scene is reported in one line with the difference
   const auto lines = uppsala.hear("boston", told);
   REQUIRE(lines.size() == 1);
   CHECK(lines[0] ==
-        "site boston: it feels another scene: not the same here: mode \"wall\": copy one's "
-        "file to the other, or edit it once more");
+        "site boston: its scene differs from the one here: mode \"wall\": copy one file to the "
+        "other site, or edit it again");
   CHECK(uppsala.hear("boston", told).empty());
   // From then on the edited part is the same.
   SharedScene late("late", scene().dump());
@@ -438,7 +438,7 @@ TEST_CASE("a site applies the edits that its scene supports and skips the others
   auto built = look();
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}});
-  // For a hand it is an edit, like the user's own: it comes in 50 ms.
+  // The scene keeps its shape, so the loop ramps the edit in like an edit of the user's own file.
   const std::uint64_t shape = built->scene->shape;
   CHECK(shape == buildScene(openScene(file), {}, &cache).scene->shape);
   // The recording has the scene that was felt. The message has all known edits.

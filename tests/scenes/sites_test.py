@@ -181,7 +181,7 @@ class Case(unittest.TestCase):
 class OneMachine(Case):
     HOST = True
 
-    def test_two_hands_pull_each_other_and_are_felt_again(self):
+    def test_two_hands_pull_each_other_and_replay_identically(self):
         hands = {"A": self.path("A", None), "B": self.path("B", lambda t: (0.21, 0, 0))}
         both = [self.start(name, hand, 3) for name, hand in hands.items()]
         status = [one.wait(timeout=30) for one in both]
@@ -206,14 +206,14 @@ class OneMachine(Case):
                            capture_output=True, timeout=60)
             told = process.run([PALPATE, "compare", self.dir / f"{name}.rec", again], check=True,
                                   capture_output=True, text=True, timeout=60).stdout
-            self.assertIn("the same to the last bit", told)
+            self.assertIn("identical to the last bit", told)
 
     def test_a_second_site_of_a_name_waits_until_the_first_is_released(self):
         alone = self.start("A", self.path("A", None), 20)
         killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
         self.wait_for("A", "site B: its hand is felt")
         another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 20, site="B")
-        self.wait_for("C", "another one has the same name")
+        self.wait_for("C", "another site has the same name")
         time.sleep(0.5)
         before = self.said("A").count("site B: its hand is felt")
         killed.send_signal(signal.SIGKILL)
@@ -238,7 +238,7 @@ class OneMachine(Case):
         time.sleep(1.0)
         killed.send_signal(signal.SIGKILL)
         gone = time.monotonic()
-        heard = self.wait_for("A", "site B: nothing is heard of it")
+        heard = self.wait_for("A", "site B: no message for")
         self.assertLess(heard - gone, 1.0)
         time.sleep(1.0)
         back = self.start("B", his, 2)
@@ -254,9 +254,9 @@ class OneMachine(Case):
         self.assertTrue((force[let_go:] > 0.9).any(), "it did not come back")
         facts = json.loads((self.dir / "A.json").read_text())["sites"]["B"]
         self.assertEqual(facts["lives"], 2)
-        self.assertIn("site B: it has gone", self.said("A"))  # the second site sent its departure
+        self.assertIn("site B: it has left", self.said("A"))  # the second site sent its departure
 
-    def test_sites_in_another_domain_are_not_met(self):
+    def test_sites_in_another_domain_are_not_linked(self):
         mine = self.start("A", self.path("A", None), 5)
         other = process.run(
             [PALPATE, "feel", self.scene, "--realtime", "--site", f"B@{domain() + 1}", "--device",
@@ -267,7 +267,7 @@ class OneMachine(Case):
         self.assertEqual(json.loads((self.dir / "A.json").read_text())["sites"], {})
         self.assertEqual(self.said("A").count("no other site is heard yet"), 1)
 
-    def test_a_duplicate_name_is_reported_and_not_felt(self):
+    def test_a_duplicate_name_is_reported_and_not_linked(self):
         first = self.start("A", self.path("A", None), 3)
         self.dir.joinpath("A.err").replace(self.dir / "first.err")
         second = process.run(
@@ -275,7 +275,7 @@ class OneMachine(Case):
              f"path:{self.path('B', lambda t: (0.21, 0, 0))}", "--seconds", "2", "--json"],
             capture_output=True, text=True, timeout=30)
         first.wait(timeout=30)
-        self.assertIn("another one has the same name", second.stderr)
+        self.assertIn("another site has the same name", second.stderr)
         self.assertEqual(json.loads(second.stdout)["force_max"], 0)
 
     def test_random_packets_do_no_harm(self):
@@ -299,7 +299,7 @@ class OneMachine(Case):
         self.assertEqual(facts["sites"], {})
         self.assertEqual(facts["force_max"], 0)
 
-    def test_sites_with_other_keys_are_not_met(self):
+    def test_sites_with_other_keys_are_not_linked(self):
         self.keys("ours", "A", "B")
         self.keys("theirs", "C")
 
@@ -330,20 +330,20 @@ class OneMachine(Case):
         alone = self.start("A", self.path("A", None), 30)
         self.wait_for("A", "no other site is heard yet")
         process.run([COMERS, str(domain()), "3"], check=True, timeout=60)
-        self.wait_for("A", "lines more of sites that come and go")
+        self.wait_for("A", "more lines about sites that join and leave")
         alone.send_signal(signal.SIGINT)
         alone.wait(timeout=30)
         # 21 a second. The departure of the last ones is reported after their hands are silent.
         self.assertLess(self.said("A").count("site Z"), 21 * 5)
 
-    def test_at_most_seven_other_hands_are_felt(self):
+    def test_at_most_seven_other_hands_are_linked(self):
         def stay(first, count):
             with open(self.dir / "comers.err", "a", encoding="utf-8") as said:
                 process.run([COMERS, str(domain()), "1.5", str(first), str(count)], check=True, timeout=60,
                                stderr=said)
             time.sleep(2 * SILENCE)
 
-        full = "more than 7 hands elsewhere: some are not felt"
+        full = "more than 7 hands of other sites: some are not felt"
         alone = self.start("A", self.path("A", None), 30)
         self.wait_for("A", "no other site is heard yet")
         stay(0, 7)
@@ -362,15 +362,15 @@ class OneMachine(Case):
         self.assertEqual(self.said("A").count(full), 1)
         self.assertLessEqual(len(json.loads((self.dir / "A.json").read_text())["sites"]), 4 * 7)
 
-    def test_making_keys_leaves_all_else_alone(self):
+    def test_making_keys_changes_no_other_files(self):
         mine = [self.dir / "mine" / name for name in ("thesis.new", "draft.new/page")]
         mine[1].parent.mkdir(parents=True)
         for one in mine:
             one.write_text("mine")
         self.keys("mine", "A")
         self.assertEqual([one.read_text() for one in mine], ["mine", "mine"])
-        for names, says in ((("A",), "is there"), (("B", "B"), "named twice"), (("ca",), "no name"),
-                            (("draft",), "not of keys")):
+        for names, says in ((("A",), "exists"), (("B", "B"), "given twice"), (("ca",), "not a name"),
+                            (("draft",), "without keys")):
             done = process.run([KEYS, self.dir / "mine", *names], capture_output=True, text=True, timeout=60)
             self.assertNotEqual(done.returncode, 0)
             self.assertIn(says, done.stderr)
@@ -388,22 +388,22 @@ class OneMachine(Case):
             self.assertIn(says, line)
         for file in ("cert.pem", "governance.p7s", "key.pem"):
             shutil.copy(self.dir / "theirs/A" / file, self.dir / "ours/A" / file)
-            refused("DDS does not take those of")
+            refused("DDS rejects the keys in")
         (self.dir / "ours/A/permissions.p7s").unlink()
-        refused("there is no ")
+        refused(" is missing")
 
     def test_invalid_options_are_refused(self):
         hand = self.path("A", None)
         for words, says in (
                 (["--site", "A"], "add --realtime"),
-                (["--realtime", "--site", "A B"], "is no name of a site"),
-                (["--realtime", "--site", "A" * 32], "is no name of a site"),
-                (["--realtime", "--site", "A@231"], "is no domain"),
+                (["--realtime", "--site", "A B"], "is not a valid name of a site"),
+                (["--realtime", "--site", "A" * 32], "is not a valid name of a site"),
+                (["--realtime", "--site", "A@231"], "is not a domain"),
                 (["--realtime", "--with", "10.0.0.1"], "add --site NAME"),
                 (["--realtime", "--own-scene"], "add --site NAME"),
                 (["--realtime", "--site-keys", "k"], "add --site NAME"),
-                (["--realtime", "--site", "A", "--site-keys", "none"], "there is no "),
-                (["--realtime", "--site", "A", "--with", "host\"/>"], "is no address")):
+                (["--realtime", "--site", "A", "--site-keys", "none"], " is missing"),
+                (["--realtime", "--site", "A", "--with", "host\"/>"], "is not a numeric address")):
             with self.subTest(words=words):
                 _, line = refusal(self, self.dir, lambda words=words: process.run(
                     [PALPATE, "feel", str(self.scene), "--device", f"path:{hand}", *words],
@@ -449,14 +449,14 @@ class Edits(Case):
         self.wait_for("A", "site B: its hand is felt")
         self.write("A", (2, 1, 1))
         begin = time.monotonic()
-        self.wait_for("A", "has changed: it is felt now")
-        took = self.wait_for("B", 'site A: its edit of mode "x" is felt now') - begin
+        self.wait_for("A", "has changed: the new scene is active")
+        took = self.wait_for("B", 'site A: its edit of mode "x" is active') - begin
         self.write("A", (3, 1, 1))
-        self.wait_for("B", 'site A: its edit of mode "x" is felt now', times=2)
+        self.wait_for("B", 'site A: its edit of mode "x" is active', times=2)
         killed.kill()
-        self.wait_for("B", "site A: nothing is heard of it")
+        self.wait_for("B", "site A: no message for")
         late = self.site("C", 2)
-        self.wait_for("C", 'site A: its edit of mode "x" is felt now')
+        self.wait_for("C", 'site A: its edit of mode "x" is active')
         late.wait(timeout=30)
         other.send_signal(signal.SIGINT)
         other.wait(timeout=30)
@@ -477,9 +477,9 @@ class Edits(Case):
                        capture_output=True, timeout=60)
         told = process.run([PALPATE, "compare", self.dir / "B.rec", again], check=True,
                               capture_output=True, text=True, timeout=60).stdout
-        self.assertIn("the same to the last bit", told)
+        self.assertIn("identical to the last bit", told)
 
-    def test_simultaneous_edits_end_alike(self):
+    def test_simultaneous_edits_converge(self):
         both = [self.site(name, 20, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is felt")
         self.wait_for("B", "site A: its hand is felt")
@@ -487,7 +487,7 @@ class Edits(Case):
         self.write("A", (2, 1, 1.5))
         self.write("B", (1, 2, 2.5))
         for name, other in ("AB", "BA"):
-            self.wait_for(name, "has changed: it is felt now")
+            self.wait_for(name, "has changed: the new scene is active")
             self.wait_for(name, f"site {other}: its edit of mode")
         time.sleep(1.2)
         for one in both:
@@ -503,17 +503,17 @@ class Edits(Case):
                  self.site("C", 20, "--own-scene", "--watch")]
         for name in "AB":
             self.wait_for(name, "site C: its hand is felt")
-        self.wait_for("B", "site A: it feels another scene: not the same here: mode \"z\"")
+        self.wait_for("B", "site A: its scene differs from the one here: mode \"z\"")
         more = {"tumour": {"file": "A-s.vdb", "grid": "bowl"},
                 "modes": [{"mode": "isosurface", "of": "tumour", "value": 0, "strength": 1,
                            "name": "rim"}]}
         self.write("A", (1, 1, 2), **more)
-        self.wait_for("B", 'site A: its edit of mode "rim", volume "tumour" is not felt: '
-                           'volume "tumour": it is not here')
+        self.wait_for("B", 'site A: its edit of mode "rim", volume "tumour" is rejected: '
+                           'volume "tumour": this site does not have it')
         self.write("A", (2.5, 1, 2), **more)
-        self.wait_for("B", 'site A: its edit of mode "x" is felt now')
+        self.wait_for("B", 'site A: its edit of mode "x" is active')
         self.write("C", (1, 3, 1))
-        self.wait_for("C", "has changed: it is felt now")
+        self.wait_for("C", "has changed: the new scene is active")
         time.sleep(0.6)
         for one in sites:
             one.send_signal(signal.SIGINT)
@@ -521,7 +521,7 @@ class Edits(Case):
 
         np.testing.assert_allclose(self.last("B"), [2.5, 1, 1], atol=1e-6)
         np.testing.assert_allclose(self.last("C"), [1, 3, 1], atol=1e-6)
-        self.assertEqual(self.said("B").count("is not felt"), 1)
+        self.assertEqual(self.said("B").count("is rejected"), 1)
         for name in "AB":
             self.assertNotIn("site C: its edit", self.said(name))
         self.assertNotIn("edit", self.said("C"))
@@ -547,15 +547,15 @@ class Edits(Case):
         stranger = subprocess.Popen([STRANGER, f"C@{domain()}", *bad])
         self.addCleanup(stranger.wait)
         self.addCleanup(stranger.kill)
-        self.wait_for("B", 'site C: its edit of mode "x" is felt now')
+        self.wait_for("B", 'site C: its edit of mode "x" is active')
         time.sleep(0.5)
         stranger.kill()
         begin.send_signal(signal.SIGINT)
         begin.wait(timeout=30)
 
-        self.assertEqual(self.said("B").count("nothing of it is taken"), 1)
+        self.assertEqual(self.said("B").count("the message is ignored"), 1)
         self.assertLessEqual(self.said("B").count('its edit of mode "n'), 4)
-        self.assertRegex(self.said("B"), "and of [23] sites more")
+        self.assertRegex(self.said("B"), "[23] more sites have edited the scene")
         self.assertEqual(self.said("B").count("1e+30 N is beyond"), 1)
         with open(self.dir / "B.rec", "rb") as recording:
             limits = json.loads(recording.readline())["device"]["limits"]
@@ -628,10 +628,10 @@ class Far(Case):
         said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch"),
                             self.words("B", hands[1], 6, "--with", "10.77.0.1"), act=act)
         self.assertIn("site A: its hand is felt", said)
-        self.assertIn("has changed: it is felt now", said)
+        self.assertIn("has changed: the new scene is active", said)
         self.assertNotIn("its edit", said)
 
-    def test_separated_sites_join_again(self):
+    def test_separated_sites_reconnect(self):
         before = self.scene.read_text()
 
         def act(relay):
@@ -649,7 +649,7 @@ class Far(Case):
                             self.words("B", hands[1], 9, "--with", "10.77.0.1", *keys[1]),
                             "--delay-ms", 5, "--loss", 0.01, act=act)
         # Edits during the separation arrive as well.
-        self.assertIn('site A: its edit of isosurface of "bowl" is felt now', said)
+        self.assertIn('site A: its edit of isosurface of "bowl" is active', said)
         rows = rows_of(self.dir / "B.rec")
         force = np.linalg.norm(pulled(rows), axis=1)
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)

@@ -321,11 +321,13 @@ TEST_CASE("noise alone gives no surface", "[guess]") {
 TEST_CASE("a constant scalar is rejected by name, a constant vector is followed", "[guess]") {
   const SuggestInput still = vector([](const Vec3d&) { return Vec3f(0.0F, -15.0F, 0.0F); }, "vel");
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
-  CHECK_THROWS_WITH(suggestScene("data.vdb", {same}), Contains("same (nearly all values alike)"));
+  CHECK_THROWS_WITH(suggestScene("data.vdb", {same}),
+                    Contains("same (nearly all values are equal)"));
   // A constant vector has a direction. It is felt if a bare .vdb has no other grid to feel.
   const Json scene = suggested({same, still});
   CHECK(only(scene, "follow")["of"] == "vel");
-  CHECK_THAT(scene["description"].get<std::string>(), Contains("same (nearly all values alike)"));
+  CHECK_THAT(scene["description"].get<std::string>(),
+             Contains("same (nearly all values are equal)"));
   CHECK_THROWS_AS(suggestScene("data.vdb", {}), VolumeError);
   SuggestInput empty;
   empty.grid = openvdb::FloatGrid::create();
@@ -479,7 +481,7 @@ TEST_CASE("a few of many arrays are used, and the description lists the others",
   CHECK_FALSE(scene["volumes"].contains("u"));
   CHECK_FALSE(scene["volumes"].contains("ObjectId"));
   const std::string description = scene["description"];
-  CHECK_THAT(description, Contains("ObjectId (nearly all values alike)"));
+  CHECK_THAT(description, Contains("ObjectId (nearly all values are equal)"));
   for (const std::string& name : names) {
     const bool used = scene["volumes"].contains(name);
     const bool listed = description.find(" " + name + ",") != std::string::npos ||
@@ -601,6 +603,44 @@ TEST_CASE("the Hounsfield scale is recognised in CT of a head, and not in other 
   for (const SuggestInput& input : {scalar(raw), pascal, scalar(pressure)}) {
     const Json scene = suggested({input});
     for (const Json& mode : scene["modes"]) CHECK(mode["name"] != "skin");
+  }
+}
+
+TEST_CASE("a grid's kind follows the user, then the metadata, then the values", "[guess]") {
+  const SuggestInput plain = scalar(headInHounsfield);
+  SuggestInput hounsfield = plain;
+  hounsfield.value_unit = "HU";
+  SuggestInput ct = plain;
+  ct.modality = Modality::kCt;
+  SuggestInput mr = plain;
+  mr.modality = Modality::kMr;
+  SuggestInput pascal = plain;
+  pascal.value_unit = "Pa";
+  const SuggestInput raw = scalar([](const Vec3d& p) { return headInHounsfield(p) + 1024.0F; });
+  struct Row {
+    SuggestInput input;
+    GuessFor what;
+    std::string seen;
+  };
+  const std::vector<Row> rows{
+      {plain, GuessFor::kAnything, "air near -1000"},
+      {plain, GuessFor::kFibres, "air near -1000"},
+      {plain, GuessFor::kCt, "Hounsfield units, by --for ct"},
+      {plain, GuessFor::kLabels, "between materials"},
+      {hounsfield, GuessFor::kAnything, "Hounsfield units, by the file's metadata"},
+      {hounsfield, GuessFor::kCfd, "a field, by --for cfd"},
+      {ct, GuessFor::kAnything, "Hounsfield units, by the file's metadata"},
+      {ct, GuessFor::kMri, "MR, by --for mri"},
+      {mr, GuessFor::kAnything, "MR, by the file's metadata"},
+      {pascal, GuessFor::kAnything, "between materials"},
+      {pascal, GuessFor::kCt, "Hounsfield units, by --for ct"},
+      {raw, GuessFor::kCt, "raw values of a scanner"},
+  };
+  for (const Row& row : rows) {
+    CAPTURE(row.seen);
+    const Guess guess = suggest({"data.vdb", "", ""}, {row.input}, row.what);
+    REQUIRE(guess.seen.size() == 1);
+    CHECK_THAT(guess.seen[0], Contains(row.seen));
   }
 }
 
@@ -905,7 +945,7 @@ TEST_CASE("a no-data value gives no surface", "[guess]") {
     const Json knots = only(scene, "viscosity")["strength"]["piecewise"];
     CHECK(knots[0][0].get<double>() > 260.0);
     CHECK(knots[1][0].get<double>() < 340.0);
-    CHECK_THAT(guess.seen.at(0), Contains("where there is no data"));
+    CHECK_THAT(guess.seen.at(0), Contains("marks missing data"));
   }
 }
 

@@ -136,7 +136,7 @@ class Still(Case):
             self.assertEqual(near(image, nowhere, colour, 14), 0)
         self.assertEqual([p for p in self.dir.iterdir() if "partial" in p.name], [])
 
-    def test_an_inner_surface_is_seen_through_the_outer_one(self):
+    def test_an_inner_surface_is_visible_through_the_outer_one(self):
         """The background is visible through the outer ball beside the inner one; 300 dpi for print."""
         light = []
         for inner in (False, True):
@@ -215,7 +215,7 @@ class Still(Case):
                     feel.send_signal(asked)
                     said = feel.communicate(timeout=PATIENCE)[1]
                 self.assertEqual(feel.returncode, 130, said)
-                self.assertIn("palpate: feel: interrupted: the picture is not drawn\n", said)
+                self.assertIn("palpate: feel: interrupted: the picture was not drawn\n", said)
                 self.assertTrue((self.dir / "t.csv").exists())
                 self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
                 (self.dir / "begun").unlink()
@@ -395,7 +395,7 @@ class Window(Case):
 class Drawn(Window):
     """Tests of the picture while a hand feels."""
 
-    def test_a_mouse_feels_a_ball_and_keys_do_what_they_say(self):
+    def test_a_mouse_feels_a_ball_and_keys_have_their_documented_effect(self):
         feel = self.start("--seconds", "900", "--trace", "t.csv")
         window = self.window()
         self.press(window)
@@ -425,7 +425,7 @@ class Drawn(Window):
         words = {row["status"] for row in rows(self.dir / "t.csv")}
         self.assertIn("fault", words)
 
-    def test_the_window_says_when_a_force_cut_for_lateness_returns(self):
+    def test_the_window_shows_when_the_force_returns_after_late_ticks(self):
         feel = self.start("--device", "simulated", "--seconds", "900", "--reengage", "5")
         self.window()
         self.until("a tick", lambda told: told["time"] > 1)
@@ -433,13 +433,13 @@ class Drawn(Window):
         time.sleep(0.2)
         feel.send_signal(signal.SIGCONT)
         off = self.until("the force off", lambda t: t["status"][0].startswith("FORCE OFF"))
-        self.assertTrue(any("it returns 5 s after the last late tick, at most 3 times a minute" in line
+        self.assertTrue(any("the force returns 5 s after the last late tick, at most 3 times a minute" in line
                             for line in off["status"]), off["status"])
         self.until("the force on", lambda t: not t["status"][0].startswith("FORCE OFF"))
         feel.send_signal(signal.SIGINT)
         feel.wait(PATIENCE)
 
-    def test_a_recorded_hand_is_watched_as_it_was(self):
+    def test_a_recorded_hand_is_shown_at_the_requested_speed(self):
         (self.dir / "path.csv").write_text(
             "t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n900,0.01,-0.034,0.01\n",
             encoding="utf-8")
@@ -501,7 +501,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_an_edited_scene_is_drawn_and_keeps_its_dials(self):
+    def test_an_edited_scene_is_drawn_and_keeps_its_gains(self):
         feel = self.start("--seconds", str(PATIENCE), "--watch")
         window = self.window()
         self.do("key", "--window", window, "o")
@@ -538,9 +538,9 @@ class Drawn(Window):
         # A rejected request is not applied, and the panel does not show it.
         self.do("key", "--window", window, "2")
         self.do("key", "--window", window, "plus")
-        self.until("a refusal", lambda t: any("cannot be felt" in note for note in t["notes"]))
+        self.until("a refusal", lambda t: any("change rejected" in note for note in t["notes"]))
         self.until("no wish", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
-        self.assertRegex(self.said(), "/modes/1/strength: .* N is beyond 1e.06: .*; the scene before it goes on\n")
+        self.assertRegex(self.said(), "/modes/1/strength: .* N is beyond 1e.06: .*; the previous scene stays active\n")
         self.close(window)
         self.ends_well(feel)
 
@@ -580,7 +580,7 @@ class Drawn(Window):
         self.close(window)
         self.ends_well(feel)
 
-    def test_a_hand_far_behind_a_scene_is_seen(self):
+    def test_a_hand_far_behind_a_scene_is_visible(self):
         (self.dir / "far.csv").write_text("t,x,y,z\n0,0,-0.1,0.1\n2,-0.012,0.3,-0.105\n900,-0.012,0.3,-0.105\n",
                                           encoding="utf-8")
         feel = self.start("--device", "path:far.csv")
@@ -631,8 +631,8 @@ class Lost(Window):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.goes_on(feel)
-        self.assertRegex(self.said(), "palpate: window: there is not enough memory to draw this scene: it can "
-                         "be felt without\n")
+        self.assertRegex(self.said(), "palpate: window: not enough memory to draw this scene: free memory, or run "
+                         "palpate feel, which does not draw\n")
 
     def goes_on(self, feel):
         """The run continues until it is interrupted."""
@@ -641,13 +641,13 @@ class Lost(Window):
         feel.send_signal(signal.SIGINT)
         self.assertEqual(self.ended(feel), 130)
 
-    def test_a_killed_window_leaves_the_loop(self):
+    def test_the_loop_survives_a_killed_window(self):
         feel = self.start("--device", "simulated", "--seconds", "900", "--trace", "t.csv")
         self.window()
         os.kill(self.child(feel), signal.SIGKILL)
         self.goes_on(feel)
-        self.assertIn("view: the window has ended: it was ended by signal 9 (Killed): the hand is felt "
-                      "on without it; Ctrl-C ends the run", self.said())
+        self.assertIn("view: the window has ended: it was ended by signal 9 (Killed): the run continues "
+                      "without it; Ctrl-C ends the run", self.said())
 
     def test_a_mouse_without_its_window_ends_the_run(self):
         feel = self.start("--trace", "t.csv")
@@ -658,24 +658,24 @@ class Lost(Window):
                       "hand: the run ends\n", self.said())
         self.assertTrue(rows(self.dir / "t.csv"))
 
-    def test_a_lost_display_leaves_the_loop(self):
+    def test_the_loop_survives_a_lost_display(self):
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.window()
         self.server.kill()
         self.goes_on(feel)
-        self.assertIn("palpate: display: it is gone: the window ends\n", self.said())
+        self.assertIn("palpate: display: the connection is lost: the window closes\n", self.said())
 
     def test_a_display_that_refuses_is_reported_in_a_line(self):
         """The test destroys the window."""
         feel = self.start("--device", "simulated", "--seconds", "900")
         self.do("windowclose", self.window())
         self.goes_on(feel)
-        self.assertRegex(self.said(), r"(?m)^palpate: display: it refuses request \d+\.\d+, Bad[^:\n]*: "
-                         r"the window ends$")
+        self.assertRegex(self.said(), r"(?m)^palpate: display: it rejected request \d+\.\d+, Bad[^:\n]*: "
+                         r"the window closes$")
         self.assertIn("view: the window has ended: its exit status is 1: ", self.said())
         self.assertNotIn("X Error", self.said())
 
-    def test_a_mouse_that_comes_to_a_hidden_window_harms_nothing(self):
+    def test_a_mouse_over_a_hidden_window_has_no_effect(self):
         """VTK requests the focus, which the X server refuses for hidden windows."""
         feel = self.start("--seconds", "900")
         window = self.window()

@@ -112,7 +112,7 @@ TEST_CASE("an invalid warp is rejected with its path", "[scene][warp]") {
   CHECK_THAT(with([](Json& w, Json&) { w.erase("field"); }), Contains("/warp"));
   CHECK_THAT(with([](Json& w, Json&) { w["times"][1] = "soon"; }), Contains("/warp/times/1"));
   CHECK_THAT(with([](Json&, Json& s) { s["volumes"]["u"]["grid"] = "muscle"; }),
-             Contains("no vector"));
+             Contains("not a vector"));
   CHECK_THAT(with([](Json&, Json& s) { s["volumes"]["u"]["grid"] = "v"; }),
              Contains("/volumes/u: ") && Contains("\"v\""));
   CHECK_THAT(with([](Json&, Json& s) { s["volumes"]["u"]["file"] = "none.vdb"; }),
@@ -120,17 +120,17 @@ TEST_CASE("an invalid warp is rejected with its path", "[scene][warp]") {
   CHECK_THAT(with([](Json&, Json& s) {
                s["modes"].push_back({{"mode", "force"}, {"of", "u"}, {"strength", 1}});
              }),
-             Contains("/modes/1/of: \"u\" is how another volume deforms"));
+             Contains("/modes/1/of: \"u\" is the displacement of another volume"));
   CHECK_THAT(with([](Json&, Json& s) { s["modes"][0]["by"] = "u"; }),
-             Contains("/modes/0/by: \"u\" is how another volume deforms"));
+             Contains("/modes/0/by: \"u\" is the displacement of another volume"));
   CHECK_THAT(with([](Json& w, Json& s) {
                s["volumes"]["u"]["place"] = {{"scale", 0.001}, {"warp", w}};
              }),
-             Contains("/volumes/u: it is how another volume deforms"));
+             Contains("/volumes/u: the volume is the displacement of another volume"));
   CHECK_THAT(with([](Json&, Json& s) {
                s["fields"]["much"] = {{"magnitude", "u"}};
              }),
-             Contains("/fields/much: \"u\" is how another volume deforms"));
+             Contains("/fields/much: \"u\" is the displacement of another volume"));
   CHECK_THAT(with([](Json& w, Json& s) {
                s["volumes"]["too"] = {{"file", "heart.vdb"},
                                       {"grid", "muscle"},
@@ -151,7 +151,7 @@ TEST_CASE("frames are the files of a pattern, and a missing one is an error",
   CHECK_FALSE(isPattern("u_%4d.vdb"));
   CHECK_FALSE(isPattern("u_%"));
   CHECK_FALSE(isPattern("u_1.vdb"));
-  CHECK_THROWS_WITH(framesOf(volume), Contains("there is no frame") && Contains("u_0001.vdb"));
+  CHECK_THROWS_WITH(framesOf(volume), Contains("has no frame") && Contains("u_0001.vdb"));
   volume.file = folder / "nowhere" / "u_%04d.vdb";
   CHECK_THROWS_WITH(framesOf(volume), Contains("nowhere: no such folder"));
   volume.file = folder / "u_%04d.vdb";
@@ -169,7 +169,7 @@ TEST_CASE("frames are the files of a pattern, and a missing one is an error",
   CHECK(filesOf(volume).size() == 5);
   std::filesystem::remove(folder / "u_0009.vdb");
   CHECK_THROWS_WITH(framesOf(volume),
-                    Contains("u_0009.vdb: the frame is missing, u_0010.vdb is there"));
+                    Contains("u_0009.vdb: the frame is missing, but u_0010.vdb exists"));
 }
 
 TEST_CASE("displacements from many files move a volume placed like the deformed one",

@@ -88,7 +88,7 @@ class Stored:
         record, again = self.dir / "served.rec", self.dir / "again.rec"
         run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
         run("feel", record, "--device", f"replay:{record}", "--record", again)
-        self.assertIn("the same to the last bit", run("compare", record, again).stdout)
+        self.assertIn("identical to the last bit", run("compare", record, again).stdout)
         scene = json.loads(run("scene", self.address).stdout)
         self.assertEqual([volume["file"] for volume in scene["volumes"].values()], [self.address])
 
@@ -120,7 +120,7 @@ class Ended:
         how()
         begin = time.monotonic()
         if told_within is not None:
-            self.wait_for("the volume is not there any more")
+            self.wait_for("the volume does not exist any more")
             self.assertLess(time.monotonic() - begin, told_within)
         self.said += self.running.stderr.read()
         self.running.wait(timeout=PATIENCE)
@@ -135,9 +135,9 @@ class Ended:
     def test_a_server_that_is_back_is_reported(self):
         summary = self.on_time(60)
         self.kill(signal.SIGSTOP)
-        self.wait_for("the volume is not there any more")
+        self.wait_for("the volume does not exist any more")
         self.kill(signal.SIGCONT)
-        self.wait_for("the volume is there again")
+        self.wait_for("the volume is available again")
         self.running.send_signal(signal.SIGINT)
         self.running.wait(timeout=PATIENCE)
         self.assertFalse(json.loads(summary.read_text())["bricks"]["bowl"]["gone"])

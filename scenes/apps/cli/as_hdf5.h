@@ -10,7 +10,8 @@ namespace palpate::cli {
 /// Throws Error if this program was built without the library.
 void checkHdf5(const std::string& path);
 
-/// Writes the whole recording, or nothing. Throws Error if writing fails, and Interrupted.
+/// Writes the whole recording; leaves no file on failure. Throws Error if writing fails, and
+/// Interrupted.
 ///
 /// `ticks` is a dataset of one dimension: a compound of recordedFields() without `zero`. Vectors
 /// are arrays, in compressed blocks. `scenes` is a dataset of `id` and `text`. The file's

@@ -47,12 +47,13 @@ int brick(const BrickWords& words) {
     say("{}: {}\n", words.out, report.manifest.info().name);
     sayBricks(report.manifest);
     if (report.kept > 0) {
-      say("  note      {} of them were there already, from a run that did not end\n", report.kept);
+      say("  note      {} of these bricks were already written by an interrupted run\n",
+          report.kept);
     } else if (report.written == 0) {
-      say("  note      all of it was there already\n");
+      say("  note      all bricks were already written\n");
     }
   } catch (const Interrupted&) {
-    complain("interrupted: the same command goes on from here");
+    complain("interrupted: run the same command again to resume");
     return kInterrupted;
   }
   return kDone;
@@ -62,13 +63,14 @@ int brick(const BrickWords& words) {
 
 void addBrick(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "brick", "Writes a volume as bricks, in levels, for those larger than memory");
+      "brick", "Writes a volume as bricks in several levels, also if it is larger than memory");
   auto words = std::make_shared<BrickWords>();
   verb->add_option("FILE", words->file, "The .vdb to read")->required();
-  verb->add_option("OUT", words->out, "The folder to make, or to go on with")->required();
-  verb->add_option("--grid", words->grid, "Which grid; not needed where there is one");
-  verb->add_flag("--half", words->half, "Store 16 bits a value");
-  verb->add_option("--compression", words->compression, "zstd's level, 1 to 19")
+  verb->add_option("OUT", words->out, "The output folder; an interrupted export in it resumes")
+      ->required();
+  verb->add_option("--grid", words->grid, "The grid; may be omitted if the file has only one");
+  verb->add_flag("--half", words->half, "Store each value in 16 bits");
+  verb->add_option("--compression", words->compression, "Compression level of zstd, 1 to 19")
       ->capture_default_str();
   verb->add_flag("--json", words->json, "Print JSON");
   verb->footer("Example:\n  palpate brick head.vdb head.bricks && palpate info head.bricks");

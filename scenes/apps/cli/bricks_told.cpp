@@ -66,8 +66,8 @@ void sayBricks(const BrickManifest& manifest) {
   for (std::size_t l = 0; l < manifest.levels().size(); ++l) {
     const auto& count = manifest.levels()[l].count;
     const Counts counts = countsOf(manifest, l);
-    say("  level {}   {} x {} x {} bricks: {} stored in {} MB, {} of one value, {} of background\n",
-        l, count[0], count[1], count[2], counts.stored,
+    say("  level {}   {} x {} x {} bricks: {} stored in {} MB, {} constant, {} background\n", l,
+        count[0], count[1], count[2], counts.stored,
         rounded(static_cast<double>(counts.bytes) / 1e6), counts.constant, counts.background);
   }
   say("  bricks    {} stored in {} MB, {} times as large in memory\n", storedIn(manifest),

@@ -65,7 +65,7 @@ std::string describe(const ModeSpec& mode, const std::string& in) {
   }
   if (mode.kind == ModeKind::kFrontShape && !mode.two_sided) text += " (one-sided)";
   if (mode.snap_voxels > 0.0)
-    text += fmt::format(", snaps at {} voxels", rounded(mode.snap_voxels));
+    text += fmt::format(", snaps within {} voxels", rounded(mode.snap_voxels));
   text += ", strength " + describe(mode.strength, "N", mode.by, true);
   if (mode.friction.highest() > 0.0) text += ", friction " + describe(mode.friction, "", mode.by);
   if (mode.viscosity.highest() > 0.0) {
@@ -261,8 +261,8 @@ std::string placeText(const OrderedJson& at) {
 std::string edgeRemark(const OrderedJson& edge) {
   if (edge.is_null() || edge["open_cells"] == 0) return "";
   return fmt::format(
-      "the surface leaves its data in {} cells, first at {}: the force ends there in one tick: "
-      "give a wider band or larger data",
+      "the surface leaves its data in {} cells, first at {}: there the force drops to zero within "
+      "one tick: use a wider band or a larger volume",
       edge["open_cells"].get<std::uint64_t>(), placeText(edge["open_at"]));
 }
 
@@ -277,7 +277,7 @@ void saySceneLines(const OrderedJson& json, bool verbose) {
   if (const auto parts = json["parts"].get<std::size_t>(); parts > 0) say(", {} parts", parts);
   say("\n");
   const OrderedJson& coupling = json["coupling"];
-  say("coupling  {}, {} N s/m; motion to {} voxel, at most {} sub-steps a tick\n",
+  say("coupling  {}, {} N s/m; tolerance {} voxel, at most {} sub-steps a tick\n",
       coupling.contains("stiffness_by")
           ? sentence(coupling["stiffness_by"].get<std::string>())
           : sentence(number(coupling["stiffness"].get<double>()) + " N/m"),
@@ -309,13 +309,12 @@ void sayVolume(const std::string& name, const OrderedJson& volume) {
     const OrderedJson& frames = volume["frames"];
     say("{} frames, {} to {} s{}, {} of them in memory; ", frames["count"].get<std::uint64_t>(),
         rounded(frames["from"].get<double>()), rounded(frames["to"].get<double>()),
-        frames["repeat"].get<bool>() ? ", over and over" : "",
-        frames["in_memory"].get<std::uint64_t>());
+        frames["repeat"].get<bool>() ? ", repeated" : "", frames["in_memory"].get<std::uint64_t>());
   }
-  say("voxel {} mm, {} mm a unit", rounded(1e3 * volume["voxel"].get<double>()),
+  say("voxel {} mm, {} mm per unit", rounded(1e3 * volume["voxel"].get<double>()),
       rounded(1e3 * volume["metres_per_unit"].get<double>()));
   if (volume.contains("instances")) {
-    say("; the first of {}", volume["instances"].get<std::size_t>());
+    say("; first of {} instances", volume["instances"].get<std::size_t>());
   }
   say("\n");
 }
@@ -337,7 +336,7 @@ void saySampled(const OrderedJson& sampled) {
     for (const auto& name : names) text += (text.empty() ? "" : ", ") + name.get<std::string>();
     return sentence(text);
   };
-  say("samples   {}: {}; for {}\n", sampled["field"].get<std::string>(),
+  say("samples   {}: {}; used by {}\n", sampled["field"].get<std::string>(),
       list(sampled["properties"]), list(sampled["for"]));
 }
 
@@ -345,7 +344,7 @@ void sayMode(const OrderedJson& mode) {
   say("mode      {}: {}", mode["name"].get<std::string>(),
       sentence(mode["does"].get<std::string>()));
   if (mode.contains("places")) {
-    say("; in {} places, felt where the hand is", mode["places"].get<std::size_t>());
+    say("; {} instances, active near the hand", mode["places"].get<std::size_t>());
   }
   say("\n");
   if (!mode.contains("edge")) return;
@@ -355,7 +354,7 @@ void sayMode(const OrderedJson& mode) {
 
 void sayLeftOut(const OrderedJson& json) {
   for (const auto& silent : json["silent"]) {
-    say("left out  mode {}: its strength is zero everywhere\n", silent.get<std::string>());
+    say("skipped   mode {}: its strength is zero everywhere\n", silent.get<std::string>());
   }
   for (const auto& left_out : json["left_out"]) {
     const std::string unused = left_out.get<std::string>();
@@ -363,8 +362,8 @@ void sayLeftOut(const OrderedJson& json) {
     for (const auto& [name, volume] : json["volumes"].items()) {
       if (volume.value("from", "") == unused) uses += (uses.empty() ? "" : ", ") + name;
     }
-    say("left out  {}: no mode reads it{}\n", unused,
-        sentence(uses.empty() ? "" : "; at load it made " + uses));
+    say("skipped   {}: no mode reads it{}\n", unused,
+        sentence(uses.empty() ? "" : "; at load it was the source of " + uses));
   }
 }
 
@@ -386,13 +385,13 @@ void printCheck(const OrderedJson& json, bool verbose) {
 
 void addCheck(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
-      app.add_subcommand("check", "Validates a scene; prints what is sampled, derived and placed");
+      app.add_subcommand("check", "Validates a scene; prints its volumes, properties and modes");
   auto scene = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
   auto verbose = std::make_shared<bool>(false);
   verb->add_option("SCENE", *scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
       ->required();
-  verb->add_flag("-v,--verbose", *verbose, "Say as well how the coupling's room is known");
+  verb->add_flag("-v,--verbose", *verbose, "Also print the numbers behind the stability margin");
   verb->add_flag("--json", *json, "Print JSON");
   verb->footer("Example:\n  palpate check head.json");
   verb->callback([=, &body] {

@@ -1,4 +1,4 @@
-/// palpate compare: checks whether two recordings feel alike.
+/// palpate compare: compares two recordings tick by tick.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -160,33 +160,34 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   about("A", options.a, a);
   about("B", options.b, b);
   if (d.only_a > 0 || d.only_b > 0) {
-    say("alone     {} ticks are in A only, {} in B only\n", d.only_a, d.only_b);
+    say("missing   {} ticks are only in A, {} only in B\n", d.only_a, d.only_b);
   }
   if (d.ticks == 0) {
-    say("felt      no tick is in both\n");
+    say("outputs   not compared: A and B have no tick in common\n");
     return;
   }
   if (d.other_hand) {
-    say("given     other things from tick {} on ({} s): {}\n", d.other_hand->tick,
+    say("inputs    differ from tick {} on ({} s): {}\n", d.other_hand->tick,
         rounded(d.other_hand->time), d.given);
   }
   if (d.differing == 0) {
-    say("felt      the same to the last bit, {} ticks\n", d.ticks);
+    say("outputs   identical to the last bit, {} ticks\n", d.ticks);
     return;
   }
-  say("felt      otherwise in {} of {} ticks, first in tick {} ({} s): {}\n", d.differing, d.ticks,
+  say("outputs   differ in {} of {} ticks, first in tick {} ({} s): {}\n", d.differing, d.ticks,
       d.first->tick, rounded(d.first->time), d.field);
   const auto by = [](double value, const char* unit) {
-    return sentence(std::isfinite(value) ? rounded(value) + " " + unit : "what is not finite");
+    return sentence(std::isfinite(value) ? rounded(value) + " " + unit
+                                         : "a value that is not finite");
   };
-  say("force     by {} at most, proxy by {}\n", by(d.force.value, "N"),
+  say("force     differs by at most {}, proxy by at most {}\n", by(d.force.value, "N"),
       by(1e3 * d.proxy.value, "mm"));
   for (const auto& [word, counts] : d.statuses) {
     if (counts[0] != counts[1]) say("status    {}: {}, {} ticks\n", word, counts[0], counts[1]);
   }
   if (d.force.tick && d.force.value > 0.0) {
     const RecordedTick& most = *d.force.tick;
-    say("most      in tick {} ({} s), hand at {}, proxy at {}: {} N, and of B by {} another\n",
+    say("largest   in tick {} ({} s), hand at {}, proxy at {}: {} N in A; B differs by {}\n",
         most.tick, rounded(most.time), placeWords(vector(most.hand)),
         placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), by(d.force.value, "N"));
   }
@@ -227,7 +228,7 @@ int compareThem(const CompareOptions& options) {
   } else {
     tell(options, d, a, b);
     const std::string why = explained(a, d.force);
-    if (!why.empty()) say("why       {}\n", sentence(why));
+    if (!why.empty()) say("explain   {}\n", sentence(why));
   }
   return d.alike() ? kDone : kEndedEarly;
 }
@@ -236,15 +237,15 @@ int compareThem(const CompareOptions& options) {
 
 void addCompare(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "compare", "Says whether two recordings feel alike, and if not, where and by how much");
+      "compare", "Compares two recordings tick by tick, and prints where they differ");
   auto options = std::make_shared<CompareOptions>();
   verb->add_option("A", options->a, "A recording (palpate feel --record)")->required();
-  verb->add_option("B", options->b, "Another")->required();
-  verb->add_flag("--json", options->json, "Print it as JSON");
+  verb->add_option("B", options->b, "The second recording")->required();
+  verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
-      "Exit status: 0 where they are the same to the last bit, 1 where they differ\n\n"
-      "Example:\n  palpate feel head.json --device replay:a.rec --record b.rec\n"
-      "  palpate compare a.rec b.rec");
+      "Exit status: 0 if the recordings are identical to the last bit, 1 if they "
+      "differ\n\nExample:\n  palpate feel head.json --device replay:a.rec --record b.rec\n  "
+      "palpate compare a.rec b.rec");
   verb->callback([=, &body] { body = [=] { return compareThem(*options); }; });
 }
 

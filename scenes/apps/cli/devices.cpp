@@ -54,19 +54,19 @@ OrderedJson limitsOf(const HidProfile& profile) {
 std::string trouble(const FoundArm& arm) {
   if (!arm.may_open) {
     return fmt::format(
-        "you may not open it: put SUBSYSTEM==\"hidraw\", KERNEL==\"hidraw*\", "
+        "you have no permission to open it: put SUBSYSTEM==\"hidraw\", KERNEL==\"hidraw*\", "
         "ATTRS{{idVendor}}==\"{:04x}\", ATTRS{{idProduct}}==\"{:04x}\", TAG+=\"uaccess\" in "
-        "/etc/udev/rules.d/70-palpate-arms.rules, then udevadm control --reload, and plug it in "
+        "/etc/udev/rules.d/70-palpate-arms.rules, run udevadm control --reload, and plug it in "
         "again",
         arm.device.vendor, arm.device.product);
   }
   if (const auto others = whoHas(arm.device.path); !others.empty()) {
-    return "another program has it: " + others[0] + ": end that first";
+    return "another program uses it: " + others[0] + ": end that program first";
   }
   if (arm.profiles.size() > 1) {
     std::string names;
     for (const HidProfile& p : arm.profiles) names += (names.empty() ? "" : ", ") + p.name;
-    return "its numbers fit several profiles: name one of " + names;
+    return "its USB numbers match several profiles: name one of " + names;
   }
   return {};
 }
@@ -94,7 +94,8 @@ OrderedJson factsIn(const HidProfile& profile) {
 int show(const DevicesOptions& options) {
   const std::optional<ArmName> parsed = parseArmName(options.profile);
   if (parsed && parsed->profile.empty()) {
-    throw Error(options.profile, "it names no profile", "palpate devices lists them");
+    throw Error(options.profile, "it does not name a profile",
+                "run palpate devices to list the profiles");
   }
   const HidProfile profile = namedProfile(parsed ? *parsed : ArmName{options.profile, ""},
                                           [](const std::string& note) { complain(note); });
@@ -110,40 +111,40 @@ int show(const DevicesOptions& options) {
   }
   const ProfileFacts facts = factsOf(profile);
   say("{}: {} ({})\n", profile.name, sentence(profile.description), sentence(profile.source));
-  say("  joints at home: the tip is at ({}, {}, {}) m in the hand's world\n",
-      rounded(facts.home_W.x()), rounded(facts.home_W.y()), rounded(facts.home_W.z()));
+  say("  tip at the home position: ({}, {}, {}) m in the hand's world\n", rounded(facts.home_W.x()),
+      rounded(facts.home_W.y()), rounded(facts.home_W.z()));
   if (facts.step > 0.0 && profile.rate_control == 0.0) {
-    say("  in the middle a count of every joint moves the tip by {} mm at most\n",
+    say("  at the centre, one count of every joint moves the tip by at most {} mm\n",
         rounded(1e3 * facts.step));
   }
   const ArmAxes moves = axesWithin(facts.moves);
   const ArmAxes drives = axesWithin(facts.drives);
   for (int a = 0; a < 3 && profile.output; ++a) {
     if (!moves.has[static_cast<std::size_t>(a)]) {
-      say("  {}: it does not move there, and gives no force\n", moves.name(a));
+      say("  {}: no movement along this axis, and no force\n", moves.name(a));
     } else if (!drives.has[static_cast<std::size_t>(a)]) {
       say("  {}: {}\n", drives.name(a), kNoMotor);
     }
   }
   for (const MotorFact& motor : facts.motors) {
     const Legible ever = motor.continuous < motor.room
-                             ? words(", {} for ever", rounded(motor.continuous))
+                             ? words(", {} continuously", rounded(motor.continuous))
                              : words("");
-    say("  {} N in the middle ask at most {} of {}, which gives at most {}{}{}\n",
+    say("  {} N at the centre needs at most {} from {}, which gives at most {}{}{}\n",
         rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room), ever,
-        motor.asked > motor.continuous ? ": there it is weakened" : "");
+        motor.asked > motor.continuous ? ": the force is reduced there" : "");
   }
   if (!profile.masses.empty()) {
-    say("  in the middle its motors carry {} N of its weight at the tip, ({}, {}, {})",
+    say("  at the centre the motors carry {} N of the arm's weight at the tip, ({}, {}, {})",
         rounded(facts.carried_W.norm()), rounded(facts.carried_W.x()), rounded(facts.carried_W.y()),
         rounded(facts.carried_W.z()));
     for (const MotorFact& motor : facts.motors) {
-      say(", by {} of {}", rounded(motor.carries), motor.field);
+      say(", {} by {}", rounded(motor.carries), motor.field);
     }
     say("\n");
   }
   if (profile.output) {
-    say("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
+    say("  {} N, {} N/m, {} N s/m, workspace radius {} m\n", rounded(profile.limits.force),
         rounded(profile.limits.stiffness), rounded(profile.limits.damping),
         rounded(profile.limits.workspace_radius));
     say("  firmware: {}\n", sentence(profile.firmware));
@@ -151,10 +152,10 @@ int show(const DevicesOptions& options) {
   return kDone;
 }
 
-/// Name and limits of a plug-in's arm, as openAnyArm uses them.
+/// Name and limits of a plug-in's arm. They are the same as in openAnyArm.
 struct NamedPluginArm {
   std::string name;
-  std::optional<DeviceInfo> info;  ///< Limits, as after a test; unset if the arm is not usable.
+  std::optional<DeviceInfo> info;  ///< Limits of the tested arm; unset if the arm is not usable.
   bool tested = false;
   std::string trouble;
 };
@@ -290,13 +291,13 @@ struct ShownLimits {
 };
 
 void sayLimits(const ShownLimits& limits) {
-  say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+  say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, workspace radius {} m\n",
       rounded(limits.force), rounded(limits.stiffness), rounded(limits.damping),
       rounded(limits.input_rate), rounded(limits.output_rate), rounded(limits.workspace_radius));
 }
 
 void sayUntested(const std::string& device) {
-  say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+  say("  untested: limited to {} N and {} N/m: run palpate devices --test {}\n", kUntestedForce,
       kUntestedStiffness, device);
 }
 
@@ -311,7 +312,7 @@ void sayPluginArm(const FoundPlugin& plugin, const FoundPluginArm& arm) {
     say("    {}\n", sentence(info.source));
     if (!named.tested) sayUntested(named.name);
   } else if (named.info) {
-    say("  moves the hand, gives no force\n");
+    say("  reports the hand's position, gives no force\n");
   }
   if (!named.trouble.empty()) say("  {}\n", sentence(named.trouble));
 }
@@ -326,7 +327,7 @@ void sayHidArm(const FoundArm& arm, const HidProfile& profile) {
     say("  firmware: {}\n", sentence(profile.firmware));
     if (!isTested(identityOf(profile, arm.identity()))) sayUntested(arm.nameAs(profile));
   } else {
-    say("  moves the hand, gives no force\n");
+    say("  reports the hand's position, gives no force\n");
   }
   for (const auto& [pointer, source] : profile.sources) {
     say("    {}: {}\n", pointer, sentence(source));
@@ -338,7 +339,7 @@ void sayArms(const Listing& all) {
   const bool none = std::all_of(all.plugins.begin(), all.plugins.end(),
                                 [](const FoundPlugin& plugin) { return plugin.arms.empty(); });
   if (all.arms.empty()) {
-    say("no arm is plugged in that a profile {}knows\n", none ? "or plug-in " : "");
+    say("no connected arm matches a profile{}\n", none ? " or plug-in" : "");
   }
   for (const FoundPlugin& plugin : all.plugins) {
     if (!plugin.trouble.empty()) say("{}\n", sentence(plugin.trouble));
@@ -355,9 +356,9 @@ void sayArms(const Listing& all) {
 void sayCatalogue(const Listing& all) {
   say("\nprofiles: ");
   for (const HidProfile& p : all.profiles) say("{}{}", &p == &all.profiles[0] ? "" : ", ", p.name);
-  say("; your own in {}\nplug-ins: ", hidProfileFolder().string());
+  say("; your own profiles are in {}\nplug-ins: ", hidProfileFolder().string());
   for (const FoundPlugin& p : all.plugins) say("{}{}", &p == &all.plugins[0] ? "" : ", ", p.name);
-  say("{} (docs/plugins.md)\n\nlimits of known arms, by their sources:\n",
+  say("{} (docs/plugins.md)\n\nlimits of known arms, with sources:\n",
       all.plugins.empty() ? "none" : "");
   for (const KnownArm& arm : knownArms()) {
     say("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name, rounded(arm.force),
@@ -377,7 +378,7 @@ int list(const DevicesOptions& options) {
   return kDone;
 }
 
-/// Repeated readings of an arm; on a terminal each replaces the last.
+/// Repeated readings of an arm; on a terminal each reading replaces the previous one.
 class Pictures {
  public:
   explicit Pictures(double seconds) : seconds_(seconds), begin_(nowNs()), next_(often()) {
@@ -422,8 +423,8 @@ std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::
   }
   if (info.orientation) {
     const auto& q = handle.orientation;
-    text += fmt::format("held at w, x, y, z = {:.4f}, {:.4f}, {:.4f}, {:.4f}\n", q[0], q[1], q[2],
-                        q[3]);
+    text += fmt::format("orientation w, x, y, z = {:.4f}, {:.4f}, {:.4f}, {:.4f}\n", q[0], q[1],
+                        q[2], q[3]);
   }
   if (info.gripper) text += fmt::format("gripper {:.4f}\n", handle.gripper);
   for (std::size_t i = 0; i < info.joints; ++i) {
@@ -465,8 +466,8 @@ int watchPlugin(const DevicesOptions& options) {
   return kInterrupted;
 }
 
-/// Shows an arm's readings repeatedly. Sends nothing, so that another program may drive the arm at
-/// the same time.
+/// Shows an arm's readings repeatedly. Only reads from the arm, so that another program can drive
+/// it at the same time.
 int watch(const DevicesOptions& options) {
   if (parsePluginName(options.watch)) return watchPlugin(options);
   Pictures pictures(options.seconds);
@@ -481,19 +482,20 @@ int watch(const DevicesOptions& options) {
     const bool gone = watch.take(*port, nowNs()) == ReadStatus::kGone;
     const bool over = pictures.over();
     if (pictures.due() || gone || over) {
-      std::string text = fmt::format("{:.1f} s, {} on {}; nothing is sent\n", pictures.since(),
+      std::string text = fmt::format("{:.1f} s, {} on {}; read only\n", pictures.since(),
                                      chosen.arm.nameAs(chosen.profile), chosen.arm.device.path);
       if (wrong) text += std::string(wrong->what()) + "\n";
       if (chosen.profile.home_at_open) {
-        text += "its home pose is how it was first seen: " + chosen.profile.home_words + "\n";
+        text +=
+            "the home pose is the pose of the first report: " + chosen.profile.home_words + "\n";
       } else if (!chosen.profile.home.empty()) {
-        text += "joints are true if it has been homed since it was switched on\n";
+        text += "joint values are valid if the arm has been homed since it was switched on\n";
       }
       text += watch.picture(nowNs());
       if (!pictures.show(text)) return kEndedEarly;
     }
     if (gone) {
-      complain("devices: it was unplugged: plug it in again, and watch it again");
+      complain("devices: the arm was unplugged: plug it in, and run the command again");
       return kEndedEarly;
     }
     if (over) return kDone;
@@ -506,24 +508,26 @@ int watch(const DevicesOptions& options) {
 
 void addDevices(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "devices", "What arms are plugged in, their limits and where those come from; tests one");
+      "devices", "Lists arms, their limits and the sources of these limits; tests an arm");
   auto options = std::make_shared<DevicesOptions>();
   verb->add_option("PROFILE", options->profile,
-                   "What a profile's numbers come to: a name, or a file");
-  verb->add_option("--test", options->test,
-                   "Tests an arm, as hid:polhem: rates, steps, friction, motors' signs");
-  CLI::Option* watched = verb->add_option(
-      "--watch", options->watch,
-      "Shows what an arm says, live: reports, fields, joints, tip, flags; sends nothing");
-  verb->add_option("--seconds", options->seconds, "How long to watch [s] (default: till Ctrl-C)")
+                   "Name or file of a profile; prints its limits and derived quantities");
+  verb->add_option(
+      "--test", options->test,
+      "Tests an arm, for example hid:polhem: rates, encoder steps, friction, motor signs");
+  CLI::Option* watched =
+      verb->add_option("--watch", options->watch,
+                       "Shows an arm's reports live: fields, joints, tip, flags; sends no force");
+  verb->add_option("--seconds", options->seconds, "Time to watch [s] (default: until Ctrl-C)")
       ->check(CLI::PositiveNumber)
       ->needs(watched);
-  verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
-  verb->add_option("--ruler", options->ruler,
-                   "How far you move the tip along each axis so that the test knows its scale [m] "
-                   "(default 0.1, of a small arm less; 0: leave it out, and the arm stays held)");
+  verb->add_option("--force", options->force, "Largest force of a test [N] (default 0.5)");
+  verb->add_option(
+      "--ruler", options->ruler,
+      "Length by which you move the tip along a ruler on each axis, to measure the scale [m] "
+      "(default 0.1, less for a small arm; 0: skip this, and the arm stays limited)");
   verb->add_flag("-v,--verbose", options->verbose,
-                 "With --test: say as well how a coupling's room is known");
+                 "With --test: also print the numbers behind the stability margin");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
       "Example:\n  palpate devices mine\n  palpate devices --watch hid:mine\n"
@@ -531,12 +535,12 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->callback([=, &body] {
     body = [=] {
       if (!options->test.empty() && !options->profile.empty()) {
-        throw Error(options->profile, "--test names its own arm", "leave one of them out");
+        throw Error(options->profile, "--test already names an arm", "leave out one of the two");
       }
       if (!options->watch.empty()) {
         if (!options->test.empty() || !options->profile.empty() || options->json) {
-          throw Error("--watch", "it names its own arm, and writes for eyes",
-                      "leave --test, --json and the profile out");
+          throw Error("--watch", "it names an arm, and prints text for the user",
+                      "leave out --test, --json and the profile");
         }
         return watch(*options);
       }

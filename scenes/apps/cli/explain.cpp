@@ -1,9 +1,142 @@
 /// palpate explain: runs one tick, and prints the causes of its force.
-#include "palpate/scenes/apps/cli/explain_words.h"
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "palpate/scenes/apps/common/common.h"
 #include "palpate/scenes/apps/common/explain_tick.h"
+#include "palpate/scenes/apps/common/say.h"
+#include "palpate/scenes/apps/common/touch.h"
 
 namespace palpate::cli {
 namespace {
+
+std::string text(const OrderedJson& value) {
+  if (value.is_null()) return "none";
+  if (value.is_number()) return shown(value.get<double>());
+  if (value.is_string()) return value.get<std::string>();
+  std::string list;
+  for (const OrderedJson& item : value) list += (list.empty() ? "" : ", ") + text(item);
+  return list;
+}
+
+/// Formats, for example, "2 (1.5 where speed is 0.3, times 1.33)".
+std::string transferText(const OrderedJson& transfer) {
+  std::string factors;
+  for (const OrderedJson& factor : transfer["factors"]) {
+    if (!factors.empty()) factors += ", times ";
+    factors += text(factor["output"]);
+    if (!factor.contains("reads")) continue;
+    const std::string reads = text(factor["reads"]);
+    factors += factor["input"].is_null() ? " because " + reads + " has no data"
+                                         : " where " + reads + " is " + text(factor["input"]);
+  }
+  const bool plain = transfer["factors"].size() == 1 && !transfer["factors"][0].contains("reads");
+  return text(transfer["value"]) + (plain || factors.empty() ? "" : " (" + factors + ")");
+}
+
+void printMode(const OrderedJson& mode) {
+  say("mode      {}: {}{}: {}\n", text(mode["name"]), text(mode["mode"]),
+      mode["of"].is_null() ? "" : " of " + text(mode["of"]), sentence(text(mode["because"])));
+  std::string properties;
+  for (const char* key : {"strength", "friction", "viscosity"}) {
+    if (!mode.contains(key)) continue;
+    const std::string unit = key == std::string("friction") ? "" : " N";
+    properties +=
+        (properties.empty() ? "" : "; ") + std::string(key) + " " + transferText(mode[key]) + unit;
+  }
+  if (!mode["contact"].is_null()) properties += "; contact " + text(mode["contact"]);
+  if (!properties.empty()) say("          {}\n", sentence(properties));
+  for (const OrderedJson& primitive : mode["primitives"]) {
+    std::string where;
+    if (primitive.contains("position")) where += " at " + text(primitive["position"]);
+    if (primitive.contains("direction")) where += " along " + text(primitive["direction"]);
+    say("primitive {}, a {}{}, strength {} N: {}, load {} ({} N)\n", text(primitive["role"]),
+        text(primitive["kind"]), where, text(primitive["strength"]), text(primitive["state"]),
+        text(primitive["load"]), text(primitive["size"]));
+  }
+}
+
+/// Returns true if a vector is large enough to print [N].
+bool told(const OrderedJson& force) {
+  constexpr double kLeast = 1e-9;
+  return std::any_of(force.begin(), force.end(),
+                     [](const OrderedJson& x) { return std::abs(x.get<double>()) > kLeast; });
+}
+
+void printBalance(const OrderedJson& json) {
+  const OrderedJson& balance = json["balance"];
+  say("balance   {}, {} iterations, {} sub-steps, error at most {} m; {}\n",
+      text(balance["solver"]), balance["iterations"].get<int>(), balance["substeps"].get<int>(),
+      rounded(balance["error_bound"].get<double>()), text(balance["status"]));
+  std::string stiffness = text(balance["stiffness"]);
+  if (balance.contains("stiffness_by")) {
+    stiffness += " now, target " + text(balance["stiffness_by"]["value"]);
+  }
+  say("stiffness {} N/m\n", stiffness);
+  say("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
+  say("spring    {} N; sum of the loads {} N, residual {} N\n", text(balance["spring"]),
+      text(balance["loads"]), text(balance["left_over"]));
+  if (told(balance["waiting"])) {
+    say("waiting   {} N: minus the pull that is left along a stream\n", text(balance["waiting"]));
+  }
+  const OrderedJson& force = json["force"];
+  const OrderedJson& limiter = force["limiter"];
+  say("damper    {} N\n", text(force["damper"]));
+  say("limiter   {} (peak {} N, growth {} N a tick)\n",
+      limiter["slewed"].get<bool>()   ? "limited the growth"
+      : limiter["peaked"].get<bool>() ? "limited to the peak"
+                                      : "inactive",
+      text(limiter["peak"]), text(limiter["growth"]));
+  say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
+  say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
+}
+
+/// Prints how far the proxy got towards each balance; a free step is printed without further
+/// details.
+void printSteps(const OrderedJson& steps) {
+  for (const OrderedJson& step : steps) {
+    const std::string end = text(step["end"]);
+    std::string yields;
+    for (const OrderedJson& name : step["yields"]) yields += ", " + text(name) + " yields";
+    say("step      {} {}: balance {}{}; {} {}\n",
+        step["foreseen"].get<bool>() ? "remembered at" : "read at", text(step["at"]),
+        text(step["balance"]), sentence(yields),
+        end == "free"      ? "moved to"
+        : end == "voxel"   ? "stopped at the limit of the reading,"
+        : end == "trusted" ? "turned back halfway, to"
+        : end == "surface" ? "met a surface at"
+                           : "reached other parts of the scene at",
+        text(step["went"]));
+  }
+}
+
+/// Prints the result as text. `json`: as docs/formats.md defines it.
+void printTick(const OrderedJson& json) {
+  say("scene     {}\n", text(json["scene"]));
+  say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
+      text(json["rest"]["moved"]), text(json["rest"]["force"]));
+  say("read at   {}\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
+  if (json["steps"].size() > 1) printSteps(json["steps"]);
+  for (const OrderedJson& field : json["fields"]) {
+    say("field     {}: {}, {}; used by {}\n", text(field["field"]),
+        field["sampled"].get<bool>() ? "sampled" : "not sampled", sentence(text(field["because"])),
+        cli::sentence(text(field["for"])));
+  }
+  for (const OrderedJson& name : json["left_out"]) {
+    say("field     {}: not sampled, no mode reads it\n", text(name));
+  }
+  for (const OrderedJson& property : json["properties"]) {
+    say("property  {}: {}\n", text(property["property"]),
+        property["inside"].get<bool>() ? text(property["value"]) : "no data");
+  }
+  for (const OrderedJson& mode : json["modes"]) printMode(mode);
+  for (const OrderedJson& name : json["silent"]) {
+    say("mode      {}: skipped, its strength is zero everywhere\n", text(name));
+  }
+  printBalance(json);
+  for (const OrderedJson& line : json["because"]) say("because   {}\n", sentence(text(line)));
+}
 
 struct ExplainOptions {
   std::string scene;
@@ -26,26 +159,25 @@ int explain(const ExplainOptions& options) {
     printTick(told.json);
   }
   if (!told.fault) return kDone;
-  complain("explain: the force was cut: a sample was not finite: mend the volume");
+  complain("explain: the force was cut: a sample was not finite: correct the values of the volume");
   return kEndedEarly;
 }
 
 }  // namespace
 
 void addExplain(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb =
-      app.add_subcommand("explain", "Runs one tick and says why its force is what it is");
+  CLI::App* verb = app.add_subcommand("explain", "Runs one tick and explains its force");
   auto options = std::make_shared<ExplainOptions>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
       ->required();
-  verb->add_option("--at", options->at, "x,y,z: where the proxy is; the hand rests there first [m]")
+  verb->add_option("--at", options->at,
+                   "x,y,z: position of the proxy; the hand first rests there [m]")
       ->required();
   verb->add_option("--push", options->push,
-                   "x,y,z: how far the hand then moves, within one tick [m]; the spring makes the "
-                   "force")
+                   "x,y,z: the hand's move in the next tick [m]; it extends the spring")
       ->required();
   verb->add_option("--rate", options->rate,
-                   "Ticks a second (default 1000): the damper and the limiter go by it");
+                   "Ticks a second (default 1000); affects the damper and the limiter");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer("Example:\n  palpate explain head.json --at 0,0,0.05 --push 0,0.001,-0.002");
   verb->callback([=, &body] { body = [=] { return explain(*options); }; });

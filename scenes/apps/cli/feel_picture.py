@@ -119,7 +119,7 @@ class Picture:
         top = first + len(fields) * row + 0.1
         self.draw_time(self.axes(LEFT, top, PANELS + 2 * GAP, TIME))
         self.draw_legend(marks, columns)
-        where = "through the place of most force" if data["felt"] else "through the middle"
+        where = "through the place of the largest force" if data["felt"] else "through the middle"
         self.figure.text(LEFT / WIDTH, 1 - 0.06 / self.height, f"{data['scene']}: slices {where}",
                          fontsize=8, va="top", parse_math=False)
         self.figure.text(LEFT / WIDTH, 0.05 / self.height, self.note(), fontsize=6,
@@ -134,7 +134,7 @@ class Picture:
         """Describes the axes."""
         space = self.data["space"]
         time = self.data["stands_at"]
-        when = "" if time is None else f"; what moves is where it was at {time:.2f} s"
+        when = "" if time is None else f"; moving volumes are drawn at {time:.2f} s"
         if not space["patient"]:
             return "axes: the hand's space, z up" + when
         ratio = f"1 {self.unit or 'unit'} of the patient is {space['hand_mm']:.3g} mm of the hand"
@@ -270,9 +270,9 @@ class Picture:
     def legend(self):
         """Returns the legend: labels, and the mark before each."""
         marks = {"proxy's path in the slice": path_mark(1.0),
-                 f"{amount(self.far, self.unit or 'units')} off it and more": path_mark(FAINT)}
+                 f"{amount(self.far, self.unit or 'units')} or more from the slice": path_mark(FAINT)}
         if self.data["felt"]:
-            marks["most force"] = Line2D([], [], **MOST)
+            marks["largest force"] = Line2D([], [], **MOST)
         for field in self.data["fields"]:
             for level in field["levels"]:
                 colour, style = self.levels[field["name"], level["mode"]]
@@ -282,7 +282,7 @@ class Picture:
             longest = self.arrows.get(field["name"])
             if longest is None:
                 continue
-            label = f"{field['name']}, its part in the slice"
+            label = f"{field['name']}, component in the slice"
             if field["kind"] == "axial":
                 marks[label] = Line2D([], [], color=SKY, linewidth=1.2)
                 continue

@@ -24,8 +24,8 @@ std::string troublesOf(const OrderedJson& statuses) {
 }
 
 Legible modeWords(const OrderedJson& mode) {
-  Legible text = words("felt      {}: ", mode["mode"].get<std::string>());
-  if (mode["touches"].get<int>() == 0) return text += words("not at all\n");
+  Legible text = words("contact   {}: ", mode["mode"].get<std::string>());
+  if (mode["touches"].get<int>() == 0) return text += words("none\n");
   text += words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
                 mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
   const OrderedJson& at = mode["at"];
@@ -153,7 +153,7 @@ void Felt::countTick(const Telemetry& tick) noexcept {
   substeps_ += r.substeps;
   primitives_ += r.primitives;
   iterations_ += r.iterations;
-  constexpr double kPulled = 1e-3;  // [N]: the least that is felt
+  constexpr double kPulled = 1e-3;  // [N]: smallest force that a hand feels
   pulled_ += static_cast<std::int64_t>(r.left * tick.input.pull.norm() > kPulled);
   force_max_ = std::max(force_max_, r.force.norm());
   strong_ += static_cast<std::int64_t>(r.force.norm() > kStrong);
@@ -198,7 +198,7 @@ Felt::TickForces Felt::addForces(SceneFelt& felt, const StepReport& r,
   TickForces forces;
   if (r.status != StepStatus::kFault) forces.left = state.forces();
   for (std::size_t i = 0; i < felt.own; ++i) {
-    addMode(felt, i, r.proxy, state.memory(i), own_.of[i], forces);
+    addMode(felt, i, {r.proxy, state.memory(i), own_.of[i]}, forces);
   }
   for (const std::uint8_t slot : state.near().order()) {
     const NearPart& near = state.near()[slot];
@@ -208,18 +208,18 @@ Felt::TickForces Felt::addForces(SceneFelt& felt, const StepReport& r,
     const std::size_t first = felt.modes_of_part[near.part];
     const std::size_t count = near.modes;
     for (std::size_t i = 0; i < count; ++i) {
-      addMode(felt, first + i, r.proxy, near.memories[i], last.of[i], forces);
+      addMode(felt, first + i, {r.proxy, near.memories[i], last.of[i]}, forces);
     }
   }
   if (parts_) loads_[carriers_.size() - 1] = forces.of_parts.norm();
   return forces;
 }
 
-void Felt::addMode(SceneFelt& felt, std::size_t index, const Vec3& proxy, const ModeMemory& memory,
-                   Side& last, TickForces& forces) noexcept {
+void Felt::addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
+                   TickForces& forces) noexcept {
   // Sum of the mode's primitives; after a fault they may be missing.
   Vec3 force = Vec3::Zero();
-  const auto count = static_cast<std::size_t>(memory.emitted);
+  const auto count = static_cast<std::size_t>(tick.memory.emitted);
   if (count <= forces.left.size()) {
     for (const Vec3& one : forces.left.first(count)) force += one;
     forces.left = forces.left.subspan(count);
@@ -234,22 +234,21 @@ void Felt::addMode(SceneFelt& felt, std::size_t index, const Vec3& proxy, const 
   } else if (felt.load_of[index] >= 0) {
     loads_[static_cast<std::size_t>(felt.load_of[index])] = held;
   }
-  countMode(felt.modes[index], held, proxy, memory, last);
+  countMode(felt.modes[index], held, tick);
 }
 
-void Felt::countMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
-                     Side& last) const noexcept {
-  constexpr double kNewtons = 1e-3;  // the least that is felt
+void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept {
+  constexpr double kNewtons = 1e-3;  // smallest force that a hand feels
   constexpr double kPause = 0.05;    // [s]
   const std::int64_t now = durations_.count();
-  const Side side = sideOf(memory);
-  if (side == Side::kYielded && last != Side::kYielded) ++mode.yields;
-  last = side;
+  const Side side = sideOf(tick.memory);
+  if (side == Side::kYielded && tick.last != Side::kYielded) ++mode.yields;
+  tick.last = side;
   mode.impulse += held;
   if (held < kNewtons) return;
   if (held > mode.held) {
     mode.held = held;
-    mode.at = proxy;
+    mode.at = tick.proxy;
   }
   ++mode.active;
   if (mode.last_active < 0 || static_cast<double>(now - mode.last_active) > kPause * rate_) {
@@ -371,26 +370,24 @@ Legible Felt::words() const {
   const auto us = [&](const char* key) { return rounded(1e-3 * s["tick_ns"][key].get<double>()); };
   const auto mean = [&](const char* key) { return rounded(per_tick[key].get<double>()); };
   Legible text = cli::words(
-      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} along "
-      "streams, {} cells on the way, {} primitives, {} sub-steps\n",
+      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} along streams, "
+      "{} cells on the path, {} primitives, {} sub-steps\n",
       us("p50"), us("p99"), us("p99.9"), us("max"), mean("samples"), mean("traced"), mean("walked"),
       mean("primitives"), mean("substeps"));
-  text +=
-      cli::words("balance   {} % closed form, {} iterations a tick; within {} m of the exact one\n",
-                 rounded(100.0 * static_cast<double>(closed_form_) / ticks), mean("iterations"),
-                 rounded(bound_max_));
+  text += cli::words("balance   {} % closed form, {} iterations a tick; error at most {} m\n",
+                     rounded(100.0 * static_cast<double>(closed_form_) / ticks), mean("iterations"),
+                     rounded(bound_max_));
   text += cli::words(
       "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks; {} "
       "faults\n",
       rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks), limited_,
       statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
   if (coarse_ > 0) {
-    text +=
-        cli::words("coarse    data were not there yet, and felt coarsely, in {} % of the ticks\n",
-                   rounded(100.0 * static_cast<double>(coarse_) / ticks));
+    text += cli::words("coarse    coarser data replaced missing data in {} % of the ticks\n",
+                       rounded(100.0 * static_cast<double>(coarse_) / ticks));
   }
   if (still_ > 0) {
-    text += cli::words("still     the arm did not move by a count: the force faded in {} ticks\n",
+    text += cli::words("still     the encoder counts did not change: the force faded in {} ticks\n",
                        still_);
   }
   const std::string troubles = troublesOf(s["status"]);
@@ -404,13 +401,13 @@ Legible Felt::words() const {
 }
 
 Legible Felt::partsWords(const OrderedJson& parts) const {
-  Legible text = cli::words("parts     {} of {} near in the mean, {} at most\n",
+  Legible text = cli::words("parts     {} of {} near the hand on average, {} at most\n",
                             rounded(parts["near_mean"].get<double>()),
                             parts["all"].get<std::int64_t>(), most_near_);
   if (crowded_ > 0) {
     text += cli::words(
-        "crowded   more than {} parts met in {} ticks: the strongest were felt, and the force was "
-        "off by at most {} N\n",
+        "crowded   more than {} parts touched the hand in {} ticks: only the strongest were used; "
+        "the force error was at most {} N\n",
         kMaxNearParts, crowded_, rounded(missing_));
   }
   return text;
@@ -421,12 +418,13 @@ Legible Felt::tankWords(const OrderedJson& tank, double ticks) const {
   const double lost = 100.0 * tank["force_lost"].get<double>();
   if (tank_ != TankUse::kAct) {
     return cli::words(
-        "tank      looked on; --passive would have acted in {} % of ticks and taken {} % of the "
-        "force\n",
+        "tank      monitoring only; --passive would have acted in {} % of the ticks and removed {} "
+        "% of the force\n",
         rounded(share), rounded(lost));
   }
   return cli::words(
-      "tank      acted in {} % of ticks and took {} % of the force; {} J of debt, {} J let in\n",
+      "tank      acted in {} % of the ticks and removed {} % of the force; debt {} J, refill {} "
+      "J\n",
       rounded(share), rounded(lost), rounded(debt_), rounded(refilled_));
 }
 

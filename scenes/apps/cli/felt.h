@@ -18,9 +18,10 @@
 
 namespace palpate::cli {
 
-inline constexpr double kStrong = 0.2;  ///< [N]: a larger force is surely felt.
+inline constexpr double kStrong = 0.2;  ///< [N]: a hand certainly feels a larger force.
 
-/// Counts of durations, exact below 65,536 ns and to 2 % above: a run may be long.
+/// Histogram of durations, exact below 65,536 ns and to 2 % above. Its size does not grow with the
+/// run.
 class Durations {
  public:
   Durations() : counts_(kExact + kCoarse) {}
@@ -135,15 +136,20 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::size_t main = 0;          ///< and the mode's index.
     Vec3 of_parts = Vec3::Zero();  ///< Sum of the forces of all parts' modes [N].
   };
+  /// State of a mode in one tick.
+  struct ModeTick {
+    const Vec3& proxy;         ///< Position of the proxy [m].
+    const ModeMemory& memory;  ///< State after the tick.
+    Side& last;                ///< Side after the previous tick; countMode() updates it.
+  };
   void countTick(const Telemetry& tick) noexcept;
   void addTank(const StepReport& r, const ProxyState& state) noexcept;
   /// Returns the results for the scene of a tick; null if it was not announced.
   [[nodiscard]] SceneFelt* enterScene(std::uint64_t id) noexcept;
   TickForces addForces(SceneFelt& felt, const StepReport& r, const ProxyState& state) noexcept;
-  void addMode(SceneFelt& felt, std::size_t index, const Vec3& proxy, const ModeMemory& memory,
-               Side& last, TickForces& forces) noexcept;
-  void countMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
-                 Side& last) const noexcept;
+  void addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
+               TickForces& forces) noexcept;
+  void countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept;
   [[nodiscard]] Legible partsWords(const OrderedJson& parts) const;
   [[nodiscard]] Legible tankWords(const OrderedJson& tank, double ticks) const;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);

@@ -10,7 +10,7 @@
 namespace palpate::cli {
 
 void addImport(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("import", "Turns CT, MRI, CFD and the like into a .vdb");
+  CLI::App* verb = app.add_subcommand("import", "Converts CT, MRI, CFD and other data to a .vdb");
   verb->prefix_command();
   verb->set_help_flag();  // both programs have their own
   verb->callback([verb, &body] {

@@ -12,8 +12,8 @@ namespace palpate::cli {
 namespace {
 
 std::string feelOf(const GridInfo& grid) {
-  if (!grid.refusal.empty()) return "nothing: " + grid.refusal;
-  if (grid.vector) return "follow its lines; force along it; viscosity by its magnitude";
+  if (!grid.refusal.empty()) return "not possible: " + grid.refusal;
+  if (grid.vector) return "follow its lines; force along its vectors; viscosity by its magnitude";
   if (grid.grid_class == GridClass::kLevelSet) return "isosurface at 0, solid below";
   return "surface and viscosity by its value; isosurface at a value you choose";
 }
@@ -61,7 +61,8 @@ void print(const GridInfo& grid) {
   if (grid.grid_class == GridClass::kStaggered) {
     say("  note      staggered: each component is read on its face of the voxel\n");
   }
-  if (grid.was_local) say("  note      vectors in index space: read in world space\n");
+  if (grid.was_local)
+    say("  note      vectors are stored in index space and converted to world space\n");
   if (!grid.source.empty()) say("  from      {}\n", grid.source);
   say("  feel      {}\n", sentence(feelOf(grid)));
 }
@@ -83,10 +84,12 @@ int infoOfBricks(const std::string& place, bool json) {
 }  // namespace
 
 void addInfo(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("info", "What is in a .vdb, and what one can feel in it");
+  CLI::App* verb =
+      app.add_subcommand("info", "Prints the content of a .vdb and the modes that suit it");
   auto file = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
-  verb->add_option("FILE", *file, "A .vdb file, or a folder or an address of bricks")->required();
+  verb->add_option("FILE", *file, "A .vdb file, or the folder or URL of a volume in bricks")
+      ->required();
   verb->add_flag("--json", *json, "Print JSON");
   verb->footer("Example:\n  palpate info head.vdb");
   verb->callback([=, &body] {

@@ -22,11 +22,11 @@ Keys::Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double fra
       frame_(frame),
       shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
   if (!shown_) return;
-  sayAside("Esc: force off; Enter: on again; Ctrl-C: end\n");
+  sayAside("Esc: force off; Enter: force on; Ctrl-C: end\n");
   if (frame_ > 0.0) {
     sayAside(
-        "space: pause, go on; , .: a frame back, on; 0: to the begin; - +: half, twice as fast; "
-        "r: over and over, or once\n");
+        "space: pause or resume; , and .: previous or next frame; 0: first frame; - and +: half or "
+        "double speed; r: repeat or play once\n");
   }
   thread_ = std::thread([this] { run(); });
 }

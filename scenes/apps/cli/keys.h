@@ -12,9 +12,8 @@
 namespace palpate::cli {
 
 /// Terminal keys during a run: Esc cuts the force, Enter restores it. If a sequence is played, its
-/// keys are: space, 0 , . - + r. A separate thread reads the keys and waits for nothing else: keys
-/// also work while the program cannot print. The terminal is left alone while another program uses
-/// it.
+/// keys are: space, 0 , . - + r. A separate thread reads the keys, so that they also work while the
+/// program waits to print. The terminal is left alone while another program uses it.
 class Keys {
  public:
   /// `clock`: controlled by keys if `frame`, the length of a step [s], is above 0.

@@ -1,4 +1,4 @@
-/// `palpate`: the program, with one file for each verb. docs/interfaces.md describes the verbs;
+/// `palpate`: the program, with one file for each verb. docs/verbs.md describes the verbs;
 /// docs/scene.md and docs/formats.md describe their input and output.
 #include <algorithm>
 #include <array>
@@ -69,9 +69,9 @@ int run(const std::vector<std::string>& words);
 
 /// Adds a verb that calls run() again.
 void addHelp(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("help", "What palpate VERB --help says");
+  CLI::App* verb = app.add_subcommand("help", "Prints the help of a verb");
   auto about = std::make_shared<std::string>();
-  verb->add_option("VERB", *about, "Which; without one, what palpate --help says");
+  verb->add_option("VERB", *about, "The verb; if omitted, prints the help of palpate");
   verb->footer("Example:\n  palpate help feel");
   verb->callback([=, &body] {
     body = [=] { return about->empty() ? run({"--help"}) : run({*about, "--help"}); };
@@ -84,8 +84,8 @@ int run(const std::vector<std::string>& words) {
   // An error in C's stdin would look like the end of the input.
   std::ios::sync_with_stdio(false);
   CLI::App app{
-      "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
-      "in them into forces."};
+      "palpate: feel a volume. Loads .vdb volumes and scenes, and computes the forces on a hand "
+      "that touches them."};
   app.name("palpate");
   app.set_version_flag("--version", versionLines);
   app.require_subcommand(1);
@@ -102,7 +102,7 @@ int run(const std::vector<std::string>& words) {
   if (!first.empty() && first[0] != '-' &&
       std::find(verbs.begin(), verbs.end(), first) == verbs.end()) {
     const std::string near = nearestName(first, verbs);
-    throw Error("usage", "\"" + first + "\" is no verb",
+    throw Error("usage", "\"" + first + "\" is not a verb",
                 near.empty() ? "see palpate --help" : "did you mean \"" + near + "\"?");
   }
 
@@ -156,10 +156,10 @@ int main(int argc, char** argv) {
     cli::complain(e.what());
     return cli::kBadInput;
   } catch (const cli::Interrupted&) {
-    cli::complain("interrupted: nothing is written");
+    cli::complain("interrupted: no output was written");
     return cli::kInterrupted;
   } catch (const std::bad_alloc&) {
-    cli::complain("memory: there is not enough for this: use a smaller volume");
+    cli::complain("memory: not enough memory is available: use a smaller volume");
     return cli::kEndedEarly;
   } catch (const std::system_error& e) {
     cli::complain(
@@ -167,7 +167,7 @@ int main(int argc, char** argv) {
                     e.code().message()));
     return cli::kEndedEarly;
   } catch (const std::exception& e) {
-    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    cli::complain(fmt::format("internal error: {}: report this message and the command", e.what()));
     return cli::kInternal;
   }
 }

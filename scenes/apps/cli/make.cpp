@@ -20,7 +20,8 @@ struct MakeOptions {
 
 int make(const MakeOptions& options) {
   if (std::filesystem::path(options.out).extension() != ".vdb") {
-    throw Error(options.out, "the output is not named .vdb", "name it so");
+    throw Error(options.out, "the name of the output does not end in .vdb",
+                "choose a name that ends in .vdb");
   }
   checkReplaceable(options.out);
   std::function<void(double)> progress = showProgress("making");
@@ -47,7 +48,7 @@ int make(const MakeOptions& options) {
   }
   say("{}:\n", options.out);
   for (const MadeGrid& grid : grids) {
-    say("  {}{}: {}{}, {} active voxels of {}\n", grid.name,
+    say("  {}{}: {}{}, {} active voxels, voxel size {}\n", grid.name,
         grid.frames > 1 ? fmt::format("[0] to [{}]", grid.frames - 1) : "", sentence(grid.what),
         grid.value_unit.empty() ? "" : " [" + grid.value_unit + "]", grid.active_voxels,
         rounded(grid.voxel));
@@ -58,15 +59,16 @@ int make(const MakeOptions& options) {
 }  // namespace
 
 void addMake(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("make", "Makes a .vdb from formulas, to try things on");
+  CLI::App* verb =
+      app.add_subcommand("make", "Writes an example .vdb that is computed from formulas");
   auto options = std::make_shared<MakeOptions>();
   std::string volumes = "Volumes:\n";
   for (const MadeVolume& volume : madeVolumes()) {
-    volumes +=
-        fmt::format("  {:<12} {}; in {}, voxels of {} ({} to {})\n", volume.name, volume.what,
-                    volume.length_unit, volume.voxel, volume.least_voxel, volume.most_voxel);
+    volumes += fmt::format("  {:<12} {}; lengths in {}, voxel size {} ({} to {})\n", volume.name,
+                           volume.what, volume.length_unit, volume.voxel, volume.least_voxel,
+                           volume.most_voxel);
   }
-  verb->add_option("NAME", options->name, "Which volume, see below")->required();
+  verb->add_option("NAME", options->name, "Name of the volume; see the list below")->required();
   verb->add_option("OUT", options->out, "The .vdb to write")->required();
   verb->add_option("--voxel", options->voxel, "Edge of a voxel, in the volume's unit");
   verb->add_flag("--json", options->json, "Print JSON");

@@ -370,7 +370,8 @@ std::string formatOf(const std::string& path) {
   for (const char* known : {".png", ".pdf", ".svg"}) {
     if (ending == known) return ending.substr(1);
   }
-  throw Error(path, "it is not named .png, .pdf or .svg", "give a file name that ends in one");
+  throw Error(path, "it is not named .png, .pdf or .svg",
+              "give a file name with one of these endings");
 }
 
 Picture::Picture(const std::string& path)
@@ -401,7 +402,7 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& f
       some = nearby(spec, built, parts);
       if (!parts.empty()) drawn = buildScene(some);
     } catch (const Error& e) {
-      complain(fmt::format("picture: only what is no part is drawn: {}", e.what()));
+      complain(fmt::format("picture: the parts are not drawn: {}", e.what()));
     }
     if (drawn) {
       draw(some, *drawn, felt);

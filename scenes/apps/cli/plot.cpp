@@ -29,7 +29,7 @@ constexpr std::size_t kMostTraces = 6;
 constexpr std::size_t kLongestRow = 65536;     // [bytes]
 constexpr std::size_t kLongestTitle = 40;      // [characters]
 constexpr std::size_t kRowsAtOnce = 1U << 16;  // between checks for signals
-constexpr const char* kOut = "palpate feel SCENE --trace T.csv writes one";
+constexpr const char* kOut = "write one with palpate feel SCENE --trace T.csv";
 
 struct PlotOptions {
   std::vector<std::string> traces;
@@ -46,7 +46,8 @@ using File = std::unique_ptr<std::FILE, CloseFile>;
 File scratch() {
   File file(std::tmpfile());
   if (!file) {
-    throw Error("temporary files", std::string("there can be none (") + std::strerror(errno) + ")",
+    throw Error("temporary files",
+                std::string("none can be created (") + std::strerror(errno) + ")",
                 "make room in /tmp");
   }
   return file;
@@ -109,17 +110,18 @@ class TraceFile {
       if (trimmed(*line).empty()) continue;
       const double now = checkRow(*line);
       if (rows > 0 && now < before) {
-        throw Error(where(), "its time is before that of the row above", "give a trace of one run");
+        throw Error(where(), "its time is earlier than in the row above",
+                    "give a trace of one run");
       }
       before = now;
       if (++rows % kRowsAtOnce == 0) endIfInterrupted();
     }
     if (std::ferror(file_.get()) != 0) {
-      throw Error(path_, fmt::format("reading failed after line {}", number_), "see to the disk");
+      throw Error(path_, fmt::format("reading failed after line {}", number_), "check the disk");
     }
     if (rows == 0) throw Error(path_, "it has no rows", kOut);
     if (copy_ && (std::fflush(copy_.get()) != 0 || std::ferror(copy_.get()) != 0)) {
-      throw Error(path_, "it could not be kept for drawing", "make room in /tmp");
+      throw Error(path_, "its temporary copy could not be written", "make room in /tmp");
     }
   }
 
@@ -153,7 +155,8 @@ class TraceFile {
   std::size_t columnOf(const std::vector<std::string_view>& names, const char* name) const {
     const auto found = std::find(names.begin(), names.end(), name);
     if (found == names.end()) {
-      throw Error(path_, fmt::format("it is no trace: it has no column \"{}\"", name), kOut);
+      throw Error(path_, fmt::format("it is not a trace: the column \"{}\" is missing", name),
+                  kOut);
     }
     return static_cast<std::size_t>(found - names.begin());
   }
@@ -163,7 +166,7 @@ class TraceFile {
     const std::vector<std::string_view> fields = fieldsOf(line);
     if (fields.size() != columns_) {
       throw Error(where(), fmt::format("it has {} fields instead of {}", fields.size(), columns_),
-                  "mend the row, or take it out");
+                  "correct or remove the row");
     }
     double time = 0.0;
     for (std::size_t i = 0; i < numbers_.size(); ++i) {
@@ -174,7 +177,7 @@ class TraceFile {
       const auto [stop, error] = std::from_chars(field.data(), end, value);
       if (error != std::errc() || stop != end || !std::isfinite(value)) {
         throw Error(where(), fmt::format("{}: \"{}\" is not a finite number", kNumbers[i], field),
-                    "mend the row, or take it out");
+                    "correct or remove the row");
       }
       if (i == 0) time = value;
     }
@@ -182,7 +185,7 @@ class TraceFile {
     for (std::size_t i = 0; i < kStepStatuses; ++i) {
       if (word == wordFor(static_cast<StepStatus>(i))) return time;
     }
-    throw Error(where(), fmt::format("\"{}\" is no status", word), "mend the row, or take it out");
+    throw Error(where(), fmt::format("\"{}\" is not a status", word), "correct or remove the row");
   }
 
   std::string path_;
@@ -221,11 +224,11 @@ std::string contentOf(const File& file) {
 
 void sayRun(const OrderedJson& run) {
   const auto text = [](const OrderedJson& value) {
-    return value.is_number() ? rounded(value.get<double>()) : std::string("no number");
+    return value.is_number() ? rounded(value.get<double>()) : std::string("unknown");
   };
   const auto& times = run["tick_us"];
-  say("{}: {} ticks in {} s; at most {} N, {} mm from probe to proxy, {} m of error; {} mJ given "
-      "to the hand; tick {} us median, {} p99, {} p99.9, {} worst; limited in {}\n",
+  say("{}: {} ticks in {} s; at most {} N, {} mm from probe to proxy, error {} m; {} mJ given to "
+      "the hand; tick {} us median, {} p99, {} p99.9, {} worst; {} limited ticks\n",
       run["name"].get<std::string>(), run["ticks"].get<long>(), text(run["seconds"]),
       text(run["force_max"]), text(run["gap_max_mm"]), text(run["error_bound_max"]),
       text(run["energy_mJ"]), text(times.value("p50", OrderedJson())),
@@ -280,10 +283,10 @@ void addPlot(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
       app.add_subcommand("plot", "Draws traces side by side: paths, forces, errors, tick times");
   auto o = std::make_shared<PlotOptions>();
-  verb->add_option("TRACE", o->traces, "What feel --trace has written, up to six; - is stdin")
+  verb->add_option("TRACE", o->traces, "Files from feel --trace, up to six; - is standard input")
       ->required();
   verb->add_option("--out", o->out, "The picture: .png (300 dpi), .pdf or .svg")->required();
-  verb->add_flag("--json", o->json, "Print what is drawn as JSON");
+  verb->add_flag("--json", o->json, "Print the drawn content as JSON");
   verb->footer("Example:\n  palpate plot soft.csv stiff.csv --out runs.pdf");
   verb->callback([=, &body] { body = [=] { return plot(*o); }; });
 }

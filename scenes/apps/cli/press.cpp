@@ -291,7 +291,7 @@ std::string csv(const std::vector<Row>& rows) {
 /// Prints about a dozen rows for the user.
 void printTable(const Curve& curve, int steps) {
   constexpr int kLines = 10;
-  say("{:>12} {:>12} {:>12} {:>12}  contacts on the way in\n", "depth mm", "in N", "out N",
+  say("{:>12} {:>12} {:>12} {:>12}  contacts while moving in\n", "depth mm", "in N", "out N",
       "proxy mm");
   const std::vector<Row>& rows = curve.rows();
   int last = -1;
@@ -311,19 +311,19 @@ std::string millimetres(const OrderedJson& metres) {
 }
 
 void printPressed(const OrderedJson& mode) {
-  std::string text = "not felt";
+  std::string text = "no contact";
   if (!mode["touched_at"].is_null()) {
-    text = fmt::format("felt from {} on, up to {} N", millimetres(mode["touched_at"]),
+    text = fmt::format("contact from {}, load up to {} N", millimetres(mode["touched_at"]),
                        shown(mode["held_max"].get<double>()));
   }
   const OrderedJson& yield = mode["yield"];
   if (!yield.is_null()) {
-    text += "; gave way at " + millimetres(yield["depth"]);
+    text += "; yielded at " + millimetres(yield["depth"]);
     text += yield["force"].is_null()
                 ? " within a tick"
-                : fmt::format(" with {} N", shown(yield["force"].get<double>()));
+                : fmt::format(" under {} N", shown(yield["force"].get<double>()));
   }
-  if (!mode["let_go_at"].is_null()) text += "; let go at " + millimetres(mode["let_go_at"]);
+  if (!mode["let_go_at"].is_null()) text += "; released at " + millimetres(mode["let_go_at"]);
   say("mode      {}: {}\n", mode["mode"].get<std::string>(), sentence(text));
 }
 
@@ -331,17 +331,17 @@ void printPress(const OrderedJson& json) {
   const auto of = [](const OrderedJson& value) { return shown(value.get<double>()); };
   say("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]), of(json["speed"]),
       json["ticks"].get<std::size_t>());
-  say("force     at most {} N, at {} on the way {}; the limiter acted in {} ticks\n",
+  say("force     at most {} N, at {} moving {}; the limiter acted in {} ticks\n",
       of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
       json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
   say("stiffness {}\n", json["stiffness"].is_null()
-                            ? "not felt"
+                            ? "not measured"
                             : of(json["stiffness"]) + " N/m up to the first yield");
   for (const OrderedJson& mode : json["modes"]) printPressed(mode);
-  say("energy    {} J in, {} J back: hysteresis {} J\n", of(json["work_in"]), of(json["work_out"]),
-      of(json["hysteresis"]));
-  say("          {} J given to the hand, at most {} J if passive; {} J added by the proxy's "
-      "own motion\n",
+  say("energy    {} J in, {} J returned: hysteresis {} J\n", of(json["work_in"]),
+      of(json["work_out"]), of(json["hysteresis"]));
+  say("          {} J given to the hand (passive: at most {} J); {} J added by the proxy's own "
+      "motion\n",
       of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
 }
 
@@ -351,15 +351,15 @@ Way wayOf(const PressOptions& options) {
   way.along = readVector("--along", options.along);
   checkReach("--along", way.at + way.along);
   if (!(way.length() > 1e-9)) {
-    throw Error("--along", "its length is how deep to press, and it is none",
-                "give metres, as 0,0,-0.01");
+    throw Error("--along", "its length is the depth, and it is zero",
+                "give metres, for example 0,0,-0.01");
   }
   if (!(options.speed > 0.0) || !std::isfinite(options.speed)) {
-    throw Error("--speed", fmt::format("{} m/s is not more than 0", options.speed), "use 0.05");
+    throw Error("--speed", fmt::format("{} m/s is not above 0", options.speed), "use 0.05");
   }
   const double steps = std::ceil(way.length() * options.rate / options.speed * (1.0 - 1e-12));
   if (!(steps <= kMostSteps)) {
-    throw Error("--speed", fmt::format("the way takes more than {} ticks", kMostSteps),
+    throw Error("--speed", fmt::format("the path takes more than {} ticks", kMostSteps),
                 "press faster, less deep or at a lower rate");
   }
   way.steps = std::max(1, static_cast<int>(steps));
@@ -435,7 +435,7 @@ int press(const PressOptions& options) {
     printPress(summary);
   }
   if (good) return kDone;
-  complain("press: the force was cut: a sample was not finite: mend the volume");
+  complain("press: the force was cut: a sample was not finite: correct the values of the volume");
   return kEndedEarly;
 }
 
@@ -447,15 +447,16 @@ void addPress(CLI::App& app, std::function<int()>& body) {
   auto options = std::make_shared<PressOptions>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
       ->required();
-  verb->add_option("--at", options->at, "x,y,z: where the hand begins and ends [m]")->required();
-  verb->add_option("--along", options->along,
-                   "x,y,z: where it goes from there; its length is how deep [m]")
+  verb->add_option("--at", options->at, "x,y,z: start and end position of the hand [m]")
       ->required();
-  verb->add_option("--speed", options->speed, "Of the hand [m/s] (default 0.05)");
+  verb->add_option("--along", options->along,
+                   "x,y,z: the hand's move from there; its length is the depth [m]")
+      ->required();
+  verb->add_option("--speed", options->speed, "Speed of the hand [m/s] (default 0.05)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
-  verb->add_option("--csv", options->csv, "The curve, one row a tick; - is standard output");
+  verb->add_option("--csv", options->csv, "Writes the curve, one row a tick; - is standard output");
   verb->add_option("--picture", options->picture,
-                   ".png, .pdf or .svg: the way over the slices, force over time");
+                   "Draws the path over slices and the force over time: .png, .pdf or .svg");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
       "Example:\n  palpate press head.json --at 0,0,0.06 --along 0,0,-0.02 --csv curve.csv");

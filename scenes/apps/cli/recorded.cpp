@@ -112,7 +112,7 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
     SceneInput out = parseSceneInput(json);
     for (const auto& [file, now] : changedFiles(json)) {
       if (now.is_null()) continue;
-      complain(file + ": it is not the file that was recorded: what is felt differs with it");
+      complain(file + ": the file has changed since the recording: the forces may differ");
     }
     return out;
   } catch (const nlohmann::json::exception& error) {
@@ -135,10 +135,10 @@ const RecordedScene& firstFelt(const Recording& recording, const std::string& fi
                                   [&](const RecordedScene& scene) { return scene.id == id; });
   if (found == scenes.end()) {
     const std::string words = recording.incomplete();
-    throw Error(
-        file,
-        words.empty() ? "its first scene is not in it" : "its first scene is not in it: " + words,
-        "give the scene's file");
+    throw Error(file,
+                words.empty() ? "it does not contain its first scene"
+                              : "it does not contain its first scene: " + words,
+                "give the scene's file");
   }
   return *found;
 }

@@ -54,30 +54,33 @@ std::string roomWords(const OrderedJson& room) {
   const std::string name = room["device"].get<std::string>();
   const std::string arm = name == "simulated" ? "the simulated arm" : name;
   if (swingsUp(room)) {
-    return fmt::format("{} is too stiff for {}, which swings up even in a hand: use less than {}",
-                       asked, arm, newtons("stable"));
+    return fmt::format("stiffness {}: unstable on {}, also while held: use less than {}", asked,
+                       arm, newtons("stable"));
   }
   const auto passive = room["passive"].get<double>();
   if (room["stiffness"].get<double>() <= passive) {
-    return fmt::format("{} is fine on {}, with a hand on it or without", asked, arm);
+    return fmt::format("stiffness {}: stable on {}, held or released", asked, arm);
   }
-  return fmt::format("{} is fine on {} with a hand on it, as {}; without, {}", asked, arm,
-                     room["stable"].is_null() ? "any is" : "less than " + newtons("stable") + " is",
-                     passive > 0.0 ? "up to " + newtons("passive") : "it may swing at any");
+  return fmt::format("stiffness {}: stable on {} while held ({}); may oscillate when released ({})",
+                     asked, arm,
+                     room["stable"].is_null() ? "no limit" : "limit " + newtons("stable"),
+                     passive > 0.0 ? "limit " + newtons("passive") : "at any stiffness");
 }
 
 std::string roomNumbers(const OrderedJson& room) {
+  const auto newtons = [&](const char* key) { return rounded(room[key].get<double>()) + " N/m"; };
   std::string words = fmt::format(
-      "{} N/m and {} N s/m of coupling at {} Hz: passive with any hand to {} N/m, stable with a "
-      "relaxed one ({} N/m, {} N s/m) to {}, let go of it friction holds swings of {} mm",
+      "coupling of {} N/m and {} N s/m at {} Hz: passive with any hand up to {} N/m; stable with a "
+      "relaxed hand ({} N/m, {} N s/m) up to {}; when released, friction stops oscillations of up "
+      "to {}",
       rounded(room["stiffness"].get<double>()), rounded(room["damping"].get<double>()),
       rounded(room["rate"].get<double>()), rounded(room["passive"].get<double>()),
       rounded(room["hand"]["stiffness"].get<double>()),
       rounded(room["hand"]["damping"].get<double>()),
-      room["stable"].is_null() ? "any" : rounded(room["stable"].get<double>()),
-      room["holds"].is_null() ? "any" : rounded(1e3 * room["holds"].get<double>()));
+      room["stable"].is_null() ? "any stiffness" : newtons("stable"),
+      room["holds"].is_null() ? "any size" : rounded(1e3 * room["holds"].get<double>()) + " mm");
   if (room["stiffness"].get<double>() > room["passive"].get<double>()) {
-    words += fmt::format("; passive at {} or with {} N s/m of friction",
+    words += fmt::format("; it would be passive at {} or with {} N s/m of viscous friction",
                          room["passive_rate"].is_null()
                              ? "no rate"
                              : rounded(room["passive_rate"].get<double>()) + " Hz",
@@ -88,7 +91,7 @@ std::string roomNumbers(const OrderedJson& room) {
 
 void sayRoom(const OrderedJson& room, int column, bool verbose) {
   if (room.is_null()) return;
-  say("{:<{}}{}\n", "room", column, sentence(roomWords(room)));
+  say("{:<{}}{}\n", "stability", column, sentence(roomWords(room)));
   if (verbose) say("{:<{}}{}\n", "", column, sentence(roomNumbers(room)));
 }
 

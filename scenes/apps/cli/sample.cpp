@@ -91,7 +91,7 @@ int sample(const SampleOptions& options) {
   for (const std::string& word : options.derive) {
     if (std::find(kDerived.begin(), kDerived.end(), word) != kDerived.end()) continue;
     throw Error("--derive", "\"" + word + "\" is not known",
-                fmt::format("use {}, with commas between", fmt::join(kDerived, ", ")));
+                fmt::format("use {}, separated by commas", fmt::join(kDerived, ", ")));
   }
   const auto interpolation = interpolationNamed(options.interpolation);
   if (!interpolation) {
@@ -103,7 +103,7 @@ int sample(const SampleOptions& options) {
   const FieldPtr field = makeVdbField(volume, Placement{}, {*interpolation});
   if (field.index() == 0 && !options.derive.empty()) {
     throw Error("--derive", "grid \"" + volume->info().name + "\" is scalar",
-                "its gradient is always printed");
+                "leave out --derive: the gradient is always printed");
   }
   const Table table = field.index() == 0 ? scalarTable(std::get<0>(field))
                                          : vectorTable(std::get<1>(field), options.derive);
@@ -145,10 +145,10 @@ int sample(const SampleOptions& options) {
 
 void addSample(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "sample", "Value and derivatives of a grid at points of the file's own world space");
+      "sample", "Prints a grid's value and derivatives at points in the file's world space");
   auto options = std::make_shared<SampleOptions>();
   verb->add_option("FILE", options->file, "A .vdb file")->required();
-  verb->add_option("--grid", options->grid, "The grid; may be left out if there is only one");
+  verb->add_option("--grid", options->grid, "The grid; may be omitted if the file has only one");
   verb->add_option("--points", options->points, "CSV with the header x,y,z; - is standard input")
       ->required();
   verb->add_option("--interpolation", options->interpolation,

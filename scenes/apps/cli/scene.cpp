@@ -14,7 +14,7 @@ namespace palpate::cli {
 
 void addScene(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
-      "scene", "Prints a first scene for a .vdb, and says why it is that one (to stderr)");
+      "scene", "Prints a first scene for a .vdb, and the reasons for it to stderr");
   auto file = std::make_shared<std::string>();
   auto what = std::make_shared<GuessFor>(GuessFor::kAnything);
   const std::map<std::string, GuessFor> words{{"ct", GuessFor::kCt},
@@ -23,7 +23,7 @@ void addScene(CLI::App& app, std::function<int()>& body) {
                                               {"fibres", GuessFor::kFibres},
                                               {"labels", GuessFor::kLabels}};
   verb->add_option("FILE", *file, "A .vdb file, or a folder of bricks")->required();
-  verb->add_option("--for", *what, "What it holds, whatever it looks like")
+  verb->add_option("--for", *what, "Kind of data; replaces the automatic choice")
       ->transform(CLI::CheckedTransformer(words, CLI::ignore_case)
                       .description("{ct,mri,cfd,fibres,labels}"))
       ->type_name("KIND");
@@ -38,7 +38,7 @@ void addScene(CLI::App& app, std::function<int()>& body) {
       const Guess guess = guessVdb(place, *what, showProgress("loading"));
       for (const std::string& line : guess.seen) complain("saw: " + line);
       for (const std::string& line : guess.made) complain("made: " + line);
-      for (const std::string& line : guess.left) complain("left out: " + line);
+      for (const std::string& line : guess.left) complain("skipped: " + line);
       sayRaw(guess.scene);
       return kDone;
     };

@@ -69,7 +69,7 @@ Script::Script(const std::string& name, const std::string& option)
     script_ = programFolder().parent_path() / "share" / "palpate" / name;
   }
   if (run({script_.string(), "--check"}, "", STDERR_FILENO) != 0) {
-    throw Error(option, "python3 with matplotlib is not there", "install python3-matplotlib");
+    throw Error(option, "python3 with matplotlib is not installed", "install python3-matplotlib");
   }
 }
 
@@ -79,7 +79,7 @@ void Script::draw(const OrderedJson& json, const WholeFile& file, const std::str
   command.insert(command.end(), arguments.begin(), arguments.end());
   const auto progress = showProgress("drawing");
   if (run(command, dump(json), file.descriptor()) != 0) {
-    throw Error(path, "the picture could not be drawn", "see the message of matplotlib above");
+    throw Error(path, "the picture could not be drawn", "read the message of matplotlib above");
   }
 }
 

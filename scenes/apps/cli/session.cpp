@@ -56,22 +56,22 @@ class OnTime {
     const bool still = now.report.moving < 0.5;
     if (still && !told_still_) {
       complain(name_ +
-               ": its counters stand still under the force, which fades until they move: "
-               "see to its firmware and encoders");
+               ": the encoder counts do not change under force: the force fades until they change: "
+               "check the firmware and the encoders");
     }
     told_still_ = still;
     // Less than half of the requested force feels like another surface.
     const bool weak = now.input.given < 0.5;
     if (weak && !told_weak_) {
       complain(name_ +
-               ": its motors give less than half of the force: it is more than they may have, or "
-               "they are hot: let it rest, or use weaker modes");
+               ": the motors give less than half of the requested force, because they are too weak "
+               "or too hot: let the arm rest, or use weaker modes");
     }
     told_weak_ = weak;
     if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
       plugging_ = another.version;
       guardian_.renew(watch_, another);
-      complain(name_ + ": the arm is back: Enter when the hand is ready");
+      complain(name_ + ": the arm is connected again: press Enter when the hand is ready");
     }
     return thread_->running() && now.tick < run_.ticks;
   }
@@ -87,8 +87,8 @@ class OnTime {
     const std::int64_t lost = hand_.log.lost();
     if (lost > 0) {
       complain(
-          fmt::format("{}: {} rows of the trace came too fast to be written: use a lower rate "
-                      "or a faster place",
+          fmt::format("{}: {} rows of the trace were lost, because writing was too slow: use a "
+                      "lower rate or a faster disk",
                       name_, lost));
     }
     const RealtimeReport& got = thread_->realtime();
@@ -107,8 +107,8 @@ class OnTime {
     const double after = run_.options.reengage.value_or(kReengage);
     if (!(after > 0.0)) return "";
     return fmt::format(
-        "; if nothing else is wrong it returns {} s after the last late tick, at "
-        "most {} times a minute",
+        "; unless another fault occurs, the force returns {} s after the last late tick, at most "
+        "{} times a minute",
         after, Reengagement::kMost);
   }
 
@@ -194,12 +194,11 @@ bool canBeLate(const Device* device) {
 /// Reports the machine's own share of late ticks.
 void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
   if (!seen || seen->late == 0) return;
-  complain(fmt::format(
-      "feel: this machine woke a thread that does nothing up to {:.1f} ms late, {} times more than "
-      "{:.0f} ms: the force will be cut now and then: end other programs, or give palpate "
-      "real-time "
-      "priority and a core of its own (docs/loop.md)",
-      1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
+  complain(
+      fmt::format("feel: this machine woke an idle thread up to {:.1f} ms late, {} times by more "
+                  "than {:.0f} ms: late ticks will cut the force: end other programs, or give "
+                  "palpate real-time priority and a separate core (docs/loop.md)",
+                  1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
 }
 
 /// Shows the hands to clients, and takes data that clients send.
@@ -254,16 +253,17 @@ void Fetched::addTo(OrderedJson& summary) const {
 void Fetched::sayThem() const {
   for (const auto& [name, window] : windows_) {
     const WindowState state = window->state();
-    say("bricks    {}: {} fetched, {} there, in a window of {} ({} MB){}\n", name, state.fetched,
-        state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
-        state.failed > 0 ? fmt::format("; {} could not be had and were felt coarsely", state.failed)
-                         : "");
+    say("bricks    {}: {} loaded, {} in memory, in a window of {} bricks ({} MB){}\n", name,
+        state.fetched, state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
+        state.failed > 0
+            ? fmt::format("; {} failed to load and were replaced by coarser data", state.failed)
+            : "");
   }
   for (const auto& [name, sequence] : sequences_) {
     const SequenceState state = sequence->state();
-    say("frames    {}: {} of {} in memory ({} MB), {} fetched{}\n", name, state.resident,
+    say("frames    {}: {} of {} in memory ({} MB), {} loaded{}\n", name, state.resident,
         state.frames, rounded(static_cast<double>(state.bytes) / 1e6), state.fetched,
-        state.failed > 0 ? fmt::format("; {} could not be had", state.failed) : "");
+        state.failed > 0 ? fmt::format("; {} failed to load", state.failed) : "");
   }
 }
 
@@ -276,9 +276,9 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   const bool known = options.with.empty() || !options.site_keys.empty();
   params.scene = shares_ = known && !options.own_scene && !from.text.empty();
   if (!known && options.watch && !options.own_scene) {
-    complain("feel: edits are not told to other machines' sites without --site-keys");
+    complain("feel: edits are not sent to sites on other machines: add --site-keys");
   } else if (!options.own_scene && !shares_ && known) {
-    complain("feel: " + from.file + ": it is no scene file: what other sites edit is not felt");
+    complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }
   // The time of day: a restarted program has a later life.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
@@ -324,8 +324,8 @@ void WithSites::addTo(OrderedJson& summary) const {
 void WithSites::sayThem() const {
   if (!site_) return;
   for (const auto& [name, other] : site_->others()) {
-    say("site      {}: {} messages heard, {} overtaken or lost{}\n", name, other.heard,
-        other.missed, other.here ? "" : "; gone");
+    say("site      {}: {} messages received, {} late or lost{}\n", name, other.heard, other.missed,
+        other.here ? "" : "; disconnected");
   }
 }
 
@@ -337,7 +337,7 @@ void runInVirtualTime(const Run& run) {
     loops.back()->playBy(&clock);
     loops.back()->publish(run.scene);
   }
-  const auto progress = showProgress("feeling");
+  const auto progress = showProgress("running");
   TickTime time;
   time.dt = 1.0 / run.options.rate;
   bool feeling = true;
@@ -359,7 +359,7 @@ void runInVirtualTime(const Run& run) {
 }
 
 void runAgain(const Run& run, const ScenesById& scenes) {
-  const auto progress = run.window == nullptr ? showProgress("feeling again") : Progress();
+  const auto progress = run.window == nullptr ? showProgress("replaying") : Progress();
   constexpr std::int64_t kLook = 10;  // ticks
   for (const auto& hand : run.hands) {
     const auto& device = dynamic_cast<const ReplayDevice&>(*hand->device);
@@ -382,8 +382,9 @@ void runAgain(const Run& run, const ScenesById& scenes) {
         const Scene* next = id == 0 ? nullptr : run.scene.get();
         if (found != scenes.end()) next = found->second.scene.get();
         if (id != 0 && found == scenes.end() && !scenes.empty()) {
-          complain(fmt::format("feel: tick {}: its scene is not in the recording: it is felt in {}",
-                               told.tick, run.from.file));
+          complain(
+              fmt::format("feel: tick {}: its scene is not in the recording: {} is used instead",
+                          told.tick, run.from.file));
         }
         if (next != nullptr && next != run.scene.get() && next != scene) {
           hand->log.expect(*next, {});

@@ -138,7 +138,8 @@ struct Hand {
     const std::string why = recorder->trouble();
     if (why.empty()) return;
     told_unwritten = true;
-    complain(name + ": --record: " + why + ": the hand feels on, and what was written is whole");
+    complain(name + ": --record: " + why +
+             ": the run continues; the ticks written so far are complete");
   }
   void drain() {
     log.drain([this](const Telemetry& tick, std::span<const double> loads) {
@@ -226,9 +227,9 @@ struct Run {
 
 /// Runs as fast as possible; results are the same every time.
 void runInVirtualTime(const Run& run);
-/// Replays recorded hands bit by bit; all of them are ReplayDevices. Runs at `run.options.speed`
-/// and until its window is closed. `scenes`: the ticks' scenes by their recorded ids; missing ones
-/// are `run.scene`.
+/// Replays recorded hands with identical results; every device must be a ReplayDevice. Runs at
+/// `run.options.speed` and until its window is closed. `scenes`: the ticks' scenes by their
+/// recorded ids; missing ones are `run.scene`.
 void runAgain(const Run& run, const ScenesById& scenes);
 /// Runs in real time, one thread for each hand.
 void runOnTime(Run& run, Guardian& guardian);

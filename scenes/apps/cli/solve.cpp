@@ -31,7 +31,7 @@ double readNumber(const Json& json, const std::string& name) {
 Vec3 readVector(const Json& object, const char* key, const std::string& name) {
   if (!object.contains(key)) throw LineError(name + " is missing");
   const Json& json = object[key];
-  if (!json.is_array() || json.size() != 3) throw LineError(name + " is not [x, y, z]");
+  if (!json.is_array() || json.size() != 3) throw LineError(name + " is not a list [x, y, z]");
   return {readNumber(json[0], name), readNumber(json[1], name), readNumber(json[2], name)};
 }
 
@@ -69,7 +69,7 @@ Primitive readPrimitive(const Json& json, const std::string& name) {
     const Vec3 direction = readVector(json, "direction", name + ".direction");
     const double length = direction.stableNorm();
     if (!(length > 0.0) || !std::isfinite(length)) {
-      throw LineError(name + ".direction has no direction");
+      throw LineError(name + ".direction is zero or too long");
     }
     p.direction = (direction / length).normalized();
   }
@@ -81,24 +81,24 @@ OrderedJson answer(const std::string& line) {
   Json json;
   try {
     json = Json::parse(line, [](int depth, Json::parse_event_t, Json&) {
-      if (depth > 16) throw LineError("it is nested too deep");
+      if (depth > 16) throw LineError("the JSON is nested too deeply");
       return true;
     });
   } catch (const Json::exception&) {
-    throw LineError("it is not valid JSON");
+    throw LineError("the line is not valid JSON");
   }
-  if (!json.is_object()) throw LineError("it is not an object");
+  if (!json.is_object()) throw LineError("the line is not a JSON object");
   onlyKeys(json, {"stiffness", "probe", "start", "primitives"}, "");
   if (!json.contains("stiffness")) throw LineError("stiffness is missing");
   const double stiffness = readNumber(json["stiffness"], "stiffness");
-  if (stiffness <= 0.0) throw LineError("stiffness is not > 0");
+  if (stiffness <= 0.0) throw LineError("stiffness is not above 0");
   const Vec3 probe = readVector(json, "probe", "probe");
   const Vec3 start = json.contains("start") ? readVector(json, "start", "start") : probe;
   std::vector<Primitive> primitives;
   if (json.contains("primitives")) {
     if (!json["primitives"].is_array()) throw LineError("primitives is not a list");
     if (json["primitives"].size() > kMaxPrimitives) {
-      throw LineError(fmt::format("there are more than {} primitives", kMaxPrimitives));
+      throw LineError(fmt::format("primitives has more than {} entries", kMaxPrimitives));
     }
     for (std::size_t i = 0; i < json["primitives"].size(); ++i) {
       primitives.push_back(readPrimitive(json["primitives"][i], fmt::format("primitives[{}]", i)));
@@ -106,7 +106,8 @@ OrderedJson answer(const std::string& line) {
   }
 
   const SolveResult result = solveProxy(probe, stiffness, primitives, start);
-  if (result.status == SolveStatus::kBadInput) throw LineError("its numbers overflow");
+  if (result.status == SolveStatus::kBadInput)
+    throw LineError("the result overflows: use smaller numbers");
   OrderedJson out;
   out["proxy"] = toJson(result.proxy);
   out["force"] = toJson(stiffness * result.offset);
@@ -137,14 +138,16 @@ int solve(std::istream& in) {
     }
     sayJson(out, -1);
   }
-  if (in.bad()) throw Error("solve", "reading failed", "see to the disk or what it comes from");
+  if (in.bad())
+    throw Error("solve", "reading failed", "check the disk, or the program that writes the input");
   return status;
 }
 
 }  // namespace
 
 void addSolve(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("solve", "Balances primitives: JSON Lines in and out");
+  CLI::App* verb = app.add_subcommand(
+      "solve", "Computes the balance of primitives; reads and writes JSON Lines");
   auto file = std::make_shared<std::string>("-");
   verb->add_option("FILE", *file, "JSON Lines; - is standard input (default)");
   verb->footer(

@@ -82,8 +82,8 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
     touch.near.add(state, report);
   }
   if (contact.primitives.empty()) {
-    throw Error(options.scene, "a hand that explores it feels nothing to press on",
-                "palpate check shows where the volumes are");
+    throw Error(options.scene, "an exploring hand found no surface to press on",
+                "run palpate check to see where the volumes are");
   }
   // Parts that an oscillating hand can reach.
   constexpr double kAround = 0.01;  // [m]
@@ -125,19 +125,19 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
 void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
-    throw Error("--device", "\"" + options.device + "\" names no profile",
+    throw Error("--device", "\"" + options.device + "\" does not name a profile",
                 "write hid:PROFILE, hid:PROFILE@SERIAL or hid:FILE.json");
   }
   const HidProfile profile =
       namedProfile(*name, [](const std::string& note) { complain("stability: " + note); });
   if (!profile.output) {
-    throw Error("--device", profile.name + " gives no force", "name an arm that does");
+    throw Error("--device", profile.name + " gives no force", "name an arm that gives force");
   }
   std::string identity = name->serial;
   if (const auto arms = testedArms(identityOf(profile, "")); identity.empty()) {
     if (arms.size() > 1) {
-      throw Error("--device", "several arms of that profile have been tested",
-                  "say which: hid:" + profile.name + "@" + arms[0]);
+      throw Error("--device", "several arms with this profile have been tested",
+                  "name one of them, for example hid:" + profile.name + "@" + arms[0]);
     }
     if (!arms.empty()) identity = arms[0];
   }
@@ -167,7 +167,8 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
 void check(const StabilityOptions& options) {
   const auto within = [](const char* name, double value, double least, double most) {
     if (value >= least && value <= most) return;
-    throw Error(name, fmt::format("{} is not {} to {}", value, least, most), "give one between");
+    throw Error(name, fmt::format("{} is not in {} to {}", value, least, most),
+                "give a value in this range");
   };
   within("--rate", options.rate, 100.0, 20000.0);
   within("--mass", options.mass, 1e-3, 10.0);
@@ -182,13 +183,13 @@ void check(const StabilityOptions& options) {
   if (options.delay * options.rate > kMostPeriods) {
     throw Error(
         "--delay",
-        fmt::format("{} s are {} ticks", options.delay, rounded(options.delay * options.rate)),
-        fmt::format("give at most {}, or a lower rate", kMostPeriods));
+        fmt::format("{} s is {} ticks", options.delay, rounded(options.delay * options.rate)),
+        fmt::format("give at most {} ticks, or a lower rate", kMostPeriods));
   }
   // Above 170 degrees the hand would lie between the planes and touch neither.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0);
   if (options.planes && !options.scene.empty()) {
-    throw Error("--planes", "a scene has planes of its own", "leave one of them out");
+    throw Error("--planes", "it cannot be combined with a scene", "leave out one of the two");
   }
   if (options.size < 9 || options.size > 257 || options.size % 8 != 1) {
     throw Error("--size",
@@ -316,9 +317,10 @@ std::vector<StabilityMap> drawMaps(const Setup& setup, const MapSetting& setting
 }
 
 void sayMaps(const StabilityOptions& options, const Setup& setup, const MapSetting& setting,
-             double stable, const OrderedJson& methods) {
-  say("{}{} at {} Hz, {} kg, {} N s/m, {} N, steps of {} um, delay {} ms; hand {} N/m, {} N s/m, "
-      "pressing with {} N\n",
+             const OrderedJson& methods) {
+  const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
+  say("{}{} at {} Hz, {} kg, {} N s/m, {} N, encoder step {} um, delay {} ms; hand {} N/m, {} N "
+      "s/m, pressing with {} N\n",
       setup.name, options.device.empty() ? "" : ", " + options.device, rounded(options.rate),
       rounded(options.mass), rounded(options.viscous), rounded(options.coulomb),
       rounded(1e6 * options.encoder), rounded(1e3 * options.delay), rounded(options.grip),
@@ -326,18 +328,18 @@ void sayMaps(const StabilityOptions& options, const Setup& setup, const MapSetti
   if (!options.scene.empty()) {
     const Vec3& p = setup.contact.place;
     const Vec3& n = setup.contact.outwards;
-    say("pressed at {}, {}, {}, where it pushes along {}, {}, {}\n", rounded(p.x()), rounded(p.y()),
-        rounded(p.z()), rounded(n.x()), rounded(n.y()), rounded(n.z()));
+    say("pressed at ({}, {}, {}) m; the force points along ({}, {}, {})\n", rounded(p.x()),
+        rounded(p.y()), rounded(p.z()), rounded(n.x()), rounded(n.y()), rounded(n.z()));
   }
-  say("one wall, by the formulas: passive with any hand to {} N/m, stable with this one to "
-      "{}\n",
+  say("one wall, by formulas: passive with any hand up to {} N/m, stable with this hand up to {}\n",
       rounded(passiveStiffness(setting.arm, options.rate)),
-      std::isfinite(stable) ? rounded(stable) : "any stiffness");
+      std::isfinite(stable) ? rounded(stable) + " N/m" : "any stiffness");
   for (const auto& method : methods) {
-    say("{:22} rests {}; in {} % of the map ({} cells tried)\n", method["name"].get<std::string>(),
+    say("{:22} rests {}, and in {} % of the map ({} cells simulated)\n",
+        method["name"].get<std::string>(),
         method["rests_to"].is_null()
-            ? "at no stiffness"
-            : "without damping to " + rounded(method["rests_to"].get<double>()) + " N/m",
+            ? "at no stiffness without damping"
+            : "up to " + rounded(method["rests_to"].get<double>()) + " N/m without damping",
         rounded(100.0 * method["rests"].get<double>()), method["tried"].get<long>());
   }
 }
@@ -357,7 +359,7 @@ int draw(const StabilityOptions& options) {
   if (options.json) {
     sayJson(json, 1);
   } else {
-    sayMaps(options, setup, setting, stable, json["methods"]);
+    sayMaps(options, setup, setting, json["methods"]);
   }
   return kDone;
 }
@@ -365,24 +367,29 @@ int draw(const StabilityOptions& options) {
 }  // namespace
 
 void addStability(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("stability", "Maps where couplings rest, swing or run away");
+  CLI::App* verb = app.add_subcommand(
+      "stability",
+      "Maps the stiffness and damping at which a coupling rests, oscillates or diverges");
   auto o = std::make_shared<StabilityOptions>();
   verb->add_option("SCENE", o->scene, "A scene to press on (default: a wall)");
-  verb->add_option("--planes", o->planes, "Two planes so many degrees apart instead of a wall");
+  verb->add_option("--planes", o->planes,
+                   "Two planes instead of a wall; the angle between them [degrees]");
   verb->add_option("--device", o->device,
-                   "An arm that has passed palpate devices --test, as hid:PROFILE: its rate, mass, "
-                   "friction, steps and delay");
-  verb->add_option("--map", o->map, "Draws it: a name for .json, .png and .svg, or one of them");
+                   "hid:PROFILE of an arm that has passed palpate devices --test: uses its rate, "
+                   "mass, friction, encoder step and delay");
+  verb->add_option(
+      "--map", o->map,
+      "Writes the map: a name for .json, .png and .svg files, or a file with one of these endings");
   verb->add_option("--rate", o->rate, "Ticks a second (default 1000)");
-  verb->add_option("--mass", o->mass, "Of the arm [kg] (default 0.1)");
+  verb->add_option("--mass", o->mass, "Mass of the arm [kg] (default 0.1)");
   verb->add_option("--viscous", o->viscous, "Viscous friction of the arm [N s/m] (default 0.5)");
-  verb->add_option("--coulomb", o->coulomb, "Its Coulomb friction [N] (default 0.02)");
-  verb->add_option("--encoder", o->encoder, "The step of its encoders [m] (default 1e-5)");
-  verb->add_option("--delay", o->delay, "From a reading to its force [s] (default 0.001)");
+  verb->add_option("--coulomb", o->coulomb, "Coulomb friction of the arm [N] (default 0.02)");
+  verb->add_option("--encoder", o->encoder, "Encoder step of the arm [m] (default 1e-5)");
+  verb->add_option("--delay", o->delay, "Delay from a reading to its force [s] (default 0.001)");
   verb->add_option("--grip", o->grip, "Stiffness of the hand [N/m] (default 300)");
   verb->add_option("--grip-damping", o->grip_damping, "Damping of the hand [N s/m] (default 5)");
-  verb->add_option("--load", o->load, "It presses with so much [N] (default 1)");
-  verb->add_option("--size", o->size, "Cells along an axis (default 65)");
+  verb->add_option("--load", o->load, "Force with which the hand presses [N] (default 1)");
+  verb->add_option("--size", o->size, "Cells along each axis (default 65)");
   verb->add_flag("--json", o->json, "Print JSON");
   verb->footer("Example:\n  palpate stability --planes 20 --map planes");
   verb->callback([=, &body] {

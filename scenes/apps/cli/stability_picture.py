@@ -17,8 +17,8 @@ from matplotlib.patches import Patch  # noqa: E402
 # Rests, cycles, leaves; paler where no energy was generated.
 COLOURS = {"r": "#e8f2e4", "R": "#b7d7a8", "c": "#fde2b3", "C": "#f5b041", "l": "#f1b0a8",
            "L": "#c0392b"}
-WORDS = {"r": "rests", "R": "rests, energy came out", "c": "swings", "C": "swings, energy came out",
-         "l": "runs away", "L": "runs away, energy came out"}
+WORDS = {"r": "rests", "R": "rests, energy gained", "c": "oscillates", "C": "oscillates, energy gained",
+         "l": "diverges", "L": "diverges, energy gained"}
 ORDER = "rRcClL"
 
 

@@ -57,7 +57,7 @@ std::optional<Vec3> atEnter(Arm& arm) {
       const Fault fault = old ? Fault::kStale : hand.fault;
       complain("devices: the arm is not ready: " +
                (fault == Fault::kNone ? arm.whyNotReady() : wordsFor(fault)) +
-               ": then Enter again");
+               ": then press Enter again");
       continue;
     }
     return hand.position;
@@ -81,15 +81,16 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   for (int a = 0; a < 3; ++a) {
     if (axes.has[static_cast<std::size_t>(a)]) ways += (ways.empty() ? "+" : ", +") + axes.name(a);
   }
-  complain(fmt::format(
-      "devices: hold the tip still where it has {} m of way to {} (the profile's mount says which "
-      "way these are) and press Enter",
-      ruler, ways));
+  complain(
+      fmt::format("devices: hold the tip still at a place with {} m of free path along {} (the "
+                  "profile's mount defines these directions), and press Enter",
+                  ruler, ways));
   std::optional<Vec3> from = atEnter(arm);
   for (int a = 0; a < 3 && from; ++a) {
     if (!axes.has[static_cast<std::size_t>(a)]) continue;
-    complain(fmt::format("devices: from there move it along a ruler {} m to +{} and press Enter",
-                         ruler, axes.name(a)));
+    complain(fmt::format(
+        "devices: from there move the tip along a ruler by {} m to +{}, and press Enter", ruler,
+        axes.name(a)));
     const std::optional<Vec3> to = atEnter(arm);
     if (!to) return std::nullopt;
     ruled.scale[static_cast<std::size_t>(a)] = (*to - *from).norm() / ruler;
@@ -98,7 +99,7 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
     from = to;
   }
   if (!from) return std::nullopt;
-  complain("devices: bring the tip to the middle, hold it still and press Enter");
+  complain("devices: move the tip to the centre of its workspace, hold it still, and press Enter");
   if (!atEnter(arm)) return std::nullopt;
   return ruled;
 }
@@ -261,21 +262,21 @@ OrderedJson describe(const Tested& tested, const Arm& arm, bool passed) {
 void sayMeasured(const Tested& tested, const Arm& arm) {
   const SelfTestResult& r = tested.result;
   const ArmAxes moves = axesWithin(arm.traits().moves);
-  say("input      {} positions a second, the longest pause {} ms, {} reports thrown away\n",
+  say("input      {} positions a second, longest pause {} ms, {} reports dropped\n",
       rounded(static_cast<double>(r.positions) / std::max(r.seconds, 1e-9)),
       rounded(1e3 * r.slowest), arm.traffic().dropped);
-  say("output     {} writes, the longest {} ms\n", arm.traffic().writes,
+  say("output     {} writes, longest write {} ms\n", arm.traffic().writes,
       rounded(1e-6 * static_cast<double>(arm.traffic().longest_ns)));
   const std::vector<double> steps = arm.steps();
-  say("position   steps of ");
-  if (steps.empty()) say("not said how many");
+  say("position   resolution ");
+  if (steps.empty()) say("not reported");
   for (const double& step : steps) {
     say("{}{}", &step == &steps[0] ? "" : ", ", rounded(1e6 * step));
   }
-  say(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
+  say("{}, noise {} um rms at rest\n", steps.empty() ? "" : " um a count", rounded(1e6 * r.noise));
   for (std::size_t a = 0; a < 3; ++a) {
     if (r.scale[a] == 0.0) continue;
-    say("ruler      what is 1 m to {} is {} m\n", moves.name(static_cast<int>(a)),
+    say("ruler      1 m along {} is reported as {} m\n", moves.name(static_cast<int>(a)),
         rounded(r.scale[a]));
   }
   for (std::size_t a = 0; a < 3; ++a) {
@@ -285,8 +286,8 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
       say("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);
       continue;
     }
-    say("{:<10} goes where it is pushed (cosine {}); begins to move at {} N; friction "
-        "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself; force {} +- {} ms late\n",
+    say("{:<10} moves along the force (cosine {}); breakaway {} N; friction {} +- {} N and {} +- "
+        "{} N s/m; mass {} kg; bias {} N; force delay {} +- {} ms\n",
         name, rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
         rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
         rounded(axis.mass), rounded(axis.bias), rounded(1e3 * axis.delay),
@@ -298,11 +299,11 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
 void complainOf(const Tested& tested) {
   for (const std::string& problem : tested.result.problems) complain("devices: " + problem);
   if (tested.fault != Fault::kNone) {
-    complain(fmt::format("devices: the test was cut off: {}: {}", wordsFor(tested.fault),
+    complain(fmt::format("devices: the test ended early: {}: {}", wordsFor(tested.fault),
                          remedyFor(tested.fault)));
   }
   if (!tested.not_ready.empty()) {
-    complain("devices: the test was cut off: the arm is not ready: " + tested.not_ready);
+    complain("devices: the test ended early: the arm is not ready: " + tested.not_ready);
   }
 }
 
@@ -310,25 +311,25 @@ void complainOf(const Tested& tested) {
 void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
   if (!ruled) {
     complain(
-        fmt::format("devices: it has passed, but its scale was not measured: it stays held to {} N "
-                    "and {} N/m: run it again with a ruler at hand",
+        fmt::format("devices: the arm has passed, but its scale was not measured: it stays limited "
+                    "to {} N and {} N/m: repeat the test with a ruler",
                     kUntestedForce, kUntestedStiffness));
     return;
   }
   if (identity.own.empty()) {
     complain(
-        fmt::format("devices: it has passed, but has neither a serial number nor a port to be "
-                    "remembered by: it stays held to {} N and {} N/m",
+        fmt::format("devices: the arm has passed, but has neither a serial number nor a port to "
+                    "identify it: it stays limited to {} N and {} N/m",
                     kUntestedForce, kUntestedStiffness));
     return;
   }
   rememberTest(identity, r);
   if (!identity.numbered) {
-    complain("devices: it has no serial number and is remembered by where it is plugged in, " +
+    complain("devices: the arm has no serial number and is identified by its port, " +
              identity.own +
-             ": test it again elsewhere, and every other arm that is plugged in there");
+             ": repeat the test on another port, and for every other arm on this port");
   }
-  if (!json) say("passed     remembered in {}\n", testedArmsFile().string());
+  if (!json) say("passed     saved in {}\n", testedArmsFile().string());
 }
 
 }  // namespace
@@ -345,10 +346,11 @@ int testArm(const DevicesOptions& options) {
   if (!(options.force > 0.0 && options.force <= kMostForce)) {
     throw Error("--force",
                 fmt::format("{} N is not above 0 and at most {}", options.force, kMostForce),
-                "0.5 suffices for most arms");
+                "use 0.5");
   }
   if (const double r = options.ruler.value_or(0.0); r != 0.0 && !(r >= 0.02 && r <= 0.5)) {
-    throw Error("--ruler", fmt::format("{} m is not 0.02 to 0.5", r), "use 0.1; 0 leaves it out");
+    throw Error("--ruler", fmt::format("{} m is not in 0.02 to 0.5 m", r),
+                "use 0.1, or 0 to skip the measurement");
   }
   Guardian guardian;
   guardian.catchSignals(&interrupted);
@@ -356,11 +358,11 @@ int testArm(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.tests = true;
-  // A test may carry more: it stays within centimetres, after the user was told to let go.
+  // A test may carry more: it stays within centimetres, and the user was asked to let go.
   host.carries = kMostForce;
   const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {
-    throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
+    throw Error("--test", arm->info().name + " gives no force", "name an arm that gives force");
   }
   const std::optional<Ruled> ruled =
       measureWays(*arm, options.ruler.value_or(rulerFor(arm->traits())));
@@ -372,11 +374,13 @@ int testArm(const DevicesOptions& options) {
   }
   const double force = std::min(options.force, arm->info().limits.peak);
   if (force < options.force) {
-    complain(fmt::format("devices: an arm that has not passed is pushed with {} N at most", force));
+    complain(fmt::format(
+        "devices: the test force is limited to {} N, because the arm has not passed a test yet",
+        force));
   }
   complain(
-      fmt::format("devices: let go of the arm within a second{}: it is pushed with at most {} N, a "
-                  "few centimetres, for 25 s; Ctrl-C ends it",
+      fmt::format("devices: let go of the arm within a second{}: the test pushes it with at most "
+                  "{} N by a few centimetres for 25 s; Ctrl-C ends the test",
                   arm->traits().carries ? " (its motors carry its weight)" : "", force));
   Tested tested = run(*arm, guardian, force);
   if (ruled) tested.result.scale = ruled->scale;

@@ -7,7 +7,7 @@
 
 namespace palpate::cli {
 
-inline constexpr const char* kNoMotor = "it has no motor there, and gives no force";
+inline constexpr const char* kNoMotor = "no motor along this axis, and no force";
 
 /// Returns the names of an arm's axes.
 [[nodiscard]] OrderedJson axisNames(const ArmAxes& axes);

@@ -48,7 +48,7 @@ bool Watcher::changed() {
       std::filesystem::is_directory(file_, error)) {
     return true;
   }
-  complain(file_ + ": it is not a file any more; the scene before it goes on");
+  complain(file_ + ": it is no longer a file; the previous scene stays active");
   return false;
 }
 
@@ -106,7 +106,7 @@ void Watcher::buildShared(Made& made, bool read, bool still, const Dials& dials)
     } catch (const std::exception& error) {
       std::vector<SharedKey> of;
       for (const auto& [key, one] : edit) of.push_back(key);
-      made.refused.push_back(fmt::format("site {}: its edit of {} is not felt: {}",
+      made.refused.push_back(fmt::format("site {}: its edit of {} is rejected: {}",
                                          edit.begin()->second.stamp.site, wordsFor(of),
                                          error.what()));
     }
@@ -137,11 +137,11 @@ void Watcher::tellOfEdits(const Made& made) {
   std::size_t lines = 0;
   for (const auto& [site, keys] : changed) {
     if (++lines > kMostLines) {
-      sayAside("feel: and of {} sites more\n", changed.size() - kMostLines);
+      sayAside("feel: {} more sites have edited the scene\n", changed.size() - kMostLines);
       break;
     }
     sayAside("feel: {}\n",
-             sentence(fmt::format("site {}: its edit of {} is felt now", site, wordsFor(keys))));
+             sentence(fmt::format("site {}: its edit of {} is active", site, wordsFor(keys))));
   }
 }
 
@@ -160,13 +160,13 @@ std::optional<BuiltScene> Watcher::takeBuilt() {
   try {
     return adopt(made_.get(), image.get());
   } catch (const std::bad_alloc&) {
-    if (image != nullptr) news_ = image->name + ": there is not enough memory for it";
+    if (image != nullptr) news_ = image->name + ": not enough memory for this image";
     complain(file_ +
-             ": there is not enough memory for a second scene: use smaller volumes; the "
-             "scene before it goes on");
+             ": not enough memory for a second scene: use smaller volumes; the previous scene "
+             "stays active");
   } catch (const std::exception& error) {
     if (image != nullptr) news_ = error.what();
-    complain(std::string(error.what()) + "; the scene before it goes on");
+    complain(std::string(error.what()) + "; the previous scene stays active");
   }
   // A faulty file, edit or image does not mean that the gains are invalid: they are tried with
   // the present scene.
@@ -185,7 +185,7 @@ std::optional<BuiltScene> Watcher::adopt(Made made, const IgtlImage* image) {
   if (made.same) return std::nullopt;
   replaced_ = std::move(made.replaced);
   if (image != nullptr) {
-    news_ = image->name + ": the image is felt now";
+    news_ = image->name + ": the image is active";
     sayAside("feel: {}\n", sentence(news_));
   }
   felt_ = tried_;
@@ -195,7 +195,7 @@ std::optional<BuiltScene> Watcher::adopt(Made made, const IgtlImage* image) {
     ids_ = std::move(made.ids);
     text_ = std::move(made.text);
   }
-  if (read_) sayAside("feel: {} has changed: it is felt now\n", file_);
+  if (read_) sayAside("feel: {} has changed: the new scene is active\n", file_);
   return std::move(made.built);
 }
 
@@ -204,7 +204,8 @@ void Watcher::startBuild() {
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;
-  // Gains come first: a user who reduces a strength must not wait for a client that streams images.
+  // Gains come first: a user's reduction of a strength must not wait for a client that streams
+  // images.
   making_image_ = !read_ && !edited_ && image_ != nullptr && wanted_ == felt_;
   if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return;
   const bool still = wanted_ == felt_ || making_image_;

@@ -31,7 +31,7 @@ std::string programPath() {
 
 /// Returns, for example, "it was ended by signal 9 (Killed)".
 std::string endOf(int status) {
-  if (status < 0) return "nobody knows how";
+  if (status < 0) return "its exit status is unknown";
   if (WIFSIGNALED(status)) {
     return fmt::format("it was ended by signal {} ({})", WTERMSIG(status),
                        strsignal(WTERMSIG(status)));
@@ -111,7 +111,7 @@ void Window::draw(const std::string& scene, const std::string& picture) {
   }
   if (*status != 0) {
     throw Error("palpate-view", "the picture was not drawn: " + endOf(*status),
-                "see its message above");
+                "read its message above");
   }
 }
 
@@ -123,7 +123,7 @@ Asked Window::look(const std::vector<HapticThread*>& hands) {
     lost_ = only_;
     complain("view: the window has ended: " + endOf(*status) +
              (lost_ ? ": its mouse was the only hand: the run ends"
-                    : ": the hand is felt on without it; Ctrl-C ends the run"));
+                    : ": the run continues without it; Ctrl-C ends the run"));
   }
   if (!told) return {};
   Asked asked = cli::asked(wishes_, now);

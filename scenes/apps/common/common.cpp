@@ -26,7 +26,7 @@ volatile std::sig_atomic_t interrupted = 0;
 
 namespace {
 
-/// Names of unfinished files, which an interrupt removes; null: a free place.
+/// Names of unfinished files, which an interrupt removes; null: an unused entry.
 constexpr std::size_t kMostPartials = 16;
 std::array<std::atomic<const char*>, kMostPartials> partials{};
 std::atomic<bool> line_shown = false;
@@ -46,13 +46,13 @@ void forgetPartial(const std::filesystem::path& file) {
   }
 }
 
-/// Signal handler: system calls only.
+/// Handles a signal, with system calls only.
 void endNow(int /*signal*/) {
   for (const auto& place : partials) {
     if (const char* file = place.load()) unlink(file);
   }
   constexpr std::string_view kClear = "\r\x1b[K";
-  constexpr std::string_view kSaid = "palpate: interrupted: nothing is written\n";
+  constexpr std::string_view kSaid = "palpate: interrupted: no output was written\n";
   if (line_shown) (void)!write(STDERR_FILENO, kClear.data(), kClear.size());
   (void)!write(STDERR_FILENO, kSaid.data(), kSaid.size());
   _exit(kInterrupted);
@@ -221,7 +221,7 @@ int WholeFile::descriptor() const {
 
 std::filesystem::path WholeFile::place() const {
   if (file_ == stdout) {
-    throw Error("standard output", "this cannot be written to it", "give the name of a file");
+    throw Error("standard output", "this output cannot go there", "give the name of a file");
   }
   return partial_;
 }
@@ -239,7 +239,8 @@ void WholeFile::commit() {
   if (!whole) std::remove(partial_.c_str());
   forgetPartial(partial_);
   if (!whole) {
-    throw Error(path_.string(), "it could not be finished", "check the disk and its permissions");
+    throw Error(path_.string(), "the file could not be completed",
+                "check the disk and its permissions");
   }
 }
 
@@ -261,7 +262,7 @@ void checkOutputsApart(const std::vector<std::string>& outputs,
       if (outputs[i].empty() || outputs[j].empty() || !isSamePlace(outputs[i], outputs[j])) {
         continue;
       }
-      throw Error(outputs[i], "two outputs would go there", "give each its own place");
+      throw Error(outputs[i], "two outputs have the same place", "give each output its own place");
     }
   }
   for (const std::string& output : outputs) {

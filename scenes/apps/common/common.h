@@ -36,7 +36,7 @@ extern volatile std::sig_atomic_t interrupted;
 }
 
 /// Returns a callback that shows on a terminal the current work, its duration and its progress from
-/// 0 to 1. It shows nothing in the first second. The last copy clears the line when it is
+/// 0 to 1. The line appears after one second. The last copy clears the line when it is
 /// destroyed. Returns null in a pipe.
 [[nodiscard]] std::function<void(double done)> showProgress(const std::string& what);
 

@@ -22,8 +22,8 @@ DeviceInfo pathDevice() {
   return PathDevice({PathPoint{}}, 1000.0).info();
 }
 
-/// A primitive that shares a load may hold even at its strength: it yields only where the proxy has
-/// left it.
+/// Returns the state of a load. A primitive that shares its load with others may hold at its full
+/// strength: it yields only if the proxy has left it.
 Hold holdOf(const Load& load, const StepReport& report) {
   if (load.primitive.kind == PrimitiveKind::kForce) return Hold::kPushes;
   const double carried = load.force.norm();
@@ -51,7 +51,7 @@ Vec3 readVector(const std::string& option, const std::string& text) {
   }
   if (!good || at != end) {
     throw Error(option, "\"" + text + "\" is not x,y,z",
-                "give three numbers in metres, as 0,0,0.05");
+                "give three numbers in metres, such as 0,0,0.05");
   }
   checkReach(option, v);
   return v;
@@ -72,12 +72,12 @@ std::vector<std::filesystem::path> inputsOf(const std::string& scene, const Scen
 
 void checkReach(const std::string& name, const Vec3& p) {
   if ((p.array().abs() < kFarthest).all()) return;  // false for NaN
-  throw Error(name, "it leads farther than 1,000 km", "give metres");
+  throw Error(name, "the place is farther than 1,000 km from the origin", "give metres");
 }
 
 void checkRate(const std::string& name, double rate) {
   if (rate >= 10.0 && rate <= 100000.0) return;
-  throw Error(name, fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
+  throw Error(name, fmt::format("{} Hz is not in the range 10 to 100000 Hz", rate), "use 1000 Hz");
 }
 
 void complainOf(const std::string& line) {
@@ -105,33 +105,33 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
     const std::vector<std::string> notes = opened.built.notes;
     if (near.parts.size() > kMaxFields) {
       throw Error(scene,
-                  fmt::format("the hand comes near {} of its {} parts; at most {} are told of",
+                  fmt::format("the hand comes near {} of its {} parts; a report covers at most {}",
                               near.parts.size(), all, kMaxFields),
-                  "go a shorter way, or make a scene of some of them");
+                  "shorten the path, or make a scene with fewer parts");
     }
     opened.told = nearby(opened.told, opened.built, near.parts);
     if (opened.told.graph.modes.empty()) {
-      throw Error(scene, "the hand comes near nothing of it", "palpate check shows where it is");
+      throw Error(scene, "the hand comes near no part of the scene",
+                  "run palpate check, which prints the bounds");
     }
     try {
       opened.built = buildScene(opened.told, nullptr, &cache);
     } catch (const SceneError&) {
-      // The whole scene was built before, and no name occurs twice: so the error is the limit of
-      // one graph.
+      // The whole scene was built before, and no name occurs twice, so the parts exceed the limits
+      // of one graph.
       throw Error(scene,
-                  fmt::format("the hand comes near {} of its {} parts, more than is told of at "
-                              "once ({} volumes, {} properties, {} modes)",
+                  fmt::format("the hand comes near {} of its {} parts; a report covers at most {} "
+                              "volumes, {} properties and {} modes",
                               near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
-                  "go a shorter way, or make a scene of some of them");
+                  "shorten the path, or make a scene with fewer parts");
     }
     opened.built.notes = notes;
     std::string words =
         fmt::format("{}: the hand comes near {} of its {} parts", scene, near.parts.size(), all);
-    if (near.parts.size() < all) words += "; the others are left out";
+    if (near.parts.size() < all) words += "; the report skips the others";
     if (near.missing > 0.0) {
       words += fmt::format(
-          "; for more that are near there is no room, the force is off by at most "
-          "{} N",
+          "; more parts are near than a tick evaluates, so the force is off by at most {} N",
           rounded(near.missing));
     }
     say(words);

@@ -1,5 +1,5 @@
-/// Shared by check, explain and press: a separate hand in a scene, and a description of each mode's
-/// action.
+/// Functions that check, explain and press share: they put a separate hand into a scene and
+/// describe the action of each mode.
 #pragma once
 
 #include <cstdint>
@@ -100,7 +100,7 @@ struct Load {
 /// Returns the sum: the force of the mode on the proxy [N].
 [[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
 /// Returns the loads that hold for the mode: its planes if it has any, else all. Friction and a
-/// surface's drag follow the planes and are left out. Opposed planes are one: only the load that
+/// surface's drag follow the planes and do not count. Opposed planes are one: only the load that
 /// they carry together counts.
 [[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
 /// Returns the strongest state of these loads; idle if they carry no load together.

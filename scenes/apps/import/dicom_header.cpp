@@ -128,7 +128,8 @@ bool isImageClass(const std::string& uid) {
          std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
 }
 
-/// Accepts still images of any compression, but no films.
+/// Returns whether the codec reads this transfer syntax: still images of any compression, not
+/// films.
 bool isReadable(const std::string& syntax) {
   constexpr std::array kPlain = {"",  // old files omit it
                                  "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"};
@@ -137,7 +138,7 @@ bool isReadable(const std::string& syntax) {
   return codec.GetTransferSyntaxUID() == syntax && codec < vtkDICOMImageCodec::MPEG2ML;
 }
 
-constexpr const char* kTooFew = "it has fewer pixels than its header says";
+constexpr const char* kTooFew = "the file has fewer pixels than its header states";
 
 /// Checks compressed pixels. Their decoders fill in missing parts, so all parts have to be present.
 std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int frames) {
@@ -154,7 +155,7 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
     for (std::size_t i = 0; i < 4; ++i) bytes |= static_cast<std::int64_t>(head[4 + i]) << (8 * i);
     at += 8 + bytes;
     if (at > parser->GetFileSize()) {
-      return fmt::format("it is cut short: {} bytes are missing", at - parser->GetFileSize());
+      return fmt::format("the file is truncated: {} bytes are missing", at - parser->GetFileSize());
     }
     ++parts;
   }
@@ -163,16 +164,16 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
 
 /// Describes the damage of an image's file, before any pixel is read; empty if valid.
 std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames) {
-  if (!parser->GetPixelDataFound()) return "it ends before its pixels";
+  if (!parser->GetPixelDataFound()) return "the file ends before its pixels";
   const std::string syntax = textOf(meta->Get(0, DC::TransferSyntaxUID));
   if (!isReadable(syntax)) {
-    return fmt::format("its pixels are packed in a way that is not read ({})", syntax);
+    return fmt::format("the pixels have an unsupported compression ({})", syntax);
   }
   const unsigned bytes = parser->GetPixelDataVL();
   if (bytes == kPacked) return damageOfParts(parser->GetFileName(), parser, frames);
   const auto end = parser->GetFileOffset() + static_cast<vtkTypeInt64>(bytes);
   if (end > parser->GetFileSize()) {
-    return fmt::format("it is cut short: {} bytes are missing", end - parser->GetFileSize());
+    return fmt::format("the file is truncated: {} bytes are missing", end - parser->GetFileSize());
   }
   const double needed = 1.0 * meta->Get(0, DC::Rows).AsInt() * meta->Get(0, DC::Columns).AsInt() *
                         meta->Get(0, DC::BitsAllocated).AsInt() *
@@ -213,12 +214,12 @@ File headerOf(const fs::path& path) {
   file.modality = textOf(meta->Get(0, DC::Modality));
   file.is_image = meta->Get(0, DC::Rows).AsInt() > 0 && meta->Get(0, DC::Columns).AsInt() > 0;
   if (parser->GetErrorCode() != 0) {
-    file.damage = "its header is cut short or damaged";
+    file.damage = "the header is truncated or damaged";
     return file;
   }
   if (!file.is_image) {
     if (isImageClass(meta->Get(0, DC::MediaStorageSOPClassUID).AsString())) {
-      file.damage = "its header is cut short or damaged";
+      file.damage = "the header is truncated or damaged";
     }
     return file;
   }

@@ -17,8 +17,8 @@ namespace palpate::importer {
 
 inline constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
-/// A tag that distinguishes times; kTimeTags lists the best first. `seconds` is the tag's unit [s];
-/// 0: the tag gives only an order.
+/// A tag that gives the time of an image; kTimeTags lists the best tag first. `seconds` is the
+/// tag's unit [s]; 0: the tag gives only an order.
 struct TimeTag {
   DC::EnumType tag;
   double seconds;

@@ -119,23 +119,23 @@ class Stacker {
       }
     }
     if (colour > 0) {
-      refuse(fmt::format("its images are in colour: {} of {}", colour, series_.files.size()),
-             "give the grey images they were made from");
+      refuse(fmt::format("{} of {} files have colour images", colour, series_.files.size()),
+             "import the greyscale images from which they were made");
     }
     const auto placed = static_cast<std::size_t>(
         std::count_if(slices.begin(), slices.end(), [](const Slice& s) { return s.placed; }));
     if (placed == 0) {
-      refuse("its images do not say where they are in the patient, as copies of a screen do not",
-             "give the original series");
+      refuse("the images do not state their position in the patient: they may be screen captures",
+             "import the original series");
     }
     if (placed < slices.size()) {
-      refuse(fmt::format("{} of {} images do not say where they are in the patient",
+      refuse(fmt::format("{} of {} images do not state their position in the patient",
                          slices.size() - placed, slices.size()),
              "remove them from the folder");
     }
     if (rescaled != 0 && rescaled != slices.size()) {
-      refuse(fmt::format("only {} of {} images say what their values mean (RescaleSlope)", rescaled,
-                         slices.size()),
+      refuse(fmt::format("only {} of {} images state the scale of their values (RescaleSlope)",
+                         rescaled, slices.size()),
              "export the series again");
     }
     // Compares all images with the most frequent kind.
@@ -155,8 +155,8 @@ class Stacker {
       most = std::max(most, ++at->second);
     }
     if (most != slices.size()) {
-      refuse(fmt::format("{} of {} images differ from the others in size, orientation or kind of "
-                         "number, as a localiser does",
+      refuse(fmt::format("{} of {} images differ from the others in size, orientation or number "
+                         "format: they may be localisers",
                          slices.size() - most, slices.size()),
              "remove them from the folder");
     }
@@ -175,7 +175,7 @@ class Stacker {
     const Group& twice = *most;
     const std::size_t count = most->size();
     if (series_.files.size() == 1 && groups.size() == 1) {
-      refuse(fmt::format("its {} images are all at one place", count), "give a volume");
+      refuse(fmt::format("all {} images are at the same position", count), "give a volume");
     }
     for (const Group& group : groups) {
       for (const Slice& slice : group) {
@@ -186,22 +186,21 @@ class Stacker {
         }
         for (std::size_t i = 0; i < kKindTags.size(); ++i) {
           if (slice.kinds[i] == group.front().kinds[i]) continue;
-          refuse(fmt::format("{} images are at each place, which differ in {}", count,
-                             kKindTags[i].name),
-                 "export each kind as a series of its own");
+          refuse(fmt::format("{} images at each position differ in {}", count, kKindTags[i].name),
+                 "export each kind as a separate series");
         }
       }
     }
     const std::optional<std::size_t> tag = sortByTime(groups);
     if (!tag.has_value() || fewest->size() == 1) {
-      refuse(fmt::format("{} images are at the same place, {} mm: {} and {}", count,
+      refuse(fmt::format("{} images are at the same position, {} mm, such as {} and {}", count,
                          ruler.at(twice.front()), fileOf(twice[0]), fileOf(twice[1])),
              "remove all but one");
     }
     if (fewest->size() != count) {
-      refuse(fmt::format("steps of time are missing: {} images are at {} mm, {} at {} mm",
+      refuse(fmt::format("time steps are missing: {} images are at {} mm, but {} at {} mm",
                          fewest->size(), ruler.at(fewest->front()), count, ruler.at(twice.front())),
-             "copy or export all of its images");
+             "copy or export all images of the series");
     }
     // Acquisition times are times of day: only their differences are kept.
     const TimeTag& kind = kTimeTags[*tag];
@@ -215,13 +214,13 @@ class Stacker {
     }
     for (const File* file : series_.files) {
       if (kind.seconds > 0.0 || file->time_step == step) continue;
-      refuse(fmt::format("its steps of time are {:.4g} s apart by {}, {:.4g} s by {}", step,
-                         series_.files.front()->path.filename().string(), file->time_step,
+      refuse(fmt::format("the files state different time steps: {:.4g} s in {}, {:.4g} s in {}",
+                         step, series_.files.front()->path.filename().string(), file->time_step,
                          file->path.filename().string()),
              "export the series again");
     }
     if (kind.seconds == 0.0 && !(step > 0.0)) {
-      out.notes.emplace_back("its steps have numbers but no times: they are taken 1 s apart");
+      out.notes.emplace_back("the steps have numbers but no times: a time step of 1 s is assumed");
     }
   }
 
@@ -240,21 +239,24 @@ class Stacker {
         const Slice& slice = groups[i].front();
         const Vec3 even = first.position + step * static_cast<double>(i);
         if ((slice.position - even).norm() > kUneven * step.norm()) {
-          refuse(fmt::format("its slices are not evenly in line: that at {} mm is {:.3g} mm off",
-                             ruler.at(slice), (slice.position - even).norm()),
-                 "resample it to even slices");
+          refuse(
+              fmt::format(
+                  "the slices are not evenly spaced on a line: the slice at {} mm is {:.3g} mm off",
+                  ruler.at(slice), (slice.position - even).norm()),
+              "resample the series to evenly spaced slices");
         }
       }
       const double tilt = std::acos(std::min(1.0, normal.dot(step) / step.norm()));
       const double degrees = tilt * 180.0 / std::acos(-1.0);
       if (degrees > 80.0) {
-        refuse(fmt::format("its slices are shifted by {:.0f} degrees along themselves", degrees),
-               "export the series again");
+        refuse(
+            fmt::format("the stack of slices is sheared by {:.0f} degrees, more than 80", degrees),
+            "export the series again");
       }
       if (degrees > 0.1) {
         notes.push_back(
-            fmt::format("its slices are shifted along themselves by {:.1f} degrees, as "
-                        "a tilted gantry does: so is the volume",
+            fmt::format("the stack of slices is sheared by {:.1f} degrees, as from a tilted "
+                        "gantry: the volume has the same shear",
                         degrees));
       }
     } else if (series_.files.front()->thickness > 0.0) {
@@ -284,9 +286,9 @@ class Stacker {
       const double times = std::round(gaps[i] / common);
       if (std::abs(gaps[i] / common - std::max(times, 1.0)) > kUneven) {
         refuse(
-            fmt::format("its slices are uneven: {:.4g} mm apart {}, {:.4g} mm elsewhere", gaps[i],
-                        ruler.between(groups[i].front(), groups[i + 1].front()), common),
-            "resample it to even slices, or copy all of it");
+            fmt::format("the spacing of the slices is uneven: {:.4g} mm {}, {:.4g} mm elsewhere",
+                        gaps[i], ruler.between(groups[i].front(), groups[i + 1].front()), common),
+            "resample the series to evenly spaced slices, or copy all of its images");
       }
       if (times < 2.0) continue;
       if (!where.has_value()) where = i;
@@ -296,7 +298,7 @@ class Stacker {
     refuse(fmt::format("slices are missing {}: {} of {}{}",
                        ruler.between(groups[*where].front(), groups[*where + 1].front()), missing,
                        groups.size() + missing, missing > 1 ? " in all" : ""),
-           "copy or export all of its images");
+           "copy or export all images of the series");
   }
 
   const Series& series_;
@@ -346,16 +348,15 @@ const Series& chosen(const std::vector<Series>& all, const Request& request) {
   }
   if (fits.size() == 1) return *fits.front();
   const std::string list = fmt::format("{}", fmt::join(names, "; "));
-  const char* remedy = "choose one with --series, by its number, description or identity";
+  const char* remedy = "choose a series with --series, by its number, UID or description";
   if (request.series.empty()) {
-    throw VolumeError(request.file.string(), fmt::format("it has {} series ({})", all.size(), list),
-                      remedy);
+    throw VolumeError(request.file.string(),
+                      fmt::format("the input has {} series ({})", all.size(), list), remedy);
   }
-  throw VolumeError(
-      request.file.string(),
-      fmt::format("{} series \"{}\" in it ({})",
-                  fits.empty() ? "there is no" : "there is more than one", request.series, list),
-      remedy);
+  throw VolumeError(request.file.string(),
+                    fmt::format("{} series matches \"{}\" ({})",
+                                fits.empty() ? "no" : "more than one", request.series, list),
+                    remedy);
 }
 
 Stack stackOf(const Series& series, const std::string& what) {

@@ -25,7 +25,7 @@ struct Series {
 /// result.
 [[nodiscard]] std::vector<Series> seriesOf(const std::vector<File>& files);
 
-/// Returns the requested series, by number, identity or description. Throws VolumeError, which
+/// Returns the requested series, by number, UID or description. Throws VolumeError, which
 /// lists all series, unless exactly one fits.
 [[nodiscard]] const Series& chosen(const std::vector<Series>& all, const Request& request);
 

@@ -15,7 +15,7 @@ using openvdb::Vec3d;
 
 constexpr float kHalfWidth = 3.0F;  ///< [voxels], OpenVDB's default.
 
-/// OpenVDB's surface, unchanged in memory, in another grid's index space.
+/// Presents OpenVDB's surface in another grid's index space, without a copy.
 class Surface {
  public:
   Surface(const openvdb::tools::VolumeToMesh& mesher, const openvdb::math::Transform& transform)

@@ -64,8 +64,9 @@ void refuseUnused(const Request& request, const std::string& format, std::string
   const auto refuse = [&](const char* name, bool given) {
     if (!given || used == name) return;
     throw Error(name,
-                fmt::format("{} is {}, which has no use for it", request.file.string(), format),
-                "leave it out");
+                fmt::format("{} is read as {}, which does not use this option",
+                            request.file.string(), format),
+                "omit this option");
   };
   refuse("--series", !request.series.empty());
   refuse("--as", !request.as.empty());
@@ -109,31 +110,31 @@ const std::array kFormats = {
            openCgns},
     // Other common formats.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
-           "it can be felt as it is: palpate feel"},
+           "open it with palpate feel, without an import"},
     Format{"OpenDX",
            [](const std::string& b) { return b.find("class gridpositions") != std::string::npos; },
-           nullptr, "state the layout of its data with --raw, see docs/import.md"},
+           nullptr, "describe the layout of its values with --raw, see docs/import.md"},
     Format{"Analyze 7.5 (an old header, without magic)",
            [](const std::string& b) {
              return has(b, 0, {"\x5c\x01\0\0", 4}) && b.size() >= 348;
            },
-           nullptr, "convert it to NIfTI, as with nifti_tool"},
+           nullptr, "convert it to NIfTI, for example with nifti_tool"},
     Format{"an STL, OBJ or PLY surface",
            [](const std::string& b) {
              return has(b, 0, "solid ") || has(b, 0, "ply\n") || has(b, 0, "ply\r");
            },
-           nullptr, "a surface has no volume: make a level set of it, as with OpenVDB's tools"},
+           nullptr, "convert the surface to a level set, for example with OpenVDB's tools"},
     Format{"SLC (a volume of VolVis)", [](const std::string& b) { return has(b, 0, "11111\n"); },
-           nullptr, "convert it to NRRD or VTK, as with ParaView"},
+           nullptr, "convert it to NRRD or VTK, for example with ParaView"},
     Format{"a PNG picture", [](const std::string& b) { return has(b, 0, "\x89PNG"); }, nullptr,
-           "put the slices of a volume together into NRRD or NIfTI"},
+           "combine all slices of the volume into one NRRD or NIfTI file"},
     Format{"a JPEG picture", [](const std::string& b) { return has(b, 0, "\xff\xd8\xff"); },
-           nullptr, "put the slices of a volume together into NRRD or NIfTI"},
+           nullptr, "combine all slices of the volume into one NRRD or NIfTI file"},
     Format{"a TIFF picture",
            [](const std::string& b) {
              return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4});
            },
-           nullptr, "put the slices of a volume together into NRRD or NIfTI"},
+           nullptr, "combine all slices of the volume into one NRRD or NIfTI file"},
     Format{"a zip archive", [](const std::string& b) { return has(b, 0, "PK\3\4"); }, nullptr,
            "unpack it"},
     Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
@@ -175,7 +176,8 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   std::error_code error;
   const auto status = std::filesystem::status(request.file, error);
   if (!std::filesystem::status_known(status)) {
-    throw VolumeError(request.file.string(), fmt::format("it cannot be read ({})", error.message()),
+    throw VolumeError(request.file.string(),
+                      fmt::format("the file cannot be read ({})", error.message()),
                       "check the path");
   }
   if (!std::filesystem::exists(status)) {
@@ -186,15 +188,15 @@ std::unique_ptr<Reader> openAny(const Request& given) {
       refuseUnused(request, "an OpenFOAM case", "");
       return openFoam(request);
     }
-    refuseUnused(request, "a folder", "--series");
+    refuseUnused(request, "a DICOM folder", "--series");
     return openDicom(request);
   }
   if (!std::filesystem::is_regular_file(status)) {
-    throw VolumeError(request.file.string(), "it is no file",
+    throw VolumeError(request.file.string(), "the path is neither a file nor a folder",
                       "give a file, a DICOM folder or an OpenFOAM case");
   }
   if (!request.raw.empty()) {
-    refuseUnused(request, "taken as raw", "");
+    refuseUnused(request, "raw values", "");
     return openRaw(request);
   }
   if (request.file.extension() == ".foam" || request.file.extension() == ".OpenFOAM") {
@@ -203,35 +205,39 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   }
   const std::string bytes = beginningOf(request.file);
   if (bytes.empty()) {
-    throw VolumeError(request.file.string(), "it is empty", "copy it again");
+    throw VolumeError(request.file.string(), "the file is empty", "copy the file again");
   }
   for (const Format& format : kFormats) {
     if (!format.begins(bytes)) continue;
     if (format.open != nullptr) {
       refuseUnused(request, format.name, format.option);
       if (format.open != openNifti && isGzip(request.file)) {
-        throw VolumeError(request.file.string(),
-                          fmt::format("it is {}, and gzipped as a whole", format.name),
-                          "unpack it with gunzip");
+        throw VolumeError(
+            request.file.string(),
+            fmt::format("the file is {}, compressed as a whole with gzip", format.name),
+            "unpack it with gunzip");
       }
       return format.open(request);
     }
-    throw VolumeError(request.file.string(),
-                      fmt::format("it looks like {}, which is not imported", format.name),
-                      format.remedy);
+    throw VolumeError(
+        request.file.string(),
+        fmt::format("the file looks like {}, which palpate does not import", format.name),
+        format.remedy);
   }
   if (isGrib(request.file, bytes)) {
-    throw VolumeError(request.file.string(), "it looks like GRIB, which is not imported",
-                      "convert it to netCDF, as with ecCodes' grib_to_netcdf or cdo -f nc copy");
+    throw VolumeError(
+        request.file.string(), "the file looks like GRIB, which palpate does not import",
+        "convert it to netCDF, for example with ecCodes' grib_to_netcdf or cdo -f nc copy");
   }
   if (isPlot3d(request)) {
-    refuseUnused(request, "taken as PLOT3D", "--solution");
+    refuseUnused(request, "PLOT3D", "--solution");
     return openPlot3d(request);
   }
-  throw VolumeError(request.file.string(),
-                    isText(bytes) ? "it looks like text, of no format that is imported"
-                                  : "it is of no format that is imported, or damaged at its start",
-                    "see palpate import --help for those that are, or state its layout with --raw");
+  throw VolumeError(
+      request.file.string(),
+      isText(bytes) ? "the file looks like text in an unknown format"
+                    : "the format is unknown, or the beginning of the file is damaged",
+      "see palpate import --help for the known formats, or describe the layout with --raw");
 }
 
 }  // namespace palpate::importer

@@ -91,8 +91,8 @@ void checkDegrees(const std::vector<double>& at, double most, const char* what,
                   const std::string& file) {
   for (const double degrees : at) {
     if (std::abs(degrees) <= most) continue;
-    throw VolumeError(file, fmt::format("it has a {} of {:.6g} degrees", what, degrees),
-                      "mend its coordinates");
+    throw VolumeError(file, fmt::format("a {} of {:.6g} degrees is out of range", what, degrees),
+                      "correct the coordinates");
   }
 }
 
@@ -102,8 +102,9 @@ int directionOf(const std::vector<double>& at, const char* axis, const std::stri
   for (std::size_t i = 0; i < at.size(); ++i) {
     const bool in_order = i == 0 || (rises ? at[i] > at[i - 1] : at[i] < at[i - 1]);
     if (in_order && std::isfinite(at[i])) continue;
-    throw VolumeError(file, fmt::format("its positions along {} are in no order", axis),
-                      "mend its coordinates");
+    throw VolumeError(file,
+                      fmt::format("the positions along {} neither rise nor fall throughout", axis),
+                      "correct the coordinates");
   }
   return rises ? 1 : -1;
 }
@@ -141,7 +142,7 @@ class Layout {
     } else {
       if (axes_[2].along == Along::kDepth) {
         for (double& z : axes_[2].at) z = -z;
-        note("depths are below 0");
+        note("depths became negative heights");
       }
       takeUnit();
     }
@@ -166,8 +167,8 @@ class Layout {
     const double middle = 0.5 * (*south + *north);
     const double shrunk = std::cos(middle * std::numbers::pi / 180.0);
     note(
-        fmt::format("longitudes and latitudes are laid flat: a degree is {:.4g} km to the east, "
-                    "as at latitude {:.4g}, and {:.4g} to the north",
+        fmt::format("longitudes and latitudes became km on a plane: a degree is {:.4g} km to the "
+                    "east, as at latitude {:.4g}, and {:.4g} km to the north",
                     shrunk * kKmPerDegree, middle, kKmPerDegree));
     for (double& x : longitudes) x *= shrunk * kKmPerDegree;
     for (double& y : latitudes) y *= kKmPerDegree;
@@ -178,9 +179,9 @@ class Layout {
     const double side = std::max(spanOf(axes_[0].at), spanOf(axes_[1].at));
     if (z.along == Along::kPressure) {
       for (double& at : z.at) at = standardHeight(at);
-      note("pressures stand at their heights in the standard atmosphere");
+      note("pressures became heights in the standard atmosphere");
     } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
-      // The first level is at 0, whichever number it has; levels that count downwards are below it.
+      // The first level is at 0 for any number; if levels count downwards, the others are below it.
       const double step =
           side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
       const double up = z.along == Along::kDepth ? -step : step;
@@ -189,13 +190,13 @@ class Layout {
           z.along == Along::kNumber || z.unit.empty() || z.unit == "1" || z.unit == "level";
       const std::string why = is_number
                                   ? "levels have no height"
-                                  : fmt::format("the unit of levels, \"{}\", is not known", z.unit);
-      note(fmt::format("{}: they stand {:.4g} km from each other", why, step));
+                                  : fmt::format("the unit \"{}\" of the levels is unknown", z.unit);
+      note(fmt::format("{}: a spacing of {:.4g} km is assumed", why, step));
       return;
     } else if (z.along == Along::kDepth) {
       for (double& at : z.at) at = -at;
       scale(z);
-      note("depths are below 0");
+      note("depths became negative heights");
     } else {
       scale(z);
     }
@@ -203,13 +204,13 @@ class Layout {
     if (!(height > 0.0) || !(side > 0.0) || height >= side / 4.0) return;
     stretch_ = roundUp(side / 4.0 / height);
     for (double& at : z.at) at *= stretch_;
-    note(fmt::format("heights are {:g} times as large as the rest, so that they can be felt",
+    note(fmt::format("heights are exaggerated {:g} times, so that the hand can feel them",
                      stretch_));
     content_.description +=
         fmt::format("{}heights times {:g}", content_.description.empty() ? "" : ", ", stretch_);
   }
 
-  /// One common unit is the file's; several units of length become km.
+  /// Keeps a common unit of all axes; converts different units of length to km.
   void takeUnit() {
     const bool same = axes_[0].unit == axes_[1].unit && axes_[0].unit == axes_[2].unit;
     const auto is_length = [](const Axis& axis) { return kilometres(axis.unit) > 0.0; };
@@ -279,12 +280,12 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
       }
     }
     if (parts[2] == nullptr) {
-      notes.push_back(fmt::format("{} and {}: joined into the vector {}, z is 0", parts[0]->name,
+      notes.push_back(fmt::format("{} and {}: joined into the vector {} with z = 0", parts[0]->name,
                                   parts[1]->name, flow.vector));
     } else {
       notes.push_back(fmt::format("{}, {} and {}: joined into the vector {}{}", parts[0]->name,
                                   parts[1]->name, parts[2]->name, flow.vector,
-                                  stretch > 1.0 ? ", its z as much too large as heights" : ""));
+                                  stretch > 1.0 ? ", with z exaggerated like the heights" : ""));
       parts[2]->values = Values();
     }
     parts[1]->values = Values();
@@ -375,7 +376,7 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     content.value_unit[array.name] = array.unit;
   }
   std::vector<Piece> pieces = piecesOf(points, file, content.notes);
-  // Arrays that VTK only viewed get their owner from the grid.
+  // VTK only viewed these arrays: the pieces get the owners of the memory from the grid.
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {

@@ -1,4 +1,4 @@
-/// Lays out grids of the earth as volumes for haptics.
+/// Converts grids of the earth to volumes for haptics.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@ enum class Along : std::uint8_t {
 struct Axis {
   Along along = Along::kOther;
   std::vector<double> at;
-  std::string unit;  ///< A length: m or km; otherwise as in the file.
+  std::string unit;  ///< Unit of the positions, as in the file.
 };
 
 /// Fields on one grid. Values are ordered as `axes`: the first axis is the fastest.
@@ -40,10 +40,10 @@ struct EarthGrid {
 /// Converts one grid to pieces: an image if its points lie on an image's lattice, else a mesh.
 /// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
 /// become heights in the standard atmosphere (ISO 2533). Heights over this plane are stretched by a
-/// round number, so that they are at least a quarter of its longer side. Otherwise a hand would
-/// feel a flat sheet. Pairs and triples of wind or current become one vector, whose z is stretched
-/// with the heights. Sets the unit of length, and lists all changes in `notes`. Throws VolumeError
-/// if positions along an axis are not in order.
+/// round number, so that they are at least a quarter of its longer side. Otherwise the
+/// volume would be a flat sheet. Pairs and triples of wind or current become one vector, whose z is
+/// stretched with the heights. Sets the unit of length, and lists all changes in `notes`. Throws
+/// VolumeError if positions along an axis are not in order.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);
 

@@ -22,7 +22,7 @@ namespace {
 
 using openvdb::Coord;
 
-/// An image's values as in memory, C for each point.
+/// An image's values in memory, C of them for each point.
 template <class T, int C>
 struct Native {
   const T* data = nullptr;
@@ -275,7 +275,7 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
   return out;
 }
 
-/// The voxels as in the file, or cubes if `cubes` is set.
+/// Places of a grid's voxels: those of the image, or cubes if `cubes` is set.
 struct Lattice {
   std::array<int, 3> size{};
   Affine index_from_cube;
@@ -322,10 +322,11 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
   return out;
 }
 
-/// OpenVDB treats maps of very small volume as singular.
+/// Throws VolumeError: OpenVDB treats maps of very small volume as singular.
 [[noreturn]] void refuseSmall(const std::string& file, double edge) {
-  throw VolumeError(file, fmt::format("voxels of {:g} are too small for OpenVDB", edge),
-                    "export it in a smaller unit of length, as mm for m");
+  throw VolumeError(file,
+                    fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
+                    "export the data in a smaller unit of length, for example mm instead of m");
 }
 
 /// Throws VolumeError if the map is singular.
@@ -334,8 +335,8 @@ openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const s
   const double volume = std::abs(M.determinant());
   const double edges = M.col(0).norm() * M.col(1).norm() * M.col(2).norm();
   if (!M.allFinite() || !file_from_index.origin.allFinite() || !(volume > 1e-9 * edges)) {
-    throw VolumeError(file, "its voxels have no volume: the spacing or the directions are wrong",
-                      "mend its header");
+    throw VolumeError(file, "the voxels have no volume: the spacing or the directions are wrong",
+                      "correct the header");
   }
   openvdb::Mat4R map;  // OpenVDB's convention: row vectors
   map.setIdentity();
@@ -363,6 +364,28 @@ openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
   }
 }
 
+std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel, double slack,
+                              const std::string& file) {
+  std::array<int, 3> size{};
+  double voxels = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double steps = std::floor(sides[a] / voxel + slack) + 1.0;
+    voxels *= steps;
+    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
+      throw VolumeError(
+          file, fmt::format("the volume would need too many voxels with an edge of {:g}", voxel),
+          "give a larger --voxel");
+    }
+    size[a] = static_cast<int>(steps);
+  }
+  if (*std::max_element(size.begin(), size.end()) < 2) {
+    throw VolumeError(file,
+                      fmt::format("voxels with an edge of {:g} are larger than the volume", voxel),
+                      "give a smaller --voxel");
+  }
+  return size;
+}
+
 Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
                       const std::string& file, const Progress& progress, const Shared& shared) {
   const auto transform = transformOf(image.file_from_index, file);
@@ -385,21 +408,9 @@ Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double
   }
   Lattice lattice;
   lattice.cubes = true;
-  double voxels = 1.0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    const auto axis = static_cast<Eigen::Index>(a);
-    const double steps = std::floor((box.upper[axis] - box.lower[axis]) / voxel + 1e-9) + 1.0;
-    voxels *= steps;
-    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
-      throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
-                        "give a larger --voxel");
-    }
-    lattice.size[a] = static_cast<int>(steps);
-  }
-  if (*std::max_element(lattice.size.begin(), lattice.size.end()) < 2) {
-    throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
-                      "give a smaller --voxel");
-  }
+  const Vec3 sides = box.upper - box.lower;
+  constexpr double kSlack = 1e-9;
+  lattice.size = countCubes({sides.x(), sides.y(), sides.z()}, voxel, kSlack, file);
   const Mat3 index_from_file = map.linear.inverse();
   lattice.index_from_cube.linear = index_from_file * voxel;
   lattice.index_from_cube.origin = index_from_file * (box.lower - map.origin);

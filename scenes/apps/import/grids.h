@@ -1,6 +1,7 @@
-/// Converts images to grids and leaves out voxels that equal their surroundings.
+/// Converts images to grids, in which voxels that equal their surroundings are inactive.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 
@@ -10,8 +11,8 @@
 
 namespace palpate::importer {
 
-/// A grid and its figures for a report. Values are in the array's unit; a vector counts as its
-/// length.
+/// A grid and its figures for a report. Values are in the array's unit; those of a vector are
+/// lengths.
 struct Gridded {
   openvdb::GridBase::Ptr grid;  ///< FloatGrid or Vec3SGrid, named, with its transform.
   std::uint64_t voxels = 0;     ///< Voxels of the image, or inside the mesh.
@@ -21,9 +22,9 @@ struct Gridded {
   double highest = 0.0;
   double background = 0.0;
   double tolerance = 0.0;
-  /// Noise around the object. This tolerance would leave out all values as near to the background
-  /// as the nearest 99 % of the values on the faces; the share is that of the voxels that would
-  /// remain. Both are 0 if the gain is small or the tolerance exceeds 5 % of the range.
+  /// A tolerance that removes the noise around the object: 99 % of the values on the image's faces
+  /// are within it of the background. The share is the part of the voxels that would stay active.
+  /// Both are 0 if the gain is small or the tolerance exceeds 5 % of the range.
   double quieter_tolerance = 0.0;
   double quieter_share = 0.0;
 };
@@ -49,18 +50,26 @@ struct Gridded {
                                     const std::string& file, const Progress& progress,
                                     const Shared& shared);
 
-/// Does the same on cubes, trilinear between the image's voxels. The first cube is at the
-/// lowest corner of the image's bounding box. A place beside a hole is a hole.
-/// @param voxel  Edge of the cubes, in the file's unit. Throws VolumeError if it makes too many, or
-///               none.
+/// Makes a grid of cubes as gridFromImage does, with values interpolated trilinearly between the
+/// image's voxels. The first cube is at the lowest corner of the image's bounding box. A place
+/// beside a hole is a hole. Throws VolumeError as countCubes does.
+/// @param voxel  Edge of the cubes, in the file's unit.
 [[nodiscard]] Gridded gridOnCubes(const Piece& image, const Array& array, double voxel,
                                   double tolerance, const std::string& file,
                                   const Progress& progress);
 
-/// Returns the transform of cubes with this edge, from this origin on. Throws VolumeError if
-/// OpenVDB cannot represent them: edges of 1e-5 and less.
+/// Returns the transform of cubes with this edge, from this origin on. Throws VolumeError if the
+/// edge is 1e-5 or less, which OpenVDB cannot represent.
 [[nodiscard]] openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
                                                   const std::string& file);
+
+/// Returns the number of cubes along each axis that fill a box with these sides. Throws
+/// VolumeError, with `file`, if there are more than kMostVoxels or 1e6 along an axis, or only one
+/// along each axis.
+/// @param sides  In the unit of `voxel`, the edge of a cube.
+/// @param slack  Part of an edge by which the last voxel may be outside the box.
+[[nodiscard]] std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel,
+                                            double slack, const std::string& file);
 
 /// Boxes with more voxels are rejected: their leaves alone would take an hour.
 inline constexpr double kMostVoxels = 4e9;

@@ -21,7 +21,7 @@
 namespace palpate::importer {
 namespace {
 
-/// The child, for the signal handler; 0: not running.
+/// Process id of the child, for the signal handler; 0 if it does not run.
 volatile sig_atomic_t child_of_signals = 0;
 volatile sig_atomic_t was_interrupted = 0;
 
@@ -64,11 +64,11 @@ bool writeAll(int file, const char* data, std::size_t count) {
     complain(e.what());
     status = cli::kBadInput;
   } catch (const std::filesystem::filesystem_error& e) {
-    complain(fmt::format("{}: it cannot be used ({}): check the path", e.path1().string(),
-                         e.code().message()));
+    complain(fmt::format("{}: the file system reports an error ({}): check the path",
+                         e.path1().string(), e.code().message()));
     status = cli::kBadInput;
   } catch (const std::bad_alloc&) {
-    complain("there is not enough memory: choose fewer arrays with --field or a larger --voxel");
+    complain("memory ran out: choose fewer arrays with --field or a larger --voxel");
     status = cli::kEndedEarly;
   } catch (const std::exception& e) {
     complain(fmt::format("internal error: {}: please report it with the command", e.what()));
@@ -95,8 +95,8 @@ void appear(const std::vector<Written>& files) {
       const std::string why = error.message();
       for (const std::filesystem::path& file : fresh) std::filesystem::remove(file, error);
       for (const Written& other : files) std::filesystem::remove(other.partial, error);
-      throw Error(one.file.string(), fmt::format("it cannot be written ({})", why),
-                  "choose another place");
+      throw Error(one.file.string(), fmt::format("the file cannot be written ({})", why),
+                  "choose another path");
     }
     if (!was_there) fresh.push_back(target);
   }
@@ -182,12 +182,18 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                const std::string& silent) {
   std::fflush(nullptr);
   int ends[2];
-  if (pipe(ends) != 0) throw Error("import", std::strerror(errno), "close other programs");
+  if (pipe(ends) != 0) {
+    throw Error("import", fmt::format("a pipe cannot be opened ({})", std::strerror(errno)),
+                "close other programs");
+  }
   struct sigaction action {};
   action.sa_handler = passOn;
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
   const pid_t child = fork();
-  if (child < 0) throw Error("import", std::strerror(errno), "close other programs");
+  if (child < 0) {
+    throw Error("import", fmt::format("a process cannot be started ({})", std::strerror(errno)),
+                "close other programs");
+  }
   if (child == 0) {
     close(ends[0]);
     runChild(ends[1], work);
@@ -224,15 +230,15 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
     const int signal = WTERMSIG(result);
     if (signal == SIGKILL) {
       cli::complain(what +
-                    ": the system ended the import, most likely for want of memory: choose "
-                    "fewer arrays with --field or a larger --voxel");
+                    ": the system ended the import, probably because memory ran out: choose fewer "
+                    "arrays with --field or a larger --voxel");
       return cli::kEndedEarly;
     }
-    cli::complain(what + ": reading it brought the reader down: it is damaged: export it again");
+    cli::complain(what + ": the reader crashed: the file is probably damaged: export it again");
   } else if (!listener.complained()) {
     cli::complain(silent.empty() ? what +
-                                       ": the reader gave up without a word: it is damaged: "
-                                       "export it again"
+                                       ": the reader stopped without a message: the file is "
+                                       "probably damaged: export it again"
                                  : silent);
   }
   return status;

@@ -34,7 +34,8 @@ class Teller {
 /// at once: status 130, unless the child had done its work. The files that the child announced
 /// appear together if it ends well, or not at all.
 /// @param what    The file that is read, for the line about a crash.
-/// @param silent  The line if the child gives up without one; empty: that of a damaged file.
+/// @param silent  The line if the child stops without a line of its own; if empty, the line states
+///                that the file is damaged.
 [[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                              const std::string& silent = "");
 

@@ -13,7 +13,7 @@ namespace palpate::importer {
 namespace {
 
 constexpr double kMostBytes = 1e15;
-constexpr const char* kMendHeader = "mend its header, or check what wrote it";
+constexpr const char* kCorrectHeader = "correct the header, or check the program that wrote it";
 
 /// Returns the name as the header gives it.
 std::string nameOf(const std::filesystem::path& data, const std::filesystem::path& header) {
@@ -24,7 +24,7 @@ std::string nameOf(const std::filesystem::path& data, const std::filesystem::pat
 }  // namespace
 
 std::string calledBy(const std::filesystem::path& header, const std::filesystem::path& data) {
-  return data == header ? "it" : nameOf(data, header);
+  return data == header ? "the file" : nameOf(data, header);
 }
 
 double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
@@ -35,12 +35,14 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
       bytes *= size;
       continue;
     }
-    throw VolumeError(header.string(), fmt::format("its size {} is absurd: {}", i + 1, size),
-                      kMendHeader);
+    throw VolumeError(header.string(), fmt::format("size {} is not a count: {}", i + 1, size),
+                      kCorrectHeader);
   }
   if (bytes > kMostBytes) {
-    throw VolumeError(header.string(), fmt::format("its size is absurd: {:.0g} bytes", bytes),
-                      kMendHeader);
+    throw VolumeError(
+        header.string(),
+        fmt::format("the values need {:.0g} bytes, more than the limit of 1e15", bytes),
+        kCorrectHeader);
   }
   return bytes;
 }
@@ -55,16 +57,17 @@ double sizeOfData(const std::filesystem::path& header, const std::filesystem::pa
       std::filesystem::weakly_canonical(std::filesystem::absolute(data), unread)
           .lexically_relative(folder);
   if (!follow && (named.empty() || *named.begin() == "..")) {
-    throw VolumeError(header.string(),
-                      fmt::format("it names a data file in another folder, {}", data.string()),
-                      "put the file beside it, or add --follow");
+    throw VolumeError(
+        header.string(),
+        fmt::format("the header names a data file in another folder, {}", data.string()),
+        "move the data file beside the header, or add --follow");
   }
   std::error_code error;
   const auto size = std::filesystem::file_size(data, error);
   if (error || !std::filesystem::is_regular_file(data, error)) {
     throw VolumeError(header.string(),
-                      fmt::format("its data file {} cannot be read", nameOf(data, header)),
-                      "put it where the header says");
+                      fmt::format("the data file {} cannot be read", nameOf(data, header)),
+                      "move the data file to the place that the header states");
   }
   return static_cast<double>(size);
 }
@@ -73,9 +76,9 @@ void checkHeld(const std::filesystem::path& header, const std::filesystem::path&
                double least) {
   if (held >= least) return;
   throw VolumeError(header.string(),
-                    fmt::format("{} is truncated: {:.0f} bytes of {:.0f}", calledBy(header, data),
-                                std::max(held, 0.0), std::ceil(least)),
-                    "copy or export it again");
+                    fmt::format("{} is truncated: it has {:.0f} of {:.0f} bytes",
+                                calledBy(header, data), std::max(held, 0.0), std::ceil(least)),
+                    "copy or export the file again");
 }
 
 }  // namespace palpate::importer

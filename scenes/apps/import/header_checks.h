@@ -8,21 +8,21 @@
 
 namespace palpate::importer {
 
-/// Returns the name of a data file for errors of `header`: "it" if it is the header's own, else its
-/// name.
+/// Returns the name of a data file for errors of `header`: "the file" if the data are in the
+/// header's file, else the name.
 [[nodiscard]] std::string calledBy(const std::filesystem::path& header,
                                    const std::filesystem::path& data);
 
 /// Returns the bytes of values with these counts along each axis. Throws VolumeError, of `header`,
-/// if a size is not a count or the product is absurd.
+/// if a size is not a count or the product exceeds 1e15.
 ///
 /// @param bytes  Size of one value.
 [[nodiscard]] double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                              double bytes);
 
-/// Returns the size of a data file [bytes]. Throws VolumeError, of `header`, if there is none. Also
-/// throws, unless `follow`, if the file lies outside the header's folder and its subfolders, or a
-/// link leads there.
+/// Returns the size of a data file [bytes]. Throws VolumeError, of `header`, if the file
+/// cannot be read. Unless `follow` is set, also throws if the file, or the target of a link, lies
+/// outside the header's folder and its subfolders.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
                                 const std::filesystem::path& data, bool follow);
 

@@ -34,19 +34,20 @@ namespace {
 /// Returns the reason why an image has no grid.
 std::string emptyBecause(const Imported& imported) {
   const Gridded& made = imported.made;
-  if (made.holes == made.voxels) return "none of its voxels has data";
-  if (made.tolerance > 0.0) return "all its voxels lie within the tolerance of the background";
-  return "all its voxels have one value";
+  if (made.holes == made.voxels) return "no voxel has data";
+  if (made.tolerance > 0.0) return "all voxels are within the tolerance of the background";
+  return "all voxels have the same value";
 }
 
 std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const std::string& in,
                                const Telling& telling, std::vector<std::string>& notes) {
   if (options.smooth > 0.0) {
-    throw Error("--smooth", "it works on images, and " + in + " is a mesh",
-                "smooth it in the scene: \"smooth\": N");
+    throw Error("--smooth", "this option works on images, but " + in + " is a mesh",
+                "smooth the values in the scene, with \"smooth\": N");
   }
   if (options.tolerance) {
-    throw Error("--tolerance", "it works on images, and " + in + " is a mesh", "leave it out");
+    throw Error("--tolerance", "this option works on images, but " + in + " is a mesh",
+                "omit this option");
   }
   telling.stage("resampling");
   double voxel = options.iso ? 0.0 : options.voxel;
@@ -55,11 +56,11 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
     voxel = suggested.edge;
     if (suggested.edge > suggested.by_cell) {
       notes.push_back(fmt::format(
-          "voxels of {:g}, at most {:g} a point: half the edge of the median cell, {:g}, makes "
-          "{:.2g} million; what that costs is said as what resampling is off by, and {}",
+          "voxels with an edge of {:g}, at most {:g} per point: half the edge of the median cell, "
+          "{:g}, would make {:.2g} million voxels; the resampling error shows the loss; {}",
           voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
-          options.iso ? "an --iso of a mesh has no finer ones"
-                      : fmt::format("--voxel {:g} takes these", suggested.by_cell)));
+          options.iso ? "--iso on a mesh has no smaller voxels"
+                      : fmt::format("--voxel {:g} selects the smaller voxels", suggested.by_cell)));
     }
   }
   std::vector<Imported> out;
@@ -144,13 +145,14 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   }
   if (scalars.size() != 1) {
     throw Error("--iso",
-                scalars.empty() ? "there is no scalar in it"
-                                : fmt::format("it has {} scalars: {}", scalars.size(),
+                scalars.empty() ? "the file has no scalar"
+                                : fmt::format("the file has {} scalars: {}", scalars.size(),
                                               fmt::join(scalars, ", ")),
-                scalars.empty() ? "leave it out" : "choose one with --field");
+                scalars.empty() ? "omit this option" : "choose one with --field");
   }
   if (!others.empty()) {
-    step.notes.push_back(fmt::format("{}: left out: --iso is of scalars", fmt::join(others, ", ")));
+    step.notes.push_back(
+        fmt::format("{}: skipped: --iso applies to scalars only", fmt::join(others, ", ")));
   }
   std::erase_if(step.grids, [](const Imported& imported) {
     return !imported.made.grid->isType<openvdb::FloatGrid>();
@@ -214,17 +216,17 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
 }
 
-/// Checks the result against --as: a reader that does not use --as does not report it.
+/// Throws Error if the result does not fit --as. Readers that ignore --as do not check this.
 void checkAsked(const Request& request, const Content& content) {
   if (request.as.empty()) return;
   const int width = content.pieces.front().arrays.front().values.components();
   const bool vector = request.as == "vector";
   if (vector ? width == 3 : width >= 6) return;
   throw Error("--as",
-              fmt::format("{} has {} a voxel, not the {} of a {}", request.file.string(),
+              fmt::format("{} has {} per voxel, not the {} of a {}", request.file.string(),
                           width == 1 ? "one value" : fmt::format("{} values", width),
                           vector ? 3 : 6, request.as),
-              "leave it out");
+              "omit this option");
 }
 
 }  // namespace
@@ -272,7 +274,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
           fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes, shared);
       const std::string name = imported.made.grid->getName();
       if (imported.made.active == 0) {
-        out.notes.push_back(fmt::format("{}: left out: {}", name, emptyBecause(imported)));
+        out.notes.push_back(fmt::format("{}: skipped: {}", name, emptyBecause(imported)));
       } else {
         out.grids.push_back(std::move(imported));
       }
@@ -292,25 +294,26 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
     for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
     const int descriptor = createNewFile(file);
     if (descriptor < 0) {
-      throw Error(file.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
-                  "choose another place");
+      throw Error(file.string(),
+                  fmt::format("the file cannot be written ({})", std::strerror(errno)),
+                  "choose another path");
     }
     writeGrids(nameOfOpen(descriptor, file), grids);
     close(descriptor);
   }
   step.grids.clear();
   const auto refused = [&](const std::string& what, const std::string& refusal) {
-    throw VolumeError(in, fmt::format("{} could not be felt ({})", what, refusal),
-                      "look at the sizes, places and values in it, or choose arrays by --field");
+    throw VolumeError(
+        in, fmt::format("{} cannot be used in a scene ({})", what, refusal),
+        "check the sizes, positions and values in the file, or choose arrays with --field");
   };
-  malloc_trim(0);  // the grids are freed by now, and reading them back needs memory for one
+  malloc_trim(0);  // returns the grids' memory, because describeGrids needs memory for one grid
   std::vector<GridInfo> read;
   try {
     read = describeGrids(file);
   } catch (const VolumeError& e) {
     const std::string_view why = e.what();
-    refused("what it becomes",
-            std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
+    refused("the result", std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
   }
   // describeGrids lists vectors by component once more behind the grids.
   for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
@@ -325,7 +328,8 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
     names.reserve(step.grids.size());
     for (const Imported& imported : step.grids) names.push_back(imported.made.grid->getName());
     throw Error("--bricks",
-                fmt::format("it has {} arrays: {}", names.size(), fmt::join(names, ", ")),
+                fmt::format("the file has {} arrays, and --bricks writes only one: {}",
+                            names.size(), fmt::join(names, ", ")),
                 "choose one with --field");
   }
   BrickOptions options;

@@ -21,11 +21,11 @@ struct Options {
   Request request;
   std::filesystem::path out;
   double voxel = 0.0;   ///< In the file's unit; 0: the image's own, or a suggested edge.
-  double smooth = 0.0;  ///< Standard deviation, in the file's unit; 0: none.
-  std::optional<double> tolerance;  ///< In the values' unit, >= 0; unset: chosen.
+  double smooth = 0.0;  ///< Standard deviation, in the file's unit; 0: no smoothing.
+  std::optional<double> tolerance;  ///< In the values' unit, >= 0; unset: default.
   std::optional<double> iso;        ///< Make a level set of the surface of this value.
   std::string time;                 ///< "", a step's number, or "all".
-  std::filesystem::path scene;      ///< Empty: none; -: standard output.
+  std::filesystem::path scene;      ///< Empty: no scene; -: standard output.
   bool json = false;                ///< Report as JSON.
   bool bricks = false;              ///< Write a folder of bricks, not a .vdb.
 };
@@ -65,11 +65,10 @@ struct Telling {
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                               ProcessGroup& group);
 
-/// Reads a step and makes its grids, with their metadata. A step without anything to feel has no
-/// grids, and its notes give the reason. Throws Error.
-/// @param group  Process group; each rank has its part of an image's grid, by Imported::share.
-/// Every
-///              rank has all of a grid that comes from a mesh, from cubes or from --iso.
+/// Reads a step and makes its grids, with their metadata. If no array varies, the step has no
+/// grids and its notes give the reason. Throws Error.
+/// @param group  Process group. Each rank gets its part of an image's grid (Imported::share). Every
+///               rank gets the whole grid that comes from a mesh, from cubes or from --iso.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, ProcessGroup& group);
 

@@ -82,14 +82,15 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   const std::size_t polygons = countPolygons(mesher);
   if (polygons == 0) {
     throw VolumeError(file,
-                      fmt::format("nothing in \"{}\" has the value {:g}", grid.getName(), iso),
-                      "give --iso within its range, see palpate info");
+                      fmt::format("no surface in \"{}\" has the value {:g}", grid.getName(), iso),
+                      "give an --iso within the range of the values, see palpate info");
   }
   // Estimates the voxels: the surface's area times the width of the band.
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
   if (static_cast<double>(polygons) * refinement * refinement * 6.0 > 1e9) {
-    throw VolumeError(file, fmt::format("voxels of {:g} are too many for its surface", edge),
-                      "give a larger --voxel");
+    throw VolumeError(
+        file, fmt::format("the surface would need too many voxels with an edge of {:g}", edge),
+        "give a larger --voxel");
   }
   // Signs are not taken from OpenVDB: it treats the space that a surface encloses as inside, and
   // drops cavities.
@@ -106,8 +107,9 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   }
   openvdb::tools::signedFloodFill(out.grid->tree());
   if (inside == 0) {
-    throw VolumeError(file, fmt::format("what has the value {:g} is thinner than its voxels", iso),
-                      "give a smaller --voxel, or another value");
+    throw VolumeError(file,
+                      fmt::format("the solid at the value {:g} is thinner than the voxels", iso),
+                      "give a smaller --voxel or another --iso");
   }
   out.lost = lostPart(mesher, *out.grid);
   mesher.pointList().reset();

@@ -41,8 +41,8 @@ std::vector<std::size_t> stepsOf(const std::string& time, std::size_t count) {
     const char* end = time.data() + time.size();
     const auto parsed = std::from_chars(time.data(), end, step);
     if (parsed.ec != std::errc() || parsed.ptr != end || step >= count) {
-      throw Error("--time", fmt::format("\"{}\" is no step of it", time),
-                  count == 1 ? "it has one step: leave it out"
+      throw Error("--time", fmt::format("the file has no step \"{}\"", time),
+                  count == 1 ? "omit this option, because the file has one step"
                              : fmt::format("give 0 to {}, or all", count - 1));
     }
   }
@@ -57,10 +57,10 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
       fs::weakly_canonical(to_stdout ? fs::path(".") : fs::absolute(options.scene).parent_path());
   std::string scene;
   try {
-    const fs::path way = fs::weakly_canonical(fs::absolute(vdb)).lexically_relative(folder);
-    scene = sceneFor(way.string(), step) + "\n";
+    const fs::path path = fs::weakly_canonical(fs::absolute(vdb)).lexically_relative(folder);
+    scene = sceneFor(path.string(), step) + "\n";
   } catch (const VolumeError&) {
-    step.notes.emplace_back("no scene: nothing in it varies enough to be felt");
+    step.notes.emplace_back("no scene: no array varies enough for the hand to feel");
     return "";
   }
   if (to_stdout) return scene;
@@ -75,8 +75,8 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
     if (file) return scene;
   }
   throw Error(options.scene.string(),
-              fmt::format("it cannot be written ({})", std::strerror(errno)),
-              "choose another place, or make room");
+              fmt::format("the file cannot be written ({})", std::strerror(errno)),
+              "choose another path, or free space on the disk");
 }
 
 /// Returns a summary of the scene and the suggested next command; a line each.
@@ -131,9 +131,9 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     if (step.grids.empty()) {
       if (steps.size() == 1) {
         throw Error(options.request.file.string(), step.notes.back(),
-                    "there is nothing to feel in it");
+                    "import arrays whose values vary");
       }
-      step.notes.emplace_back("no file: there is nothing to feel in this step");
+      step.notes.emplace_back("no file for this step: no array has values that vary");
     } else {
       if (first.empty()) {
         first = out;
@@ -142,7 +142,9 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     }
     if (count > 1 && options.time.empty()) {
       step.notes.push_back(
-          fmt::format("the first of {} steps: --time N takes another, --time all each", count));
+          fmt::format("this is the first of {} steps: --time N imports another step, --time all "
+                      "imports all steps",
+                      count));
     }
     text += textOf(out, step);
     reports.push_back(jsonOf(out, step));
@@ -175,34 +177,37 @@ void check(const Options& options) {
   if (!options.bricks) cli::checkReplaceable(options.out);
   if (options.scene != "-") cli::checkReplaceable(options.scene);
   if ((options.out.extension() == ".vdb") == options.bricks) {
-    throw Error(
-        options.out.string(),
-        options.bricks ? "a folder of bricks is named as a file" : "the output is not named .vdb",
-        options.bricks ? "name it without .vdb" : "name it so");
+    throw Error(options.out.string(),
+                options.bricks ? "--bricks writes a folder, but the name ends in .vdb"
+                               : "the name does not end in .vdb",
+                options.bricks ? "omit .vdb in the name" : "add .vdb to the name");
   }
   if (options.bricks && !options.scene.empty()) {
-    throw Error("--scene", "it is of a .vdb, which --bricks does not write",
-                "leave one of them out");
+    throw Error("--scene", "a scene needs a .vdb, which --bricks does not write",
+                "omit one of the two options");
   }
   if (cli::isSamePlace(options.request.file, options.out) ||
       (!options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
                                   cli::isSamePlace(options.scene, options.request.file)))) {
-    throw Error(options.out.string(), "one file would replace another of the command",
-                "give each a name of its own");
+    throw Error(options.out.string(), "two files of the command have the same path",
+                "give each file its own path");
   }
   if (options.scene == "-" && options.json) {
-    throw Error("--json", "the scene goes to standard output already", "leave one of them out");
+    throw Error("--json", "--scene - already writes to standard output",
+                "omit one of the two options");
   }
   const auto width = [](const char* name, double value, double most) {
     if (!(value >= 0.0 && value <= most)) {
-      throw Error(name, fmt::format("{} is none", value), "give a number that is not negative");
+      throw Error(name, fmt::format("{} is out of range", value),
+                  fmt::format("give a number from 0 to {:g}", most));
     }
   };
   width("--smooth", options.smooth, 1e6);
   width("--voxel", options.voxel, 1e9);
   width("--tolerance", options.tolerance.value_or(0.0), 1e30);
   if (options.iso && !std::isfinite(*options.iso)) {
-    throw Error("--iso", "it is no number", "give a value of the data");
+    throw Error("--iso", "the value is not a finite number",
+                "give a value within the range of the data");
   }
 }
 
@@ -212,36 +217,39 @@ int import(const Options& options, Teller& teller, ProcessGroup& group) {
     return importAll(options, teller, group);
   } catch (const openvdb::Exception& e) {
     throw VolumeError(options.request.file.string(),
-                      fmt::format("OpenVDB cannot hold what it becomes ({})", e.what()),
-                      "look at the sizes, places and spacing in it");
+                      fmt::format("OpenVDB rejects the grid ({})", e.what()),
+                      "check the sizes, positions and spacing in the file");
   }
 }
 
 /// Throws Error if mpirun must not start this import.
 void checkTogether(const Options& options) {
   if (!options.bricks) {
-    throw Error("mpirun", "only --bricks is written by several processes",
-                "give --bricks, or start one without mpirun");
+    throw Error("mpirun", "several processes can only write --bricks",
+                "add --bricks, or start one process without mpirun");
   }
   if (!canJoinGroup()) {
-    throw Error("mpirun", "this palpate was built without MPI",
-                "build it where libopenmpi-dev is, or start one process without mpirun");
+    throw Error(
+        "mpirun", "this palpate was built without MPI",
+        "install libopenmpi-dev and build palpate again, or start one process without mpirun");
   }
 }
 
-/// Imports in one process that mpirun has started. All ranks check what may differ between
-/// machines; only one reports.
+/// Imports in one process that mpirun has started. Every rank checks its options and files, which
+/// may differ between machines; only one rank reports.
 int importTogether(const Options& options) {
   // MPI ends a process with exit().
-  const Error silent("mpirun", "this rank gave up without a word",
-                     "look at the network among the machines, or import it by one process");
+  const Error silent("mpirun", "this rank stopped without a message",
+                     "check the network between the machines, or import the file with one process");
   return runGuarded(
       options.request.file.string(),
       [&](Teller& teller) {
         const std::unique_ptr<ProcessGroup> group = joinGroup();
         if (group->size() == 1 && ranksByEnvironment() > 1) {
-          throw Error("mpirun", "it is of another MPI than this palpate's: each would be alone",
-                      "use the one that palpate was built with");
+          throw Error(
+              "mpirun",
+              "this mpirun is of another MPI than this palpate: the processes cannot connect",
+              "use the mpirun of the MPI that palpate was built with");
         }
         return workTogether(*group, [&] {
           check(options);
@@ -265,46 +273,49 @@ int importAlone(const Options& options) {
 int main(int argc, char** argv) {
   using namespace palpate;
   CLI::App app{
-      "palpate import: what scanners and solvers write becomes a .vdb, one grid an array, in the "
-      "file's own space and units"};
+      "palpate import: converts files of scanners and solvers to a .vdb, one grid per array, in "
+      "the file's own space and units"};
   app.name("palpate import");
   importer::Options options;
   importer::Request& request = options.request;
-  app.add_option("IN", request.file,
-                 "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy or XML), Exodus II, "
-                 "CGNS, an OpenFOAM case, netCDF (CF), PLOT3D with --solution, or anything "
-                 "with --raw")
+  app.add_option(
+         "IN", request.file,
+         "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy or XML), Exodus II, CGNS, an "
+         "OpenFOAM case, netCDF (CF), PLOT3D with --solution, or raw values with --raw")
       ->required();
-  app.add_option("OUT", options.out, "The .vdb to write, or the folder")->required();
-  app.add_option("--field", request.fields, "An array to take; again for more; default all");
-  app.add_option("--voxel", options.voxel,
-                 "Edge of cubes to resample to, in the file's unit; default: an image's own, of a "
-                 "mesh half the edge of its median cell, and 16 voxels a point at most");
+  app.add_option("OUT", options.out, "The .vdb to write, or the folder with --bricks")->required();
+  app.add_option("--field", request.fields,
+                 "Name of an array to import; may be repeated; default: all arrays");
+  app.add_option(
+      "--voxel", options.voxel,
+      "Edge of the cubic voxels to resample to, in the file's unit; default: an image keeps its "
+      "voxels; a mesh gets half the edge of its median cell, and at most 16 voxels per point");
   app.add_option("--iso", options.iso,
-                 "Make a level set of the surface of this value, of one scalar");
-  app.add_option("--smooth", options.smooth,
-                 "Standard deviation of a Gaussian over images, in the file's unit (usually mm)");
+                 "Make a level set of the surface where a scalar has this value");
+  app.add_option(
+      "--smooth", options.smooth,
+      "Smooth images with a Gaussian of this standard deviation, in the file's unit (usually mm)");
   app.add_option("--tolerance", options.tolerance,
-                 "Values of an image so near to the background become it; default 0, or 0.1 % of "
-                 "the range with --smooth");
-  app.add_option("--time", options.time, "Step of a series, 0 the first; all: one .vdb a step");
+                 "Values of an image this near to the background become background; default: 0, or "
+                 "0.1 % of the range with --smooth");
+  app.add_option("--time", options.time,
+                 "Time step of a series, from 0 on; all: one .vdb per step; default: 0");
   app.add_option("--series", request.series,
-                 "DICOM: one of several series, by number, identity or description");
+                 "DICOM: select a series by its number, UID or description");
   app.add_option("--as", request.as,
-                 "What the volumes of a 4-D NIfTI are, or a MetaImage's channels: vector (3) or "
-                 "tensor (6)")
+                 "Meaning of the volumes of a 4-D NIfTI, or of a MetaImage's channels: vector (3) "
+                 "or tensor (6)")
       ->check(CLI::IsMember({"vector", "tensor"}));
-  app.add_flag(
-      "--follow", request.follow,
-      "NRRD, MetaImage: read data files that a header names in other folders than its own");
-  app.add_option("--solution", request.solution, "PLOT3D: the Q file of the grid IN");
+  app.add_flag("--follow", request.follow,
+               "NRRD, MetaImage: also read data files in other folders than the header's");
+  app.add_option("--solution", request.solution, "PLOT3D: the solution (Q file) of the grid IN");
   app.add_option("--raw", request.raw,
-                 "Layout of raw values: JSON or a file of it; keys: size, type, endian, "
-                 "components, order, skip, spacing, axes, origin, name, unit");
-  app.add_option("--scene", options.scene, "Write a first scene file, to be edited; - prints it");
+                 "Layout of raw values: JSON, or the path of a JSON file; keys: size, type, "
+                 "endian, components, order, skip, spacing, axes, origin, name, unit");
+  app.add_option("--scene", options.scene, "Write a first scene file to edit; - prints the scene");
   app.add_flag("--bricks", options.bricks,
                "Write a folder of bricks, for volumes larger than memory");
-  app.add_flag("--json", options.json, "Report as JSON");
+  app.add_flag("--json", options.json, "Print the report as JSON");
   app.footer(
       "Examples:\n"
       "  palpate import head.nii.gz head.vdb --smooth 1 --scene head.json\n"

@@ -57,10 +57,11 @@ void checkPoints(vtkDataSet* mesh, const std::string& file) {
   double range[2] = {0.0, 0.0};
   grid->GetCells()->GetConnectivityArray()->GetRange(range, 0);
   if (range[0] < 0.0 || range[1] >= static_cast<double>(grid->GetNumberOfPoints())) {
-    throw VolumeError(file,
-                      fmt::format("its cells name points {:g} to {:g}, and it has {}", range[0],
-                                  range[1], grid->GetNumberOfPoints()),
-                      "it is damaged: export it again");
+    throw VolumeError(
+        file,
+        fmt::format("the cells refer to points {:g} to {:g}, but the mesh has {} points", range[0],
+                    range[1], grid->GetNumberOfPoints()),
+        "the file is damaged: export it again");
   }
 }
 
@@ -100,8 +101,8 @@ vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file
     solid->InsertNextId(c);
   }
   if (solid->GetNumberOfIds() == 0) return nullptr;
-  if (flat > 0) notes.push_back(fmt::format("{} cells without volume were left out", flat));
-  if (hidden > 0) notes.push_back(fmt::format("{} hidden cells were left out", hidden));
+  if (flat > 0) notes.push_back(fmt::format("{} cells without volume were skipped", flat));
+  if (hidden > 0) notes.push_back(fmt::format("{} hidden cells were skipped", hidden));
 
   vtkSmartPointer<vtkDataSet> out = mesh;
   if (flat + hidden > 0) {
@@ -120,7 +121,7 @@ vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file
     split->TetrahedraOnlyOn();
     run(split, file);
     out = split->GetOutput();
-    notes.emplace_back("cells of many faces or of high order were split into tetrahedra");
+    notes.emplace_back("polyhedra and cells of high order were split into tetrahedra");
   }
   return out;
 }

@@ -19,8 +19,8 @@ namespace palpate::importer {
 [[nodiscard]] vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file,
                                                      std::vector<std::string>& notes);
 
-/// Returns whether a place is inside a cell, by the cell's own coordinates there. VTK's answer is
-/// not good enough: its wedges are as wide as their bounding boxes.
+/// Returns whether a place is inside a cell, by the cell's own coordinates there. VTK's own
+/// answer is wrong for wedges: it accepts their whole bounding boxes.
 /// @param type       Type of the cell, as solidCells returns it.
 /// @param tolerance  Distance outside, in coordinates of 0 to 1, that still counts as inside.
 [[nodiscard]] bool isInsideCell(int type, const double parametric[3], double tolerance);

@@ -17,7 +17,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Message of each rank when all meet.
+/// Message that each rank sends when all ranks synchronise.
 struct Word {
   std::uint64_t bytes = 0;     ///< Size of its contribution.
   std::uint64_t gives_up = 0;  ///< 1: it gives up.
@@ -117,8 +117,8 @@ class MpiGroup final : public ProcessGroup {
   }
   [[noreturn]] void lost() {
     lost_ = true;
-    throw Error("mpirun", "the ranks have lost each other",
-                "look at the network, and run the same command again");
+    throw Error("mpirun", "a process lost its connection to the others",
+                "check the network, and run the same command again");
   }
 
   int rank_ = 0;

@@ -18,8 +18,8 @@ namespace palpate::importer {
 /// Returns true if built with MPI.
 [[nodiscard]] bool canJoinGroup();
 
-/// Joins the other ranks, which have to join too; they part when the result is destroyed. Call it
-/// once, in the process that does the work, and only if canJoinGroup().
+/// Joins the other ranks, which have to join too. The group ends when the result is destroyed. Call
+/// this function once, in the process that does the work, and only if canJoinGroup().
 [[nodiscard]] std::unique_ptr<ProcessGroup> joinGroup();
 
 }  // namespace palpate::importer

@@ -1,4 +1,5 @@
-/// Computes the expected length of a netCDF file: the library reads zeros where a file is cut off.
+/// Computes the expected length of a netCDF file: the library reads
+/// zeros beyond the end of a truncated file.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +9,7 @@
 namespace palpate::importer {
 
 /// Returns the size of a classic netCDF file (CDF-1, CDF-2 or CDF-5) by its header [bytes]. Unset
-/// for other files and for a header that makes no sense. Follows the NetCDF Classic Format
+/// for other files and for an invalid header. Follows the NetCDF Classic Format
 /// Specification.
 [[nodiscard]] std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file);
 

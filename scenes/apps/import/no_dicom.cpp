@@ -5,8 +5,9 @@
 namespace palpate::importer {
 
 std::unique_ptr<Reader> openDicom(const Request& request) {
-  throw VolumeError(request.file.string(), "this importer is one without vtk-dicom, which reads it",
-                    "install the package palpate-import, or libvtk-dicom-dev and build again");
+  throw VolumeError(
+      request.file.string(), "this importer was built without vtk-dicom, which reads DICOM",
+      "install the package palpate-import, or install libvtk-dicom-dev and build palpate again");
 }
 
 }  // namespace palpate::importer

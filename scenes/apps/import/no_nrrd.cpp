@@ -5,8 +5,8 @@
 namespace palpate::importer {
 
 std::unique_ptr<Reader> openNrrd(const Request& request) {
-  throw VolumeError(request.file.string(), "this palpate was built without teem",
-                    "install libteem-dev and build again");
+  throw VolumeError(request.file.string(), "this palpate was built without teem, which reads NRRD",
+                    "install libteem-dev and build palpate again");
 }
 
 }  // namespace palpate::importer

@@ -6,8 +6,9 @@ namespace palpate::importer {
 namespace {
 
 [[noreturn]] void refuse(const Request& request) {
-  throw VolumeError(request.file.string(), "this importer is the one without VTK, which reads it",
-                    "install the package palpate-import, or libvtk9-dev and build again");
+  throw VolumeError(
+      request.file.string(), "this importer was built without VTK, which reads this format",
+      "install the package palpate-import, or install libvtk9-dev and build palpate again");
 }
 
 }  // namespace

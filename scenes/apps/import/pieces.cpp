@@ -45,7 +45,7 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
     const auto u = static_cast<unsigned char>(c);
     if (u < 0x20 || u == 0x7f || (!plain && u > 0x7f)) c = '_';
   }
-  if (name != given) notes.push_back(fmt::format("an array's name became \"{}\"", name));
+  if (name != given) notes.push_back(fmt::format("an array was renamed to \"{}\"", name));
   return name.empty() ? "density" : name;
 }
 
@@ -62,16 +62,16 @@ std::vector<Array> readyArrays(std::vector<Array> given, const Content& content,
       arrays.push_back(std::move(array));
     } else if (components == 2) {
       array.values = withThree(array.values);
-      notes.push_back(fmt::format("{}: two components, z is 0", array.name));
+      notes.push_back(fmt::format("{}: two components: z is set to 0", array.name));
       arrays.push_back(std::move(array));
     } else if ((components == 6 || components == 9) && image) {
       for (Array& felt : diffusionOf(array)) arrays.push_back(std::move(felt));
       notes.push_back(
-          fmt::format("{0}: tensors: as {0}_direction (its sign means nothing), {0}_anisotropy and "
-                      "{0}_diffusivity",
+          fmt::format("{0}: tensors became {0}_direction (its sign has no meaning), {0}_anisotropy "
+                      "and {0}_diffusivity",
                       array.name));
     } else {
-      notes.push_back(fmt::format("{}: left out: {} values a point", array.name, components));
+      notes.push_back(fmt::format("{}: skipped: {} values per point", array.name, components));
     }
   }
   return arrays;
@@ -107,13 +107,14 @@ std::vector<Piece> makeReady(Content& content, const std::string& file,
   for (Piece& piece : pieces) {
     if (piece.isImage() && !piece.by_cell &&
         *std::min_element(piece.size.begin(), piece.size.end()) < 2) {
-      throw VolumeError(file, fmt::format("it is flat: {} points", fmt::join(piece.size, " x ")),
-                        "give an image with thickness");
+      throw VolumeError(file,
+                        fmt::format("the image is flat: {} points", fmt::join(piece.size, " x ")),
+                        "give an image with two or more points along each axis");
     }
     piece.arrays = readyArrays(std::move(piece.arrays), content, piece.isImage(), notes);
     if (!piece.by_cell) continue;
     for (const Array& array : piece.arrays) {
-      notes.push_back(fmt::format("{}: a value a cell: its voxels are the cells", array.name));
+      notes.push_back(fmt::format("{}: one value per cell: the cells became voxels", array.name));
     }
   }
   std::erase_if(pieces, [](const Piece& piece) { return piece.arrays.empty(); });
@@ -128,7 +129,7 @@ std::vector<Piece> makeReady(Content& content, const std::string& file,
     }
   }
   if (taken.empty()) {
-    throw VolumeError(file, "it has no array of one or three values a point",
+    throw VolumeError(file, "the file has no array with one or three values per point",
                       "export the values with the mesh");
   }
   return pieces;
@@ -171,8 +172,8 @@ void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
   const std::vector<std::string> names = namesOf(pieces);
   for (const std::string& field : fields) {
     if (std::find(names.begin(), names.end(), field) == names.end()) {
-      throw VolumeError(file, fmt::format("it has no array \"{}\"", field),
-                        fmt::format("it has {}", fmt::join(names, ", ")));
+      throw VolumeError(file, fmt::format("the file has no array \"{}\"", field),
+                        fmt::format("choose from {}", fmt::join(names, ", ")));
     }
   }
   for (Piece& piece : pieces) {

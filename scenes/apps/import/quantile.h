@@ -8,8 +8,8 @@
 
 namespace palpate::importer {
 
-/// @param share  0 (the lowest) to 1; 0.5 is the median, of an even count the upper of its two.
-/// Reorders `values`; returns 0 if empty.
+/// Returns the quantile of the values, or 0 if there are no values. Reorders `values`.
+/// @param share  0 (the lowest) to 1. 0.5 gives the median; for an even count, the upper one.
 template <class T>
 [[nodiscard]] T quantile(std::vector<T>& values, double share) {
   if (values.empty()) return T(0);

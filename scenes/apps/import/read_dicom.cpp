@@ -31,7 +31,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kAgain = "copy or export it again";
+constexpr const char* kAgain = "copy or export the file again";
 
 /// Returns the DICOM files of a folder by name; adds its subfolders to `folders`.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
@@ -39,7 +39,7 @@ std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>
   std::error_code error;
   fs::directory_iterator entry(folder, error);
   if (error) {
-    throw VolumeError(folder.string(), "it cannot be read", "check its permissions");
+    throw VolumeError(folder.string(), "the folder cannot be read", "check the permissions");
   }
   for (; entry != fs::directory_iterator(); entry.increment(error)) {
     std::error_code ignored;
@@ -75,7 +75,7 @@ class Order final : public vtkDICOMSliceSorter {
   std::vector<int> frames_;
 };
 
-/// Returns which stored values are padding; empty if there is no padding.
+/// Marks the stored values that are padding; empty if no value is.
 Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   const bool any = std::any_of(slices.begin(), slices.end(),
                                [](const Slice& s) { return !std::isnan(s.padding[0]); });
@@ -217,13 +217,14 @@ class DicomReader final : public Reader {
     }
     const bool table = std::any_of(series.files.begin(), series.files.end(),
                                    [](const File* f) { return f->has_table; });
-    if (table) stack_.notes.emplace_back("its table of values (Modality LUT) is not applied");
+    if (table) stack_.notes.emplace_back("the table of values (Modality LUT) is not applied");
     if (std::any_of(series.files.begin(), series.files.end(),
                     [](const File* f) { return f->is_lossy; })) {
-      stack_.notes.emplace_back("its images were compressed with loss");
+      stack_.notes.emplace_back("the images were compressed with loss");
     }
     if (head_.modality == "CT" && !table && !stack_.steps.front().front().has_rescale) {
-      stack_.notes.emplace_back("it has no RescaleSlope: its values are taken as they are");
+      stack_.notes.emplace_back(
+          "the file has no RescaleSlope: the stored values are used unchanged");
     }
     head_.slices.clear();
   }
@@ -269,7 +270,9 @@ class DicomReader final : public Reader {
       Values values = framesOf(file, frames);
       if (values.none() || values.components() != 1 || values.tuples() != plane * frames.size() ||
           (!out.none() && values.type() != out.type())) {
-        throw VolumeError(paths_[file].string(), "its pixels do not fit the others'", kAgain);
+        throw VolumeError(paths_[file].string(),
+                          "the pixels differ in number or type from those of the other files",
+                          kAgain);
       }
       if (of_file.size() == 1) return values;
       if (out.none()) out = Values(values.type(), 1, plane * slices.size());
@@ -284,7 +287,7 @@ class DicomReader final : public Reader {
     return out;
   }
 
-  /// Returns no values if the file has none.
+  /// Returns the stored values of these frames; empty if the file has no pixels.
   Values framesOf(std::size_t file, const std::vector<int>& frames) const {
     const auto sorter = vtkSmartPointer<Order>::Take(new Order(frames));
     vtkNew<vtkDICOMReader> reader;
@@ -297,7 +300,7 @@ class DicomReader final : public Reader {
       run(reader, paths_[file].string(), nullptr, kAgain);
       const std::string damage = overheard.damage();
       if (!damage.empty()) {
-        throw VolumeError(paths_[file].string(), fmt::format("its pixels are damaged ({})", damage),
+        throw VolumeError(paths_[file].string(), fmt::format("the pixels are damaged ({})", damage),
                           kAgain);
       }
     } else {
@@ -354,7 +357,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::error_code error;
   const bool is_folder = fs::is_directory(request.file, error);
   if (!is_folder && !isDicom(request.file)) {
-    throw VolumeError(request.file.string(), "it is DICOM, but packed", "unpack it");
+    throw VolumeError(request.file.string(), "the DICOM file is packed", "unpack it");
   }
   // A single file selects its series, unless another series is requested.
   Request wanted = request;
@@ -364,7 +367,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
       throw VolumeError(request.file.string(), file.damage, kAgain);
     }
     if (!file.is_image) {
-      throw VolumeError(request.file.string(), "there is no image in it", "give an image's file");
+      throw VolumeError(request.file.string(), "the file has no image",
+                        "give a file with an image");
     }
     wanted.series = file.series;
   }
@@ -376,7 +380,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::vector<fs::path> paths = dicomFilesOf(folder, &folders);
   if (paths.empty()) paths = filesBelow(folders);
   if (paths.empty()) {
-    throw VolumeError(folder.string(), "there is no DICOM file in it", "give a folder of slices");
+    throw VolumeError(folder.string(), "the folder has no DICOM file",
+                      "give a folder of DICOM slices");
   }
   std::vector<File> files;
   files.reserve(paths.size());
@@ -388,8 +393,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   }
   const std::vector<Series> all = seriesOf(files);
   if (all.empty()) {
-    throw VolumeError(request.file.string(), "its DICOM files have no images",
-                      "give a folder of slices");
+    throw VolumeError(request.file.string(), "the DICOM files have no images",
+                      "give a folder of DICOM slices");
   }
   const Series& series = chosen(all, wanted);
   for (const File* file : series.files) {

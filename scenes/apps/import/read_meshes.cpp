@@ -99,13 +99,13 @@ class FoamReader final : public Reader {
                                                              : fs::path(".");
     const fs::path control = folder / "system" / "controlDict";
     if (!fs::is_regular_file(control, error)) {
-      throw VolumeError(request.file.string(), "there is no system/controlDict beside it",
+      throw VolumeError(request.file.string(), "system/controlDict is missing in the same folder",
                         "give the folder of an OpenFOAM case");
     }
     if (!fs::is_directory(folder / "constant" / "polyMesh", error) &&
         fs::is_directory(folder / "processor0", error)) {
-      throw VolumeError(request.file.string(), "it is in parts, a processor each",
-                        "put it together with reconstructPar");
+      throw VolumeError(request.file.string(), "the case is decomposed into one part per processor",
+                        "run reconstructPar");
     }
     // Time 0 is the solver's input.
     for (const bool skip_zero : {true, false}) {
@@ -120,8 +120,8 @@ class FoamReader final : public Reader {
       if (reader_->GetNumberOfCellArrays() > 0) break;
     }
     if (times_.empty()) {
-      throw VolumeError(request.file.string(), "it has no time with fields that can be read",
-                        "run a solver, or copy its times as well");
+      throw VolumeError(request.file.string(), "the case has no time with readable fields",
+                        "run a solver, or copy the time folders as well");
     }
   }
 
@@ -222,8 +222,8 @@ void dropImpossible(Content& content) {
       }
       if (!(negative > kFew * points)) return false;
       content.notes.push_back(
-          fmt::format("{}: left out: it follows from the energy, and is negative in {:.3g} % of "
-                      "the points: the file has no energy, or one of another scale",
+          fmt::format("{}: skipped: the values, which VTK computes from the energy, are negative "
+                      "at {:.3g} % of the points: the file has no energy, or one of another scale",
                       array.name, 100.0 * negative / points));
       return true;
     });
@@ -239,7 +239,7 @@ Content readPlot3d(const Request& request) {
   reader->SetVectorFunctionNumber(-1);
   for (const int function : {100, 110, 120, 200}) reader->AddFunction(function);
   run(reader, request.file.string(), request.progress,
-      "give a grid with --solution Q, both of one size and format");
+      "give a grid with --solution Q, both of the same size and format");
   Content content;
   content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
   dropImpossible(content);
@@ -253,8 +253,8 @@ std::unique_ptr<Reader> openNetcdf(const Request& request) {
   const std::uint64_t there = std::filesystem::file_size(request.file, error);
   if (const auto size = netcdfSize(request.file); size && !error && there < *size) {
     throw VolumeError(request.file.string(),
-                      fmt::format("it is truncated: {} bytes of {}", there, *size),
-                      "copy or export it again");
+                      fmt::format("the file is truncated: it has {} of {} bytes", there, *size),
+                      "copy or export the file again");
   }
   if (isCgns(request)) return std::make_unique<CgnsReader>(request);
   vtkNew<vtkExodusIIReader> reader;
@@ -266,8 +266,8 @@ std::unique_ptr<Reader> openNetcdf(const Request& request) {
 
 std::unique_ptr<Reader> openCgns(const Request& request) {
   if (!isCgns(request)) {
-    throw VolumeError(request.file.string(), "it is no CGNS that can be read",
-                      "it may be truncated or damaged: copy or export it again");
+    throw VolumeError(request.file.string(), "the CGNS file cannot be read",
+                      "the file may be truncated or damaged: copy or export it again");
   }
   return std::make_unique<CgnsReader>(request);
 }
@@ -278,8 +278,8 @@ std::unique_ptr<Reader> openFoam(const Request& request) {
 
 std::unique_ptr<Reader> openPlot3d(const Request& request) {
   if (request.solution.empty()) {
-    throw VolumeError(request.file.string(), "a PLOT3D grid has places, but no values",
-                      "give its solution with --solution FILE.q");
+    throw VolumeError(request.file.string(), "a PLOT3D grid has positions, but no values",
+                      "give the solution with --solution FILE.q");
   }
   std::error_code error;
   if (!std::filesystem::is_regular_file(request.solution, error)) {

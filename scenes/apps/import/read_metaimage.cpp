@@ -25,7 +25,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kMendHeader = "mend its header";
+constexpr const char* kCorrectHeader = "correct the header";
 
 std::string trimmed(const std::string& text) {
   const auto first = text.find_first_not_of(" \t\r");
@@ -51,7 +51,7 @@ class Header {
       length += line.size();
       const auto equals = line.find('=');
       if (length > kLongest || (equals == std::string::npos && !trimmed(line).empty())) {
-        refuse("its header is damaged", kMendHeader);
+        refuse("the header is damaged", kCorrectHeader);
       }
       if (equals == std::string::npos) continue;
       const std::string key = trimmed(line.substr(0, equals));
@@ -70,7 +70,7 @@ class Header {
     throw VolumeError(file_.string(), why, remedy);
   }
 
-  /// Returns the first of several names of a field that is present; or "".
+  /// Returns the text of the first of these fields that is present, or "".
   [[nodiscard]] std::string text(std::initializer_list<const char*> keys) const {
     for (const char* key : keys) {
       const auto at = fields_.find(key);
@@ -92,7 +92,9 @@ class Header {
       all = all && parsed.ec == std::errc() && parsed.ptr == end && std::isfinite(out.back());
     }
     if (!all || (!out.empty() && out.size() != count)) {
-      refuse(fmt::format("its {} is not {} numbers", *keys.begin(), count), kMendHeader);
+      refuse(count == 1 ? fmt::format("the field {} is not a number", *keys.begin())
+                        : fmt::format("the field {} is not {} numbers", *keys.begin(), count),
+             kCorrectHeader);
     }
     return out;
   }
@@ -117,8 +119,8 @@ class Header {
         {"MET_FLOAT", {4, Type::kFloat32}},   {"MET_DOUBLE", {8, Type::kFloat64}}};
     const auto at = types.find(text({"ElementType"}));
     if (at == types.end()) {
-      refuse(fmt::format("its ElementType \"{}\" is not known", text({"ElementType"})),
-             "export it as MET_SHORT or MET_FLOAT");
+      refuse(fmt::format("the ElementType \"{}\" is unknown", text({"ElementType"})),
+             "export the image as MET_SHORT or MET_FLOAT");
     }
     return at->second;
   }
@@ -133,7 +135,7 @@ class Header {
   /// Returns whether slices can be read separately.
   [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
 
-  /// @param slices  All, or some of a seekable image.
+  /// Returns the values of these slices: all, or a part of a seekable image. Throws VolumeError.
   [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
     Values values;
     const std::vector<double> n = sizes();
@@ -141,7 +143,7 @@ class Header {
     try {
       values = Values(type().type, channels(), slice * static_cast<std::size_t>(slices.count));
     } catch (const std::bad_alloc&) {
-      refuse("it takes more memory than there is", "import a part of it");
+      refuse("the values need more memory than is free", "export and import a smaller part");
     }
     if (isSeekable()) {
       readSlices(slices, static_cast<std::size_t>(n[2]), values, progress);
@@ -169,7 +171,7 @@ class Header {
       std::ifstream in(part.file, std::ios::binary);
       in.seekg(static_cast<std::streamoff>(part.offset + k % each * bytes));
       in.read(to, static_cast<std::streamsize>(here * bytes));
-      if (!in) refuse("its values end too soon", "copy or export it again");
+      if (!in) refuse("the values end too early", "copy or export the file again");
       to += here * bytes;
       k += here;
       if (progress) progress(static_cast<double>(k - first) / static_cast<double>(end - first));
@@ -205,9 +207,10 @@ class Header {
       using T = std::remove_pointer_t<decltype(data)>;
       for (std::size_t i = first; i < first + count; ++i) {
         double value = 0.0;
-        if (!(in >> value)) refuse("its values are no numbers, or end too soon", kMendHeader);
+        if (!(in >> value))
+          refuse("a value is not a number, or the values end too early", kCorrectHeader);
         if constexpr (std::is_integral_v<T>) {
-          // The nearest value of the type.
+          // Limits the value to the range of the type.
           value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
                              std::nexttoward(std::ldexp(1.0, std::numeric_limits<T>::digits), 0));
         }
@@ -219,18 +222,20 @@ class Header {
   void check() {
     const std::string object = text({"ObjectType"});
     if (!object.empty() && object != "Image") {
-      refuse(fmt::format("it is a MetaIO {}, not an image", object), "give an image");
+      refuse(fmt::format("the file is a MetaIO {}, not an image", object),
+             "give a MetaImage of type Image");
     }
     if (text({"NDims"}) != "3") {
-      refuse(fmt::format("it has {} dimensions", text({"NDims"}).empty() ? "no" : text({"NDims"})),
-             "give an image of 3");
+      refuse(fmt::format("the image has {} dimensions",
+                         text({"NDims"}).empty() ? "no" : text({"NDims"})),
+             "give an image with 3 dimensions");
     }
     const std::vector<double> sizes = numbers({"DimSize"}, 3);
-    if (sizes.empty()) refuse("it has no DimSize", kMendHeader);
+    if (sizes.empty()) refuse("the header has no DimSize", kCorrectHeader);
     double each = type().bytes;
     if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
       if (!(channels[0] >= 1.0) || channels[0] > 1000.0 || channels[0] != std::floor(channels[0])) {
-        refuse("its ElementNumberOfChannels is absurd", kMendHeader);
+        refuse("ElementNumberOfChannels is not a whole number from 1 to 1000", kCorrectHeader);
       }
       each *= channels[0];
     }
@@ -252,17 +257,18 @@ class Header {
   /// Locates the values, and checks before memory is allocated that the files can hold them.
   void checkData(double bytes, double slices) {
     const std::string name = text({"ElementDataFile"});
-    if (name.empty()) refuse("it names no ElementDataFile", kMendHeader);
+    if (name.empty()) refuse("the header has no ElementDataFile", kCorrectHeader);
     std::vector<std::string> files{name};
     if (name.find('%') != std::string::npos) files = numbered(name, slices);
     if (name.rfind("LIST", 0) == 0) files = list_;
-    if (files.empty()) refuse("it lists no data files", kMendHeader);
+    if (files.empty()) refuse("the header lists no data files", kCorrectHeader);
     const double share = bytes / static_cast<double>(files.size());
     if (std::fmod(slices, static_cast<double>(files.size())) != 0.0) {
-      refuse(fmt::format("it has {} slices in {} data files", slices, files.size()), kMendHeader);
+      refuse(fmt::format("{} slices cannot be divided among {} data files", slices, files.size()),
+             kCorrectHeader);
     }
     if (isTrue({"CompressedData"}) && files.size() != 1) {
-      refuse("its values are compressed in several files", "export it uncompressed");
+      refuse("the values are compressed in several files", "export the image uncompressed");
     }
     const auto skipped = numbers({"HeaderSize"}, 1);
     for (const std::string& data : files) {
@@ -285,7 +291,8 @@ class Header {
   /// Returns the files of "slice%03d.raw 1 93 1", one for each slice.
   [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
     constexpr double kMost = 100000.0;
-    if (slices > kMost) refuse(fmt::format("it has {} slices", slices), kMendHeader);
+    if (slices > kMost)
+      refuse(fmt::format("the header states {} slices, more than 100000", slices), kCorrectHeader);
     std::istringstream words(field);
     std::string pattern;
     int first = 1;
@@ -300,7 +307,7 @@ class Header {
     }
     if (end >= pattern.size() || pattern[end] != 'd' || end - at > 2 ||
         pattern.find('%', end) != std::string::npos) {
-      refuse(fmt::format("its pattern of data files \"{}\" is none", pattern),
+      refuse(fmt::format("the pattern of data files \"{}\" is invalid", pattern),
              "write one %d, as in slice%03d.raw");
     }
     const std::string format = fmt::format("{{:{}}}", pattern.substr(at, end - at + 1));
@@ -311,8 +318,9 @@ class Header {
                       pattern.substr(end + 1));
     }
     if (static_cast<double>(files.size()) != slices) {
-      refuse(fmt::format("it numbers {} data files, but has {} slices", files.size(), slices),
-             kMendHeader);
+      refuse(fmt::format("the pattern names {} data files, but the image has {} slices",
+                         files.size(), slices),
+             kCorrectHeader);
     }
     return files;
   }
@@ -357,7 +365,7 @@ class MetaImageReader final : public Reader {
   [[nodiscard]] Affine place(const Mat3& turn, std::vector<std::string>& notes) const {
     Affine map;
     const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
-    if (spacing.empty()) notes.emplace_back("no ElementSpacing: 1 is taken");
+    if (spacing.empty()) notes.emplace_back("no ElementSpacing: a spacing of 1 is assumed");
     // A row of the text is the direction of an axis.
     const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
     for (int axis = 0; axis < 3; ++axis) {
@@ -372,7 +380,7 @@ class MetaImageReader final : public Reader {
     const auto centre = header_.numbers({"CenterOfRotation"}, 3);
     const bool centred = std::any_of(centre.begin(), centre.end(), [](double c) { return c != 0; });
     if (centred && !matrix.empty()) {
-      notes.emplace_back("CenterOfRotation is ignored, as ITK does");
+      notes.emplace_back("CenterOfRotation is ignored, as in ITK");
     }
     map.linear = turn * map.linear;
     map.origin = turn * map.origin;
@@ -398,12 +406,13 @@ class MetaImageReader final : public Reader {
       return {"vector", turned(values, turn), "", "", false};
     }
     if (channels == 6 && request_.as == "tensor") {
-      content.notes.emplace_back("six channels: taken as xx xy xz yy yz zz, as ITK writes them");
+      content.notes.emplace_back(
+          "six channels are read as the tensor xx xy xz yy yz zz, the order of ITK");
       return {"tensor", turned(picked(values, kUpperTriangle), turn), "", "", false};
     }
     header_.refuse(
-        fmt::format("it has {} channels, not 1 or 3", channels),
-        channels == 6 ? "if they are a symmetric tensor, say --as tensor" : "export one of them");
+        fmt::format("the image has {} channels, not 1 or 3", channels),
+        channels == 6 ? "add --as tensor if they are a symmetric tensor" : "export one channel");
   }
 
   Request request_;

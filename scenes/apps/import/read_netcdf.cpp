@@ -70,7 +70,7 @@ class File {
                        nullptr));
       variable.name = name.data();
       for (const int d : variable.dimensions) {
-        if (d < 0 || d >= dimensions) refuse("its dimensions make no sense");
+        if (d < 0 || d >= dimensions) refuse("the dimensions of a variable are invalid");
       }
       variables_.push_back(std::move(variable));
     }
@@ -147,17 +147,17 @@ class File {
     std::error_code error;
     const auto there = static_cast<double>(std::filesystem::file_size(path_, error));
     if (values <= kMostVoxels && leastDeflated(values) <= there) return;
-    refuse(fmt::format("its header tells of {:.3g} values, for which it is too short", values));
+    refuse(fmt::format("the header states {:.3g} values, more than the file can hold", values));
   }
 
  private:
   void check(int status) const {
     if (status == NC_NOERR) return;
-    refuse(fmt::format("the netCDF library cannot read it ({})", nc_strerror(status)));
+    refuse(fmt::format("the netCDF library cannot read the file ({})", nc_strerror(status)));
   }
   [[noreturn]] void refuse(const std::string& why) const {
     throw VolumeError(path_.string(), why,
-                      "it may be truncated or damaged: copy or export it again");
+                      "the file may be truncated or damaged: copy or export it again");
   }
 
   /// Classifies a dimension by the variable of the same name: its axis, units, standard name and
@@ -225,11 +225,11 @@ class NetcdfReader final : public Reader {
   explicit NetcdfReader(const Request& request) : request_(request), file_(request.file) {
     for (std::size_t v = 0; v < file_.variables().size(); ++v) find(static_cast<int>(v));
     if (fields_.empty()) {
-      throw VolumeError(
-          request.file.string(),
-          left_.empty() ? "it is netCDF, and none of its variables is a volume"
-                        : "it is netCDF, and none of its variables is a volume: " + left_.front(),
-          "export variables over x, y and z, or longitude, latitude and level");
+      throw VolumeError(request.file.string(),
+                        left_.empty()
+                            ? "no variable of the netCDF file is a volume"
+                            : "no variable of the netCDF file is a volume: " + left_.front(),
+                        "export variables over x, y and z, or longitude, latitude and level");
     }
     const Field& first = fields_.front();
     if (first.time) {
@@ -253,7 +253,7 @@ class NetcdfReader final : public Reader {
       if (asked && !isAsked(nameOf(field))) continue;
       const std::vector<int>& own = dimensionsOf(field);
       if (field.time && times_.size() > 1 && own[*field.time] != time_) {
-        content.notes.push_back(fmt::format("{}: left out: its times are not those of {}",
+        content.notes.push_back(fmt::format("{}: skipped: its times differ from those of {}",
                                             nameOf(field), nameOf(fields_.front())));
         continue;
       }
@@ -305,7 +305,7 @@ class NetcdfReader final : public Reader {
       return;
     }
     const auto leave = [&](const std::string& why) {
-      left_.push_back(fmt::format("{}: left out: {}", variable.name, why));
+      left_.push_back(fmt::format("{}: skipped: {}", variable.name, why));
     };
     Field field;
     field.variable = v;
@@ -337,7 +337,7 @@ class NetcdfReader final : public Reader {
       unknown.pop_back();
     }
     if (!axes[0] || !axes[1] || !axes[2]) {
-      return leave("it has no three dimensions of space");
+      return leave("the variable has fewer than three dimensions of space");
     }
     for (std::size_t a = 0; a < 3; ++a) field.axes[a] = *axes[a];
     // Rejects positions that depend on two dimensions.
@@ -348,15 +348,15 @@ class NetcdfReader final : public Reader {
           contains(" " + coordinates + " ", " " + other.name + " ") &&
           contains(file_.text(static_cast<int>(c), "units"), "degree")) {
         return leave(
-            "its longitudes and latitudes are no axes: interpolate it to a regular grid, "
-            "as with cdo remapbil");
+            "longitude and latitude each depend on two dimensions: interpolate the variable to a "
+            "regular grid, for example with cdo remapbil");
       }
     }
     others.insert(others.end(), unknown.begin(), unknown.end());
     for (const std::size_t i : others) {
       const Dimension& dimension = file_.dimension(variable.dimensions[i]);
-      left_.push_back(fmt::format("{}: the first of {} along {}", variable.name, dimension.length,
-                                  dimension.name));
+      left_.push_back(fmt::format("{}: only the first of {} along {} is imported", variable.name,
+                                  dimension.length, dimension.name));
     }
     double values = 1.0;
     for (const int d : variable.dimensions) {
@@ -384,8 +384,8 @@ class NetcdfReader final : public Reader {
       for (double& p : axis.at) {
         p *= hectopascals(axis.unit);
         if (!(p > 0.0)) {
-          throw VolumeError(request_.file.string(), "it has a pressure that is not above 0",
-                            "mend its coordinates");
+          throw VolumeError(request_.file.string(), "a pressure is not above 0",
+                            "correct the coordinates");
         }
       }
     } else if (a == 2 && file_.text(variable, "positive") == "down") {

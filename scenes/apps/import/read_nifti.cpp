@@ -24,9 +24,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kMendHeader = "check what wrote it";
+constexpr const char* kCheckWriter = "check the program that wrote the file";
 constexpr const char* kAsFsl =
-    "along the voxel axes, as FSL writes them (its x is mirrored where the axes are right-handed)";
+    "along the voxel axes, as FSL writes them (x is mirrored if the axes are right-handed)";
 
 /// The header's numbers, for both versions and byte orders.
 struct Header {
@@ -140,10 +140,10 @@ class NiftiReader final : public Reader {
     const std::size_t there = in.readSome(bytes.data(), bytes.size());
     const std::string_view magic(bytes.data() + 344, 3);
     const bool second = magic != "n+1" && magic != "ni1";
-    if (there < (second ? 540U : 348U)) refuse("its NIfTI header is damaged", kMendHeader);
+    if (there < (second ? 540U : 348U)) refuse("the NIfTI header is damaged", kCheckWriter);
     header_ = headerFrom(bytes, second);
     if (header_.size[0] < 1 || header_.size[0] > 7 || std::isnan(header_.offset)) {
-      refuse("its NIfTI header is damaged", kMendHeader);
+      refuse("the NIfTI header is damaged", kCheckWriter);
     }
     classify();
     weigh();
@@ -193,7 +193,8 @@ class NiftiReader final : public Reader {
     const auto& size = header_.size;
     findType();
     if (size[6] != 1 || size[7] != 1) {
-      refuse(fmt::format("it has {} dimensions", size[0]), "export it with 3, 4 or 5");
+      refuse(fmt::format("the image has {} dimensions", size[0]),
+             "export the image with 3, 4 or 5 dimensions");
     }
     series_ = size[4] > 1;
     constexpr int kDisplacement = 1006;
@@ -212,22 +213,23 @@ class NiftiReader final : public Reader {
       } else if (size[5] == 6 && (header_.intent == kSymmetricMatrix || request_.as == "tensor")) {
         meaning_ = Meaning::kTensor;
       } else {
-        refuse(fmt::format("it has {} values a voxel", size[5]),
+        refuse(fmt::format("the image has {} values per voxel", size[5]),
                "export one, three (a vector) or six (a symmetric matrix)");
       }
-      notes_.emplace_back("components are taken along x (right), y (front) and z (up)");
+      notes_.emplace_back("components are read along x (right), y (front) and z (up)");
       return;
     }
     if (request_.as.empty()) return;
     const int expected = request_.as == "vector" ? 3 : 6;
     if (size[4] != expected) {
-      refuse(fmt::format("it has {} volumes, not the {} of a {}", size[4], expected, request_.as),
-             "leave --as out");
+      refuse(fmt::format("the image has {} volumes, not the {} of a {}", size[4], expected,
+                         request_.as),
+             "omit --as");
     }
     as_components_ = true;
     series_ = false;
     meaning_ = request_.as == "vector" ? Meaning::kVector : Meaning::kTensor;
-    notes_.push_back(std::string("components are taken ") + kAsFsl);
+    notes_.push_back(std::string("components are read ") + kAsFsl);
   }
 
   /// Detects directions of fibres, which FSL writes as three volumes: a vector of length 1 or 0 at
@@ -253,8 +255,9 @@ class NiftiReader final : public Reader {
     series_ = false;
     axial_ = true;
     meaning_ = Meaning::kVector;
-    notes_.push_back(std::string("its three volumes are vectors of length 1: directions, taken ") +
-                     kAsFsl + ", not steps of time");
+    notes_.push_back(
+        std::string("the three volumes are vectors of length 1: they are read as directions ") +
+        kAsFsl + ", not as time steps");
   }
 
   void findType() {
@@ -291,19 +294,22 @@ class NiftiReader final : public Reader {
         break;
       case 128:
       case 2304:
-        refuse("its values are colours, which cannot be felt", "export it in grey values");
+        refuse("the values are colours, which palpate does not import",
+               "export the image in grey values");
       case 32:
       case 1792:
       case 2048:
-        refuse("its values are complex, which cannot be felt", "export their magnitude");
+        refuse("the values are complex numbers, which palpate does not import",
+               "export the magnitude");
       default:
-        refuse(fmt::format("its values are of a type, {}, that is not known", header_.type),
-               "export it as short or float");
+        refuse(fmt::format("the type of the values, {}, is unknown", header_.type),
+               "export the image as short or float");
     }
     const auto bits = static_cast<int>(8 * Values(type_, 1, 0).bytesEach());
     if (header_.bits != bits) {
-      refuse(fmt::format("its values have {} bits, but {} by their type", header_.bits, bits),
-             kMendHeader);
+      refuse(fmt::format("the header states {} bits per value, but the type of the values has {}",
+                         header_.bits, bits),
+             kCheckWriter);
     }
   }
 
@@ -311,7 +317,7 @@ class NiftiReader final : public Reader {
   void weigh() const {
     const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
     const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
-    if (header_.offset < 0) refuse("its voxels begin nowhere", kMendHeader);
+    if (header_.offset < 0) refuse("the offset of the voxels is negative", kCheckWriter);
     const fs::path data = dataFile();
     const double least = bytes + header_.offset;
     checkHeld(request_.file, data, sizeOfData(request_.file, data, true),
@@ -374,7 +380,7 @@ class NiftiReader final : public Reader {
         }
       }
     } catch (const std::bad_alloc&) {
-      refuse("it takes more memory than there is", "import a part of it");
+      refuse("the values need more memory than is free", "export and import a smaller part");
     }
     // The whole file is verified once, also for a series.
     if (!sound_) in.finish();
@@ -408,7 +414,7 @@ class NiftiReader final : public Reader {
     for (int axis = 0; axis < 3; ++axis) {
       double spacing = std::abs(header_.spacing[static_cast<std::size_t>(axis) + 1]);
       if (!(spacing > 0.0)) {
-        notes.push_back(fmt::format("axis {}: no spacing: 1 is taken", "xyz"[axis]));
+        notes.push_back(fmt::format("axis {}: no spacing: 1 is assumed", "xyz"[axis]));
         spacing = 1.0;
       }
       map.linear.col(axis) *= spacing;

@@ -1,223 +1,35 @@
-/// Reads NRRD with teem, which parses the header and decodes the data. This file decides which
-/// files are opened and how much is read, since teem trusts the header in both. It also unpacks
-/// gzip: teem does not verify the checksum.
+/// Reads NRRD with teem, which parses the header and decodes the data.
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <cctype>
-#include <cmath>
-#include <cstdio>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
-#include <limits>
+#include <memory>
 #include <new>
 #include <optional>
-#include <set>
-#include <sstream>
+#include <string>
 #include <teem/nrrd.h>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
-#include "palpate/scenes/apps/import/header_checks.h"
+#include "palpate/scenes/apps/import/nrrd_data.h"
+#include "palpate/scenes/apps/import/nrrd_header.h"
 #include "palpate/scenes/apps/import/reader.h"
-#include "palpate/scenes/apps/import/unpacked.h"
 #include "palpate/scenes/apps/import/values.h"
 
 namespace palpate::importer {
 namespace {
 
-namespace fs = std::filesystem;
-
-constexpr const char* kDamaged = "it may be truncated or damaged: copy or export it again";
-constexpr const char* kMendHeader = "mend its header";
-
-struct CloseFile {
-  void operator()(std::FILE* file) const { std::fclose(file); }
-};
-using File = std::unique_ptr<std::FILE, CloseFile>;
 struct FreeNrrd {
   void operator()(Nrrd* nrrd) const { nrrdNuke(nrrd); }
 };
 struct FreeState {
   void operator()(NrrdIoState* state) const { nrrdIoStateNix(state); }
 };
-
-/// Returns the innermost line of teem's error.
-std::string trouble() {
-  char* text = biffGetDone(NRRD);
-  if (text == nullptr) return "unknown trouble";
-  std::istringstream lines(text);
-  std::free(text);  // NOLINT(cppcoreguidelines-no-malloc): teem's
-  std::string line;
-  std::string last;
-  while (std::getline(lines, line)) {
-    if (!line.empty()) last = line;
-  }
-  const auto colon = last.find(": ");  // "[nrrd] function: what"
-  if (colon != std::string::npos) last.erase(0, colon + 2);
-  for (char& c : last) {
-    if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
-  }
-  constexpr std::size_t kLongest = 160;
-  if (last.size() > kLongest) last = last.substr(0, kLongest) + " ...";
-  return last;
-}
-
-std::string lowered(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
-
-/// A file with a share of the data.
-struct Part {
-  fs::path file;
-  long offset = 0;           ///< End of an attached header.
-  std::optional<long> skip;  ///< Overrides the header's byte skip.
-};
-
-/// The header as text, without the fields that locate the data.
-struct Header {
-  std::vector<std::string> lines;
-  std::vector<Part> parts;
-  unsigned line_skip = 0;
-  long byte_skip = 0;
-};
-
-/// Converts "name.%03d" and 7 to "name.007". Does not use printf, which would trust the pattern.
-std::string numbered(const std::string& pattern, int number, const std::string& file) {
-  const auto at = pattern.find('%');
-  std::size_t end = at == std::string::npos ? at : at + 1;
-  std::size_t width = 0;
-  const bool zeros = end < pattern.size() && pattern[end] == '0';
-  while (end < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[end])) != 0) {
-    width = std::min<std::size_t>(10 * width + static_cast<std::size_t>(pattern[end++] - '0'), 99);
-  }
-  const bool known = end < pattern.size() && std::strchr("diu", pattern[end]) != nullptr;
-  if (!known || width > 20 || pattern.find('%', end) != std::string::npos) {
-    throw VolumeError(file, fmt::format("its pattern of data files \"{}\" is none", pattern),
-                      "write one %d, as in slice%03d.raw");
-  }
-  std::string digits = std::to_string(number);
-  if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
-  return pattern.substr(0, at) + digits + pattern.substr(end + 1);
-}
-
-/// Parses the text after "data file:", and the lines after it if it is a list.
-std::vector<Part> partsOf(const std::string& field, std::istream& rest, const fs::path& file) {
-  constexpr int kMost = 1000000;
-  const auto besides = [&](const std::string& name) {
-    if (name == "-") {
-      throw VolumeError(file.string(), "its data are to come from a pipe", "name a data file");
-    }
-    return file.parent_path() / name;  // an absolute name stays unchanged
-  };
-  std::vector<Part> parts;
-  std::istringstream words(field);
-  std::string first;
-  words >> first;
-  if (first == "LIST" || first == "SKIPLIST") {
-    std::string line;
-    while (std::getline(rest, line) && static_cast<int>(parts.size()) < kMost) {
-      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) {
-        line.pop_back();
-      }
-      if (line.empty()) continue;
-      Part part;
-      if (first == "SKIPLIST") {
-        std::istringstream pair(line);
-        long skip = 0;
-        pair >> skip >> std::ws;
-        if (!pair) throw VolumeError(file.string(), "its SKIPLIST is damaged", kMendHeader);
-        std::getline(pair, line);
-        part.skip = skip;
-      }
-      part.file = besides(line);
-      parts.push_back(part);
-    }
-  } else if (int lowest = 0, highest = 0, step = 0;
-             first.find('%') != std::string::npos && words >> lowest >> highest >> step) {
-    if (step == 0 || (highest - static_cast<double>(lowest)) / step > kMost) {
-      throw VolumeError(file.string(), "its numbering of data files never ends", kMendHeader);
-    }
-    for (long n = lowest; step > 0 ? n <= highest : n >= highest; n += step) {
-      parts.push_back({besides(numbered(first, static_cast<int>(n), file.string())), 0, {}});
-    }
-  } else {
-    parts.push_back({besides(field), 0, {}});  // may have spaces
-  }
-  if (parts.empty()) throw VolumeError(file.string(), "it names no data file", kMendHeader);
-  return parts;
-}
-
-/// Stores a line of the header, unless it locates the data or is not needed.
-void takeLine(Header& header, std::string line, const fs::path& file) {
-  if (line[0] == '#' || line.find(":=") < line.find(": ")) return;
-  std::string key = lowered(line.substr(0, line.find(':')));
-  std::erase(key, ' ');
-  if (key != "lineskip" && key != "byteskip") {
-    // Teem prints error messages into 1024 characters.
-    constexpr std::size_t kLongest = 800;
-    if (line.size() > kLongest && key == "content") line.resize(kLongest);
-    if (line.size() > kLongest) {
-      throw VolumeError(file.string(), "its header has a line that is too long", kMendHeader);
-    }
-    header.lines.push_back(std::move(line));
-    // Debian's teem knows this kind's name but not its size.
-    std::string& taken = header.lines.back();
-    const auto gradient = key == "kinds" ? taken.find("3-gradient") : std::string::npos;
-    if (gradient != std::string::npos) taken.replace(gradient, 10, "3-vector");
-    return;
-  }
-  std::istringstream value(line.substr(line.find(':') + 1));
-  long count = 0;
-  value >> count;
-  if (!value || (key == "lineskip" && (count < 0 || count > 1000000))) {
-    throw VolumeError(file.string(), fmt::format("its {} is no count", key), kMendHeader);
-  }
-  if (key == "lineskip") {
-    header.line_skip = static_cast<unsigned>(count);
-  } else {
-    header.byte_skip = count;
-  }
-}
-
-Header readHeader(const fs::path& file) {
-  constexpr std::size_t kLongest = 1U << 20U;
-  std::ifstream in(file, std::ios::binary);
-  Header header;
-  std::string line;
-  std::size_t length = 0;
-  while (std::getline(in, line)) {
-    length += line.size();
-    if (length > kLongest) throw VolumeError(file.string(), "its header never ends", kDamaged);
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (line.empty()) {
-      header.parts.push_back({file, static_cast<long>(in.tellg()), {}});
-      return header;
-    }
-    const auto colon = line.find(':');
-    const std::string key = lowered(line.substr(0, colon));
-    if (colon != std::string::npos && (key == "data file" || key == "datafile")) {
-      const auto value = line.find_first_not_of(" \t", colon + 1);
-      const std::string field = value == std::string::npos ? "" : line.substr(value);
-      header.parts = partsOf(field, in, file);
-      if (field.rfind("LIST", 0) == 0 || field.rfind("SKIPLIST", 0) == 0) return header;
-      // The lines that follow belong to the header, until an empty line or the end.
-      while (std::getline(in, line)) {
-        if (!line.empty() && line.back() == '\r') line.pop_back();
-        if (line.empty() || header.lines.size() > 10000) break;
-        takeLine(header, line, file);
-      }
-      return header;
-    }
-    takeLine(header, line, file);
-  }
-  throw VolumeError(file.string(), "it ends within its header", kDamaged);
-}
 
 /// Meaning of a value.
 enum class Meaning : std::uint8_t { kScalar, kVector, kTensor, kMaskedTensor };
@@ -253,13 +65,12 @@ class NrrdReader final : public Reader {
  public:
   explicit NrrdReader(const Request& request) : request_(request), file_(request.file.string()) {
     nrrdStateVerboseIO = 0;
-    Header header = readHeader(request.file);
-    parts_ = std::move(header.parts);
+    NrrdHeader header = readNrrdHeader(request.file);
     parse(header.lines);
     state_->lineSkip = header.line_skip;
     state_->byteSkip = header.byte_skip;
     classify();
-    weigh();
+    data_.emplace(request_, std::move(header.parts), nrrd_.get(), state_.get());
   }
 
   [[nodiscard]] std::vector<double> times() const override {
@@ -311,13 +122,13 @@ class NrrdReader final : public Reader {
     nrrd_.reset(nrrdNew());
     state_.reset(nrrdIoStateNew());
     state_->skipData = 1;
-    const File in(fmemopen(text.data(), text.size(), "rb"));
+    const NrrdFile in(fmemopen(text.data(), text.size(), "rb"));
     return in != nullptr && nrrdRead(nrrd_.get(), in.get(), state_.get()) == 0;
   }
 
   void parse(std::vector<std::string> lines) {
     if (!tryParse(lines)) {
-      const std::string why = trouble();
+      const std::string why = teemError();
       // Space directions exclude spacings and similar fields; some programs write both.
       const auto begins = [](const std::string& line, const char* with) {
         return lowered(line).rfind(with, 0) == 0;
@@ -331,16 +142,17 @@ class NrrdReader final : public Reader {
       });
       if (!directed || dropped == 0 || !tryParse(lines)) {
         if (directed && dropped > 0) std::free(biffGetDone(NRRD));  // NOLINT
-        refuse(fmt::format("its NRRD header is damaged ({})", why), kMendHeader);
+        refuse(fmt::format("the NRRD header is damaged ({})", why), kCorrectNrrdHeader);
       }
-      notes_.emplace_back("its space directions are taken, its spacings are not");
+      notes_.emplace_back(
+          "the header has space directions and spacings: only the space directions are used");
     }
     if (!typeOf(nrrd_->type)) {
-      refuse("its values are blocks of bytes", "export it as integers or floats");
+      refuse("the values are blocks of bytes", "export the values as integers or floats");
     }
     if (state_->encoding->available() == 0 && state_->encoding != nrrdEncodingGzip) {
-      refuse(fmt::format("this teem cannot decode {}", state_->encoding->name),
-             "export it raw or gzipped");
+      refuse(fmt::format("the installed teem cannot decode {}", state_->encoding->name),
+             "export the values raw or gzipped");
     }
   }
 
@@ -348,7 +160,7 @@ class NrrdReader final : public Reader {
   void takeKind(int axis, int kind) {
     const std::size_t size = axisAt(axis).size;
     const auto component = [&](Meaning meaning) {
-      if (component_ >= 0) refuse("its values have two axes of components", "export one of them");
+      if (component_ >= 0) refuse("the values have two axes of components", "export one of them");
       component_ = axis;
       meaning_ = meaning;
     };
@@ -363,8 +175,8 @@ class NrrdReader final : public Reader {
       case nrrdKind3Gradient:
       case nrrdKind3Normal:
         if (size != 3) {
-          refuse(fmt::format("its vectors have {} components, not 3", size),
-                 "call that axis a list in its header if it is a series");
+          refuse(fmt::format("the vectors have {} components, not 3", size),
+                 "if this axis is a series, change its kind to list in the header");
         }
         return component(Meaning::kVector);
       case nrrdKind3DSymMatrix:
@@ -379,11 +191,11 @@ class NrrdReader final : public Reader {
       case nrrdKindTime:
       case nrrdKindList:
         if (size == 1) return;
-        if (series_ >= 0) refuse("it is a series in two ways", "export one of them");
+        if (series_ >= 0) refuse("two axes are series", "export one of them");
         series_ = axis;
         return;
       default:
-        refuse(fmt::format("its values are of kind {}, which cannot be felt",
+        refuse(fmt::format("the values are of kind {}, which palpate does not import",
                            airEnumStr(nrrdKind, kind)),
                "export scalars, vectors or symmetric tensors");
     }
@@ -411,11 +223,13 @@ class NrrdReader final : public Reader {
       if (space.empty()) space = guess();
     }
     if (space.size() < 3) {
-      refuse("it is flat: it has no three axes of space", "give an image with thickness");
+      refuse("the image has fewer than three axes of space",
+             "give an image with three axes of space");
     }
     // If four domain axes have no directions, the last is time.
     if (space.size() > 3 && (directed_ || space.size() > 4)) {
-      refuse(fmt::format("it has {} axes of space, not 3", space.size()), kMendHeader);
+      refuse(fmt::format("the image has {} axes of space, not 3", space.size()),
+             kCorrectNrrdHeader);
     }
     std::copy_n(space.begin(), 3, space_.begin());
     for (int a = 0; a < dim; ++a) {
@@ -441,142 +255,17 @@ class NrrdReader final : public Reader {
         guessed_ = nrrdKind3DMatrix;
         break;
       default:
-        notes_.emplace_back("no kinds of axes: the last one is taken as a series");
+        notes_.emplace_back("the axes have no kinds: the last axis is read as a series");
         rest.pop_back();
         return rest;
     }
-    notes_.push_back(fmt::format("no kinds of axes: the first one is taken as a {}",
+    notes_.push_back(fmt::format("the axes have no kinds: the first axis is read as a {}",
                                  airEnumStr(nrrdKind, guessed_)));
     rest.erase(rest.begin());
     return rest;
   }
 
-  /// Checks that the files can hold what the header states, before memory is allocated.
-  void weigh() {
-    std::vector<double> sizes;
-    sizes.reserve(nrrd_->dim);
-    for (int a = 0; a < static_cast<int>(nrrd_->dim); ++a) {
-      sizes.push_back(static_cast<double>(axisAt(a).size));
-    }
-    static_cast<void>(
-        bytesOf(request_.file, sizes, static_cast<double>(nrrdElementSize(nrrd_.get()))));
-    const std::size_t count = nrrdElementNumber(nrrd_.get());
-    if (count == 0 || count % parts_.size() != 0) {
-      refuse(fmt::format("{} values do not divide among {} data files", count, parts_.size()),
-             kMendHeader);
-    }
-    part_values_ = count / parts_.size();
-    const double bytes = static_cast<double>(part_values_ * nrrdElementSize(nrrd_.get()));
-    for (const Part& part : parts_) {
-      const double size = sizeOfData(request_.file, part.file, request_.follow);
-      double least = bytes;
-      if (state_->encoding == nrrdEncodingGzip) least = leastDeflated(bytes);
-      if (state_->encoding == nrrdEncodingAscii) {
-        least = leastText(static_cast<double>(part_values_));
-      }
-      if (state_->encoding == nrrdEncodingHex) least = 2.0 * bytes;
-      if (state_->encoding == nrrdEncodingBzip2 || state_->encoding == nrrdEncodingZRL) least = 0.0;
-      checkHeld(request_.file, part.file, size - static_cast<double>(part.offset), least);
-    }
-  }
-
   // ------------------------------------------------------------------ the data
-
-  /// Rejects long words: teem reads text into a buffer of 1024 characters without a check.
-  void checkWords(std::FILE* in) const {
-    const long start = std::ftell(in);
-    constexpr int kLongest = 500;
-    int length = 0;
-    for (int c = std::fgetc(in); c != EOF; c = std::fgetc(in)) {
-      length = std::isspace(c) != 0 ? 0 : length + 1;
-      if (length > kLongest) refuse("its text has no numbers", kDamaged);
-    }
-    std::fseek(in, start, SEEK_SET);
-  }
-
-  /// Unpacks `bytes` bytes of the values of a gzipped part, which begins at `offset`. The first
-  /// call verifies the whole part.
-  void unpackPart(const Part& part, long offset, long skip, std::size_t first, std::size_t bytes,
-                  char* to) {
-    const auto open = [&] {
-      return std::make_unique<Unpacked>(request_.file, part.file, Packing::kExpected,
-                                        static_cast<std::uint64_t>(offset));
-    };
-    auto before = static_cast<std::uint64_t>(std::max(skip, 0L));
-    if (skip < 0) {  // counted from the end, known only after unpacking; -1: no skip
-      const std::uint64_t needed =
-          part_values_ * nrrdElementSize(nrrd_.get()) + (static_cast<std::uint64_t>(-(skip + 1)));
-      const std::uint64_t there = open()->finish();
-      if (there < needed) refuse("its packed values are too few", kDamaged);
-      before = there - needed;
-    }
-    const std::unique_ptr<Unpacked> in = open();
-    in->skip(before + first);
-    in->read(to, bytes);
-    if (sound_.insert(part.file).second) in->finish();
-  }
-
-  /// Reads values [first, first + count) of a part.
-  void readPart(const Part& part, std::size_t first, std::size_t count, char* to) {
-    const std::string name = part.file.filename().string();
-    const File in(std::fopen(part.file.c_str(), "rb"));
-    if (in == nullptr) refuse(fmt::format("its data file {} cannot be read", name), kMendHeader);
-    std::fseek(in.get(), part.offset, SEEK_SET);
-    if (nrrdLineSkip(in.get(), state_.get()) != 0) refuse(trouble(), kDamaged);
-    const std::size_t size = nrrdElementSize(nrrd_.get());
-    const long skip = part.skip.value_or(state_->byteSkip);
-    const NrrdEncoding* encoding = state_->encoding;
-    if (encoding == nrrdEncodingGzip) {
-      unpackPart(part, std::ftell(in.get()), skip, first * size, count * size, to);
-      return;
-    }
-    bool found = true;
-    if (encoding->isCompression == 0 && skip < 0) {  // counted from the end; -1: no skip
-      found =
-          std::fseek(in.get(), -static_cast<long>(part_values_ * size) + skip + 1, SEEK_END) == 0;
-    } else if (encoding->isCompression == 0) {
-      found = std::fseek(in.get(), skip, SEEK_CUR) == 0;
-    }
-    const bool all = first == 0 && count == part_values_;
-    if (encoding == nrrdEncodingRaw && !all) {
-      found = found && std::fseek(in.get(), static_cast<long>(first * size), SEEK_CUR) == 0;
-    }
-    if (!found) refuse(fmt::format("{} is too short", name), kDamaged);
-    if (encoding == nrrdEncodingAscii) checkWords(in.get());
-    const long said = state_->byteSkip;
-    state_->byteSkip = skip;
-    std::vector<char> whole;
-    char* target = to;
-    std::size_t values = count;
-    if (encoding != nrrdEncodingRaw && !all) {
-      whole.resize(part_values_ * size);
-      target = whole.data();
-      values = part_values_;
-    }
-    const int failed = encoding->read(in.get(), target, values, nrrd_.get(), state_.get());
-    state_->byteSkip = said;
-    if (failed != 0) refuse(fmt::format("teem cannot read {} ({})", name, trouble()), kDamaged);
-    if (!whole.empty()) std::memcpy(to, whole.data() + first * size, count * size);
-  }
-
-  /// Reads values [first, first + count) of all parts together, in this machine's byte order.
-  void readSpan(std::size_t first, std::size_t count, char* to) {
-    const std::size_t size = nrrdElementSize(nrrd_.get());
-    std::size_t done = 0;
-    while (done < count) {
-      const std::size_t part = (first + done) / part_values_;
-      const std::size_t from = (first + done) % part_values_;
-      const std::size_t here = std::min(count - done, part_values_ - from);
-      readPart(parts_[part], from, here, to + done * size);
-      done += here;
-      if (request_.progress) {
-        request_.progress(static_cast<double>(done) / static_cast<double>(count));
-      }
-    }
-    const bool swap = state_->encoding->endianMatters != 0 && state_->endian != airEndianUnknown &&
-                      state_->endian != airMyEndian();
-    if (swap) swapBytes(to, count, size);
-  }
 
   /// Returns the product of the sizes of some axes.
   [[nodiscard]] std::size_t sizeBetween(int first, int end) const {
@@ -607,13 +296,13 @@ class NrrdReader final : public Reader {
         if (state_->encoding == nrrdEncodingHex) std::memset(to, 0, points * width * size);
         const std::size_t before =
             step * axisAt(space_[2]).size + static_cast<std::size_t>(slices.first);
-        readSpan(before * slice * width, points * width, to);
+        data_->read(before * slice * width, points * width, to);
         return values;
       }
       // Otherwise the whole data are read once, and kept for the other steps.
       if (whole_.empty()) {
         whole_.resize(nrrdElementNumber(nrrd_.get()) * size);
-        readSpan(0, nrrdElementNumber(nrrd_.get()), whole_.data());
+        data_->read(0, nrrdElementNumber(nrrd_.get()), whole_.data());
       }
       const auto stride = [&](int axis) { return axis < 0 ? 0 : sizeBetween(0, axis) * size; };
       const char* from = whole_.data() + step * stride(series_);
@@ -629,7 +318,7 @@ class NrrdReader final : public Reader {
         }
       }
     } catch (const std::bad_alloc&) {
-      refuse("it takes more memory than there is", "import a part of it");
+      refuse("the values need more memory than is free", "export and import a smaller part");
     }
     if (series_ < 0) whole_ = {};
     return values;
@@ -700,14 +389,15 @@ class NrrdReader final : public Reader {
       content.length_unit = units[0];
     } else {
       content.notes.push_back(
-          fmt::format("its axes have different units: {}", fmt::join(units, ", ")));
+          fmt::format("the axes have different units: {}", fmt::join(units, ", ")));
     }
     if (nrrd_->space == nrrdSpace3DLeftHanded || nrrd_->space == nrrdSpace3DLeftHandedTime) {
       content.notes.emplace_back(
-          "its space is left-handed: y is turned round, so that nothing is mirrored");
+          "the space is left-handed: y is inverted, so that the volume is not mirrored");
     }
     if (nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime) {
-      content.notes.emplace_back("its space is the scanner's, not the patient's: kept as it is");
+      content.notes.emplace_back(
+          "the space is the scanner's, not the patient's: positions stay unchanged");
     }
     return map;
   }
@@ -725,7 +415,7 @@ class NrrdReader final : public Reader {
     }
     if (!AIR_EXISTS(spacing)) {
       spacing = 1.0;
-      notes.push_back(fmt::format("axis {}: no spacing: 1 is taken", "xyz"[c]));
+      notes.push_back(fmt::format("axis {}: no spacing: 1 is assumed", "xyz"[c]));
     }
     map.linear(c, c) = spacing;
     if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);
@@ -751,19 +441,17 @@ class NrrdReader final : public Reader {
       }
     } else {
       content.notes.emplace_back(
-          "no measurement frame: components are taken along its space's axes");
+          "no measurement frame: components are read along the axes of the space");
     }
-    if (!M.allFinite()) refuse("its measurement frame is damaged", kMendHeader);
+    if (!M.allFinite()) refuse("the measurement frame is damaged", kCorrectNrrdHeader);
     return turned(values, turn() * M);
   }
 
   Request request_;
   std::string file_;
-  std::vector<Part> parts_;
-  std::size_t part_values_ = 0;
-  std::set<fs::path> sound_;  ///< Gzipped parts that were verified.
   std::unique_ptr<Nrrd, FreeNrrd> nrrd_;
   std::unique_ptr<NrrdIoState, FreeState> state_;
+  std::optional<NrrdData> data_;  ///< Set by the constructor, after the header's checks.
   std::array<int, 3> space_{};
   int component_ = -1;
   int series_ = -1;

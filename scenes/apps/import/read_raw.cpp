@@ -52,21 +52,22 @@ class LayoutParser {
   LayoutParser(const Json& json, std::string source) : json_(json), source_(std::move(source)) {}
 
   Layout parse() {
-    if (!json_.is_object()) refuse("", "it is no JSON object", kRemedy);
+    if (!json_.is_object()) refuse("", "the layout is not a JSON object", kRemedy);
     static const std::vector<std::string> keys{"size",   "type", "endian",  "components",
                                                "order",  "skip", "spacing", "axes",
                                                "origin", "name", "unit",    "description"};
     for (const auto& [key, value] : json_.items()) {
       if (std::find(keys.begin(), keys.end(), key) == keys.end()) {
-        refuse("/" + key, "it is no key of a layout",
-               fmt::format("the keys are {}", fmt::join(keys, ", ")));
+        refuse("/" + key, "a layout has no such key",
+               fmt::format("use the keys {}", fmt::join(keys, ", ")));
       }
     }
     Layout layout;
     const std::vector<double> size = numbers("size", 3);
     for (std::size_t a = 0; a < 3; ++a) {
       if (!(size[a] >= 1.0 && size[a] <= 1e6 && size[a] == std::floor(size[a]))) {
-        refuse("/size", fmt::format("{:g} is no count", size[a]), "give points along i, j, k");
+        refuse("/size", fmt::format("{:g} is not a count from 1 to 1e6", size[a]),
+               "give the numbers of points along i, j and k");
       }
       layout.size[a] = static_cast<int>(size[a]);
     }
@@ -74,33 +75,34 @@ class LayoutParser {
     const auto* known =
         std::find_if(kTypes.begin(), kTypes.end(), [&](const Stored& t) { return type == t.name; });
     if (known == kTypes.end()) {
-      refuse("/type", fmt::format("\"{}\" is no type", type),
+      refuse("/type", fmt::format("the type \"{}\" is unknown", type),
              "give int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32 or float64");
     }
     layout.type = *known;
     if (json_.contains("endian")) {
       const std::string endian = text("endian");
       if (endian != "little" && endian != "big") {
-        refuse("/endian", fmt::format("\"{}\" is none", endian), "give little or big");
+        refuse("/endian", fmt::format("the value \"{}\" is unknown", endian), "give little or big");
       }
       layout.big_endian = endian == "big";
     }
     if (json_.contains("components")) {
       const Json& components = json_["components"];
       if (components != 1 && components != 3)
-        refuse("/components", "it is not 1 or 3", "give it so");
+        refuse("/components", "the value is not 1 or 3", "give 1 or 3");
       layout.components = components.get<int>();
     }
     if (json_.contains("order")) {
       const std::string order = text("order");
       if (order != "interleaved" && order != "planar") {
-        refuse("/order", fmt::format("\"{}\" is none", order), "give interleaved or planar");
+        refuse("/order", fmt::format("the value \"{}\" is unknown", order),
+               "give interleaved or planar");
       }
       layout.planar = order == "planar";
     }
     if (json_.contains("skip")) parseSkip(layout);
     if (json_.contains("spacing") && json_.contains("axes")) {
-      refuse("/spacing", "\"axes\" says it already", "give one of them");
+      refuse("/spacing", "\"axes\" already states the spacing", "give one of the two");
     }
     if (json_.contains("spacing")) {
       const std::vector<double> spacing = numbers("spacing", 3);
@@ -118,7 +120,7 @@ class LayoutParser {
 
  private:
   static constexpr const char* kRemedy =
-      R"(as {"size": [64, 64, 93], "type": "int16", "spacing": [3.2, 3.2, 1.5]})";
+      R"(write a layout as in {"size": [64, 64, 93], "type": "int16", "spacing": [3.2, 3.2, 1.5]})";
 
   [[noreturn]] void refuse(const std::string& path, const std::string& why,
                            const std::string& remedy) const {
@@ -128,7 +130,7 @@ class LayoutParser {
   std::string text(const char* key) {
     if (!json_.contains(key)) refuse("", fmt::format("\"{}\" is missing", key), kRemedy);
     if (!json_[key].is_string() || json_[key].get<std::string>().empty()) {
-      refuse(std::string("/") + key, "it is no text", kRemedy);
+      refuse(std::string("/") + key, "the value is not a text, or is empty", kRemedy);
     }
     return json_[key].get<std::string>();
   }
@@ -141,7 +143,7 @@ class LayoutParser {
         out.push_back(value.get<double>());
     }
     if (out.size() != count || json.size() != count) {
-      refuse(path, fmt::format("it is not {} numbers", count), kRemedy);
+      refuse(path, fmt::format("the value is not a list of {} numbers", count), kRemedy);
     }
     return out;
   }
@@ -159,16 +161,16 @@ class LayoutParser {
                skip["after"].is_string() && !skip["after"].get<std::string>().empty()) {
       layout.after = skip["after"].get<std::string>();
     } else {
-      refuse("/skip", "it is no count of bytes",
-             R"(give a number, -1 for values that end the file, or {"after": "text"})");
+      refuse("/skip", "the value is not a number of bytes",
+             R"(give a number, -1 if the values end the file, or {"after": "text"})");
     }
   }
 
   void parseAxes(Layout& layout) const {
     const Json& axes = json_["axes"];
     if (!axes.is_array() || axes.size() != 3) {
-      refuse("/axes", "it is not three vectors",
-             "give the step along i, j and k, as [[1,0,0],...]");
+      refuse("/axes", "the value is not a list of three vectors",
+             "give the steps along i, j and k, as in [[1,0,0],[0,1,0],[0,0,1]]");
     }
     for (std::size_t a = 0; a < 3; ++a) {
       const std::vector<double> axis = numbersOf(axes[a], fmt::format("/axes/{}", a), 3);
@@ -185,15 +187,16 @@ Layout layoutOf(const std::string& raw) {
   std::string source = "--raw";
   if (raw.find('{') == std::string::npos) {
     source = raw;
-    text = readText<VolumeError>(raw, "give a file of the layout, or its JSON");
+    text = readText<VolumeError>(raw, "give the path of a layout file, or the layout as JSON");
   }
   Json json;
   try {
     json = Json::parse(text);
   } catch (const Json::parse_error& e) {
-    throw VolumeError(source, fmt::format("it is not JSON (byte {})", e.byte), "mend it there");
+    throw VolumeError(source, fmt::format("the layout is not JSON (byte {})", e.byte),
+                      "correct the text at this byte");
   } catch (const Json::out_of_range&) {
-    throw VolumeError(source, "a number in it is beyond any double", "mend it");
+    throw VolumeError(source, "a number is too large for a double", "correct the number");
   }
   return LayoutParser(json, source).parse();
 }
@@ -207,8 +210,8 @@ std::uint64_t offsetOf(std::ifstream& in, const Layout& layout, std::uint64_t ne
     in.read(head.data(), static_cast<std::streamsize>(head.size()));
     const auto at = head.find(layout.after);
     if (at == std::string::npos) {
-      throw VolumeError(file, "the text of \"skip\" is not in its first megabyte",
-                        "check it, or give a number of bytes");
+      throw VolumeError(file, "the text of \"skip\" is not in the first megabyte of the file",
+                        "check the text, or give a number of bytes");
     }
     return at + layout.after.size();
   }
@@ -235,13 +238,14 @@ class RawReader final : public Reader {
     std::error_code error;
     const std::uint64_t have = std::filesystem::file_size(request_.file, error);
     std::ifstream in(request_.file, std::ios::binary);
-    if (error || !in) throw VolumeError(file, "it cannot be read", "check its permissions");
+    if (error || !in) throw VolumeError(file, "the file cannot be read", "check the permissions");
     const std::uint64_t offset = offsetOf(in, layout_, needed, have, file);
     if (offset > have || have - offset < needed) {
-      throw VolumeError(file,
-                        fmt::format("the layout needs {} bytes from byte {}, the file has {}",
-                                    needed, offset, have),
-                        "check size, type, components and skip, or copy it again");
+      throw VolumeError(
+          file,
+          fmt::format("the layout needs {} bytes from byte {}, but the file has {} bytes", needed,
+                      offset, have),
+          "check size, type, components and skip, or copy the file again");
     }
     Piece image;
     image.size = layout_.size;
@@ -253,7 +257,7 @@ class RawReader final : public Reader {
     in.clear();
     auto* bytes = values.as<char>();
     readValues(in, offset, points, slice * static_cast<std::uint64_t>(slices.first), values);
-    if (!in) throw VolumeError(file, "it cannot be read to the end", "copy it again");
+    if (!in) throw VolumeError(file, "the file cannot be read to the end", "copy the file again");
     if (layout_.big_endian != (std::endian::native == std::endian::big)) {
       swapBytes(bytes, values.size(), layout_.type.bytes);
     }
@@ -264,7 +268,7 @@ class RawReader final : public Reader {
     content.length_unit = layout_.length_unit;
     if (have - offset > needed && layout_.after.empty() && layout_.skip >= 0) {
       content.notes.push_back(
-          fmt::format("{} bytes behind the values were not read", have - offset - needed));
+          fmt::format("{} bytes after the values were not read", have - offset - needed));
     }
     return content;
   }

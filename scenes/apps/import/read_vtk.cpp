@@ -45,8 +45,8 @@ double cellsOf(const std::string& extent) {
          (static_cast<double>(e[5]) - e[4]);
 }
 
-/// Rejects structured files whose pieces do not cover the whole: VTK leaves uncovered memory
-/// uninitialised.
+/// Rejects structured files whose pieces do not cover the whole extent. VTK would leave the rest of
+/// the memory uninitialised.
 void checkPieces(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
@@ -69,8 +69,8 @@ void checkPieces(const std::filesystem::path& file) {
   }
   if (whole > 0.0 && pieces < whole) {
     throw VolumeError(file.string(),
-                      fmt::format("its pieces cover {:.3g} of {:.3g} cells", pieces, whole),
-                      "export all of it");
+                      fmt::format("the pieces cover {:.3g} of {:.3g} cells", pieces, whole),
+                      "export all pieces");
   }
 }
 

@@ -142,7 +142,7 @@ class Reader {
 /// request selects fewer. Sets `image.held`; size and place of `image` have to be set.
 [[nodiscard]] Slab slicesToRead(const Request& request, Piece& image);
 
-/// Makes a reader of a format without series: all its work is `read`.
+/// Makes a reader of a format without series, from its `read` function.
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
                                               Content (*read)(const Request&));
 
@@ -150,17 +150,18 @@ class Reader {
 /// VolumeError if the file cannot be imported, with the format that it resembles.
 [[nodiscard]] std::unique_ptr<Reader> openAny(const Request& request);
 
-/// One function for each format. Each throws VolumeError if the file does not fit.
-/// A file of a series, or a folder of files.
+// One function for each format. Each throws VolumeError if the file does not fit.
+
+/// Opens a file of a series, or a folder of files.
 [[nodiscard]] std::unique_ptr<Reader> openDicom(const Request& request);
-/// The older form of CGNS, ADF.
+/// Opens CGNS in its older form, ADF.
 [[nodiscard]] std::unique_ptr<Reader> openCgns(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);
-/// NetCDF or HDF5: CF conventions, Exodus II, CGNS.
+/// Opens netCDF or HDF5: CF conventions, Exodus II, CGNS.
 [[nodiscard]] std::unique_ptr<Reader> openNetcdf(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNrrd(const Request& request);
-/// A case: its folder, or a file in it with which ParaView opens it.
+/// Opens a case, given by its folder or by the file in it that ParaView opens.
 [[nodiscard]] std::unique_ptr<Reader> openFoam(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openPlot3d(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openRaw(const Request& request);

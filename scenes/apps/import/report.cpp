@@ -23,12 +23,12 @@ std::string voxelsOf(const Imported& imported) {
   }
   line += fmt::format(" of {:.4g} x {:.4g} x {:.4g}", edge.x(), edge.y(), edge.z());
   if (imported.resampling) {
-    line += fmt::format(", compared with the original at {} places", imported.resampling->points);
+    line += fmt::format(", compared with the original at {} points", imported.resampling->points);
     if (imported.resampling->edge_points > 0) {
       line += fmt::format(" and {} at the edge of the data", imported.resampling->edge_points);
     }
     if (imported.resampling->lost_points > 0) {
-      line += fmt::format("; {} more are in the mesh, and no voxel about them has data",
+      line += fmt::format("; {} more points in the mesh have no voxel with data around them",
                           imported.resampling->lost_points);
     }
   }
@@ -42,32 +42,35 @@ std::string lineOf(const Imported& imported) {
   const bool vector = grid.isType<openvdb::Vec3SGrid>();
   std::string line = cli::words("    {}: ", grid.getName()).text();
   if (imported.level_set) {
-    line += fmt::format("level set, solid {}; off by {:.2g} voxels rms, {:.2g} at p99",
-                        imported.level_set->solid_above ? "above" : "below",
-                        imported.level_set->rms_error, imported.level_set->p99_error);
+    line +=
+        fmt::format("level set, solid {} the value; surface error {:.2g} voxels rms, {:.2g} at p99",
+                    imported.level_set->solid_above ? "above" : "below",
+                    imported.level_set->rms_error, imported.level_set->p99_error);
     if (imported.level_set->lost > 0.0) {
-      line += fmt::format("; {:.2g} % of the surface is thinner than the voxels, and lost",
-                          100.0 * imported.level_set->lost);
+      line +=
+          fmt::format("; {:.2g} % of the surface was lost, because it is thinner than the voxels",
+                      100.0 * imported.level_set->lost);
     }
   } else {
     line += fmt::format("{} {:.5g} .. {:.5g}", vector ? "lengths" : "values", made.lowest,
                         made.highest);
-    if (!vector) line += fmt::format(" about a background of {:.5g}", made.background);
+    if (!vector) line += fmt::format(", background {:.5g}", made.background);
   }
   if (made.tolerance > 0.0) {
-    line += fmt::format("; within {:.3g} of the background became it", made.tolerance);
+    line +=
+        fmt::format("; values within {:.3g} of the background became background", made.tolerance);
   }
   if (imported.smoothing > 0.0) {
-    line += fmt::format("; smoothing changed it by {:.3g} rms", imported.smoothing);
+    line += fmt::format("; smoothing changed the values by {:.3g} rms", imported.smoothing);
   }
   if (made.holes > 0) line += fmt::format("; {} voxels have no data", made.holes);
   if (imported.resampling && imported.resampling->points == 0) {
-    line += "; what resampling changed was not measured: no place has data on all sides";
+    line += "; resampling error not measured: no point has data on all sides";
   } else if (imported.resampling) {
-    line += fmt::format("; resampling is off by {:.2g} % of the range rms, {:.2g} % at most",
+    line += fmt::format("; resampling error {:.2g} % of the range rms, {:.2g} % at most",
                         100.0 * imported.resampling->rms, 100.0 * imported.resampling->largest);
     if (imported.resampling->edge_points > 0) {
-      line += fmt::format(" within, {:.2g} and {:.2g} % in the outermost voxel",
+      line += fmt::format(" inside, {:.2g} % rms and {:.2g} % at most in the outermost voxel",
                           100.0 * imported.resampling->edge_rms,
                           100.0 * imported.resampling->edge_largest);
     }

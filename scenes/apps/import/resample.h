@@ -15,8 +15,8 @@ struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
   std::uint64_t points = 0;  ///< Places where all 8 voxels around have data.
-  /// The same beside voxels without data, where the background is read instead: at the edge of the
-  /// mesh, in the outermost voxel.
+  /// The same errors beside voxels without data, where the grid gives the background: at the edge
+  /// of the mesh, in the outermost voxel.
   double edge_rms = 0.0;
   double edge_largest = 0.0;
   std::uint64_t edge_points = 0;

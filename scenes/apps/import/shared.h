@@ -21,7 +21,7 @@ class Shared {
   [[nodiscard]] ProcessGroup& group() const { return *group_; }
   [[nodiscard]] bool isAlone() const { return group_->size() == 1; }
 
-  /// Returns this rank's bricks along k, of an image with so many slices.
+  /// Returns this rank's bricks along k, for an image with this number of slices.
   [[nodiscard]] Share bricks(int slices) const {
     return shareOf(*group_, (slices + kBrickSide - 1) / kBrickSide);
   }
@@ -42,7 +42,7 @@ class Shared {
   /// Returns the slices that the bricks need, with their aprons.
   [[nodiscard]] Slab inBricks(int slices) const { return own(slices, kBrickApron); }
 
-  /// Returns one loss for all ranks.
+  /// Returns the worst of all ranks' losses, on each rank.
   [[nodiscard]] Loss worst(const Loss& own) const;
 
  private:

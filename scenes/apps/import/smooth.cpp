@@ -177,7 +177,7 @@ Smoothed smoothImage(const Piece& image, Array& array, double width, const std::
   if (bad > 0 || !image.hidden.none()) {
     throw VolumeError(
         file, fmt::format("{} has voxels without data, which smoothing would spread", array.name),
-        "import it without --smooth");
+        "omit --smooth");
   }
   const Values smoothed(Type::kFloat32, original.components(), original.tuples());
   std::copy(before, before + count, smoothed.as<float>());

@@ -37,7 +37,7 @@ Diffusion diffusionOf(const Mat3& D) {
   Diffusion out;
   const double size = D.cwiseAbs().maxCoeff();
   if (!D.allFinite() || !(size > 0.0)) return out;
-  // Scaled, so that small diffusivities in m^2/s, about 1e-9, have full accuracy.
+  // Scales the tensor, so that small diffusivities, about 1e-9 m^2/s, have full accuracy.
   const Mat3 S = (D + D.transpose()) / (2.0 * size);
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(S);
   const Vec3& values = solver.eigenvalues();  // rising
@@ -48,7 +48,7 @@ Diffusion diffusionOf(const Mat3& D) {
     const Vec3 between(lambda[0] - lambda[1], lambda[1] - lambda[2], lambda[2] - lambda[0]);
     out.anisotropy = std::min(std::sqrt(0.5) * between.norm() / norm, 1.0);
   }
-  // A ball has no direction: the solver's answer is rounding there.
+  // An isotropic tensor has no direction: the solver's answer is a rounding error.
   constexpr double kSame = 1e-6;
   if (!(values[2] > 0.0) || values[2] - values[0] <= kSame * values[2]) return out;
   out.direction = solver.eigenvectors().col(2).normalized();

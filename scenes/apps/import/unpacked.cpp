@@ -54,7 +54,7 @@ Unpacked::Unpacked(std::filesystem::path header, std::filesystem::path data, Pac
   const auto place = static_cast<std::streamoff>(offset);
   if (!in_.seekg(place)) {
     throw VolumeError(header_.string(), fmt::format("{} cannot be read", calledBy(header_, data_)),
-                      "check its permissions");
+                      "check the permissions");
   }
   const bool gzip = beginsAsGzip(in_);
   in_.seekg(place);
@@ -68,7 +68,7 @@ Unpacked::~Unpacked() = default;
 
 void Unpacked::refuse(const std::string& why) const {
   throw VolumeError(header_.string(), fmt::format("{} {}", calledBy(header_, data_), why),
-                    "copy or export it again");
+                    "copy or export the file again");
 }
 
 /// Reads more packed bytes if all are used; returns false at the end of the file.
@@ -76,7 +76,7 @@ bool Unpacked::refill() {
   z_stream& stream = inflater_->stream;
   if (stream.avail_in > 0) return true;
   in_.read(inflater_->packed.data(), static_cast<std::streamsize>(kChunk));
-  if (in_.bad()) refuse("cannot be read to its end");
+  if (in_.bad()) refuse("cannot be read to the end");
   stream.next_in = reinterpret_cast<Bytef*>(inflater_->packed.data());
   stream.avail_in = static_cast<uInt>(in_.gcount());
   return stream.avail_in > 0;
@@ -89,15 +89,14 @@ std::size_t Unpacked::inflateSome(void* to, std::size_t bytes) {
   stream.next_out = static_cast<Bytef*>(to);
   stream.avail_out = static_cast<uInt>(room);
   while (stream.avail_out > 0 && !inflater_->ended) {
-    if (!refill()) refuse("is truncated: its packed values end too soon");
+    if (!refill()) refuse("is truncated: the packed values end too early");
     const int state = inflate(&stream, Z_NO_FLUSH);
     if (state == Z_STREAM_END) {
-      // Gzip may continue with another member, as in bgzip; other trailing bytes do not belong to
-      // it.
+      // Another gzip member may follow, as in bgzip; other trailing bytes are ignored.
       inflater_->ended = !inflater_->gzip || !refill() || *stream.next_in != 0x1f;
       if (!inflater_->ended) inflateReset(&stream);
     } else if (state != Z_OK) {
-      refuse(fmt::format("is damaged: its packed values do not add up ({})",
+      refuse(fmt::format("is damaged: the packed values cannot be unpacked ({})",
                          stream.msg == nullptr ? "zlib" : stream.msg));
     }
   }
@@ -108,7 +107,7 @@ std::size_t Unpacked::readSome(void* to, std::size_t bytes) {
   std::size_t done = 0;
   if (inflater_ == nullptr) {
     in_.read(static_cast<char*>(to), static_cast<std::streamsize>(bytes));
-    if (in_.bad()) refuse("cannot be read to its end");
+    if (in_.bad()) refuse("cannot be read to the end");
     done = static_cast<std::size_t>(in_.gcount());
   } else {
     while (done < bytes) {
@@ -126,7 +125,7 @@ void Unpacked::read(void* to, std::size_t bytes, const Progress& progress) {
   for (std::size_t done = 0; done < bytes;) {
     const std::size_t part = std::min(bytes - done, kPart);
     if (readSome(static_cast<char*>(to) + done, part) != part) {
-      refuse("is truncated: its values end too soon");
+      refuse("is truncated: the values end too early");
     }
     done += part;
     if (progress) progress(static_cast<double>(done) / static_cast<double>(bytes));
@@ -136,7 +135,7 @@ void Unpacked::read(void* to, std::size_t bytes, const Progress& progress) {
 void Unpacked::skip(std::uint64_t bytes) {
   if (inflater_ == nullptr) {
     in_.seekg(static_cast<std::streamoff>(bytes), std::ios::cur);
-    if (!in_) refuse("is truncated: its values end too soon");
+    if (!in_) refuse("is truncated: the values end too early");
     given_ += bytes;
     return;
   }

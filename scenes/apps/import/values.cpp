@@ -14,7 +14,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Size of each Type, in its order.
+/// Size of each Type [bytes], in the order of the enumerators.
 constexpr std::array<std::size_t, 10> kBytes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
 
 /// Calls body(first, end) for parts of [0, count), in parallel.
@@ -112,8 +112,9 @@ Loss floatLoss(const Values& values, double slope, double offset) {
   if (!scaled) return most > kFloat ? "whole numbers above 16,777,216 are rounded" : "";
   const bool rounded = (slope != 0.0 && most > kFloat * std::abs(slope)) ||
                        (values.bytesEach() == 8 && greatest(values, 1.0, 0.0) > kDouble);
-  return rounded ? "stored whole numbers are rounded: scaled, they have more digits than a float"
-                 : "";
+  return rounded
+             ? "stored whole numbers are rounded: after scaling they have more digits than a float"
+             : "";
 }
 
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each) {

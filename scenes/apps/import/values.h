@@ -1,5 +1,5 @@
-/// Numbers as stored in files, and the operations of readers: scaling, and turning vectors and
-/// tensors with their space.
+/// Numbers as stored in files, and the operations of readers: to scale values, and to turn vectors
+/// and tensors with their space.
 #pragma once
 
 #include <cstddef>
@@ -26,11 +26,11 @@ enum class Type : std::uint8_t {
   kFloat64
 };
 
-/// Message about numbers that a float could not hold; empty: none.
+/// Message about numbers that a float could not hold; empty if there was no loss.
 using Loss = std::string;
 
-/// The worst loss.
-inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are no data";
+/// The message with the highest priority: these values are lost, not rounded.
+inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are read as missing";
 
 /// Numbers of one type, one or more to a tuple, stored tuple by tuple. Copies share the memory. The
 /// loss of a conversion to float is kept with them, so that every reader reports it.
@@ -46,7 +46,7 @@ class Values {
   [[nodiscard]] Type type() const { return type_; }
   [[nodiscard]] int components() const { return components_; }
   [[nodiscard]] std::size_t tuples() const { return tuples_; }
-  /// Number of components in all tuples.
+  /// Returns the number of components in all tuples.
   [[nodiscard]] std::size_t size() const { return tuples_ * static_cast<std::size_t>(components_); }
   [[nodiscard]] std::size_t bytesEach() const;
 
@@ -57,7 +57,7 @@ class Values {
   }
 
   [[nodiscard]] void* data() const { return data_.get(); }
-  /// The numbers, if they are of type T.
+  /// Returns the numbers; they have to be of type T.
   template <class T>
   [[nodiscard]] T* as() const {
     return static_cast<T*>(data_.get());
@@ -121,7 +121,7 @@ inline const std::vector<int> kLowerTriangle{0, 2, 5, 1, 4, 3};
 /// Returns the values as floats; the values themselves if they are floats.
 [[nodiscard]] Values floatsOf(const Values& values);
 
-/// Component c of the result is component order[c] of `values`, of the same type.
+/// Returns values of the same type; component c of the result is component order[c] of `values`.
 [[nodiscard]] Values picked(const Values& values, const std::vector<int>& order);
 
 /// Returns vectors M v, or tensors M D M^T (9 components row by row, or 6 in VTK's order). Changes

@@ -39,7 +39,7 @@ using VectorTree = openvdb::Vec3STree;
 /// the first voxels lie on the mesh's bounds.
 constexpr double kOutside = 1e-5;
 
-/// VTK's bounds are of x, then y, then z.
+/// VTK's bounds are in the order x, y, z; lower, then upper.
 double low(const double bounds[6], int axis) {
   return bounds[static_cast<std::ptrdiff_t>(2) * axis];
 }
@@ -68,12 +68,12 @@ bool weighAt(const Vec3d& p, Worker& worker) {
   const int found =
       worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
   if (found < 0 || !isInsideCell(worker.cell->GetCellType(), parametric, kOutside)) return false;
-  // Just outside, some cells have not computed their weights.
+  // If p is just outside, VTK has not computed the weights of some cells.
   if (found == 0) worker.cell->InterpolateFunctions(parametric, worker.weights.data());
   return true;
 }
 
-/// Loads the cell that holds p; returns false if there is none.
+/// Loads the cell that holds p; returns false if no cell does.
 bool findCell(vtkDataSet* mesh, vtkStaticCellLocator* locator, const Vec3d& p, Worker& worker) {
   double box[6] = {p.x(), p.x(), p.y(), p.y(), p.z(), p.z()};
   locator->FindCellsWithinBounds(box, worker.candidates);
@@ -180,7 +180,7 @@ int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   return count;
 }
 
-/// Samples cells, the same in each run.
+/// Returns a random sample of cells, the same in each run.
 std::vector<vtkIdType> someCells(vtkIdType cells) {
   constexpr vtkIdType kMost = 20000;
   std::vector<vtkIdType> some;
@@ -320,26 +320,6 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   return out;
 }
 
-/// Returns how many voxels of edge `voxel` the bounds need along each axis.
-std::array<int, 3> countVoxels(const double bounds[6], double voxel, const std::string& file) {
-  std::array<int, 3> size{};
-  double voxels = 1.0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    const double steps = std::floor((bounds[2 * a + 1] - bounds[2 * a]) / voxel + kOutside) + 1.0;
-    voxels *= steps;
-    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
-      throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
-                        "give a larger --voxel");
-    }
-    size[a] = static_cast<int>(steps);
-  }
-  if (*std::max_element(size.begin(), size.end()) < 2) {
-    throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
-                      "give a smaller --voxel");
-  }
-  return size;
-}
-
 /// Resamples arrays of a mesh on cubic voxels. Takes memory for VTK's cell locator and the grids.
 class MeshResampler {
  public:
@@ -350,7 +330,8 @@ class MeshResampler {
     mesh->ComputeBounds();
     mesh->GetCell(0, vtkNew<vtkGenericCell>());
     mesh->GetBounds(bounds_);
-    size_ = countVoxels(bounds_, voxel, file);
+    size_ = countCubes({bounds_[1] - bounds_[0], bounds_[3] - bounds_[2], bounds_[5] - bounds_[4]},
+                       voxel, kOutside, file);
     transform_ = cubes(voxel, Vec3d(bounds_[0], bounds_[2], bounds_[4]), file);
     locator_->SetDataSet(mesh);
     locator_->CacheCellBoundsOn();
@@ -397,7 +378,7 @@ class MeshResampler {
     });
   }
 
-  /// Returns a leaf of each sheet, or nothing if no cell reaches the leaf's voxels.
+  /// Returns a leaf of each sheet, or an empty list if no cell reaches the leaf's voxels.
   std::vector<Sheet::Leaf> fillLeaf(const Coord& origin, Worker& worker) {
     const Vec3d lower = transform_->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
     const Vec3d upper = transform_->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
@@ -459,7 +440,7 @@ class MeshResampler {
     }
     grid->setTransform(transform_->copy());
     takeRange(*grid, one.made);
-    // The background is read beside voxels without data.
+    // Interpolation beside voxels without data uses the background.
     if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
       one.made.background = edgeValue(*grid);
       openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
@@ -471,7 +452,8 @@ class MeshResampler {
     one.made.grid = grid;
     if (grid->empty()) {
       throw VolumeError(file_,
-                        fmt::format("no voxel of {:g} has its centre in the mesh where {} has data",
+                        fmt::format("no voxel with an edge of {:g} has its centre in the part of "
+                                    "the mesh where {} has data",
                                     voxel_, sheet.array().name),
                         "give a smaller --voxel");
     }
@@ -486,9 +468,10 @@ class MeshResampler {
   openvdb::math::Transform::Ptr transform_;
   vtkNew<vtkStaticCellLocator> locator_;
   std::vector<Sheet> sheets_;
-  std::vector<std::vector<std::vector<Sheet::Leaf>>> made_;  ///< By row along x, leaf and sheet.
-  std::vector<std::atomic<std::uint64_t>> holes_;            ///< Values that are no numbers.
-  std::atomic<std::uint64_t> inside_{0};                     ///< Voxels in the mesh.
+  std::vector<std::vector<std::vector<Sheet::Leaf>>>
+      made_;                                       ///< Leaves by row along x, leaf and sheet.
+  std::vector<std::atomic<std::uint64_t>> holes_;  ///< Values that are not numbers.
+  std::atomic<std::uint64_t> inside_{0};           ///< Voxels in the mesh.
 };
 
 class VtkMesh final : public Mesh {

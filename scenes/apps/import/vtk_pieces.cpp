@@ -83,16 +83,17 @@ bool isNumbering(vtkDataSetAttributes* attributes, vtkDataArray* array) {
   return array == attributes->GetGlobalIds() || array == attributes->GetPedigreeIds();
 }
 
-/// VTK's readers accept an array of any length, but later reads assume the right length.
+/// Throws VolumeError if an array has a wrong length. VTK's readers accept any length, but its
+/// later reads assume the right one.
 void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::string& file) {
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);
     if (values == nullptr || values->GetNumberOfTuples() == count) continue;
     throw VolumeError(file,
-                      fmt::format("its array \"{}\" has {} values for {} places",
+                      fmt::format("the array \"{}\" has {} values for {} points or cells",
                                   values->GetName() == nullptr ? "" : values->GetName(),
                                   values->GetNumberOfTuples(), count),
-                      "it is damaged: export it again");
+                      "the file is damaged: export it again");
   }
 }
 
@@ -171,7 +172,7 @@ void hideBoth(Piece& image, Piece& cells) {
   }
 }
 
-/// Adds an image, and another one of its cells' centres if the cells have data.
+/// Adds an image. If its cells have data, also adds an image of the cells' centres.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
                const std::string& file, std::vector<Piece>& pieces) {
   checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
@@ -250,11 +251,11 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
     }
     run(append, file);
     mesh = append->GetOutput();
-    notes.push_back(fmt::format("{} blocks as one", meshes.size()));
+    notes.push_back(fmt::format("{} blocks were joined", meshes.size()));
     for (const std::string& name : there) {
       if (mesh->GetPointData()->HasArray(name.c_str()) != 0) continue;
       if (mesh->GetCellData()->HasArray(name.c_str()) != 0) continue;
-      notes.push_back(fmt::format("{}: left out: not in all blocks", name));
+      notes.push_back(fmt::format("{}: skipped: some blocks do not have this array", name));
     }
   }
   std::vector<std::string> moved;
@@ -267,7 +268,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
       moved.push_back(name);
     } else {
       notes.push_back(
-          fmt::format("{}: its values by cell are left out: points have their own", name));
+          fmt::format("{}: the values per cell are skipped: the points have their own", name));
     }
   }
   if (!moved.empty()) {
@@ -279,7 +280,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
     run(points, file);
     mesh = vtkDataSet::SafeDownCast(points->GetOutput());
     notes.push_back(
-        fmt::format("{}: a value a cell: averaged to the points", fmt::join(moved, ", ")));
+        fmt::format("{}: one value per cell: averaged to the points", fmt::join(moved, ", ")));
   }
   Piece piece;
   piece.arrays = arraysOf(mesh->GetPointData());
@@ -287,7 +288,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   return piece;
 }
 
-/// Some of VTK's integer types are the same.
+/// Returns the type by its size and sign, because several of VTK's integer types are the same.
 Type typeOf(vtkDataArray* values) {
   const bool is_signed = values->GetDataTypeMin() < 0.0;
   switch (values->GetDataType()) {
@@ -339,7 +340,7 @@ std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
     seen = takeOne(one, file, pieces, meshes, notes);
   }
   if (!seen) {
-    throw VolumeError(file, "there is no volume in it, only points, lines or surfaces, or nothing",
+    throw VolumeError(file, "the file has no cells with volume",
                       "give an image or a mesh of cells with volume");
   }
   if (!meshes.empty()) pieces.push_back(takeMesh(std::move(meshes), file, notes));

@@ -11,7 +11,7 @@
 
 namespace palpate::importer {
 
-/// Wraps the array's own memory.
+/// Returns values that share the array's memory.
 [[nodiscard]] Values valuesOf(vtkDataArray* values);
 
 /// Splits a vtkDataSet, or a composite data set, into pieces. Rectilinear and curvilinear grids are

@@ -54,7 +54,7 @@ class Ear final : public vtkOutputWindow {
   }
 
   void DisplayErrorText(const char* text) override {
-    if (first_.empty()) first_ = text == nullptr ? "unknown" : text;
+    if (first_.empty()) first_ = text == nullptr ? "unknown error" : text;
   }
   void DisplayText(const char* /*text*/) override {}
   void DisplayWarningText(const char* text) override { hearWarning(text); }
@@ -114,9 +114,9 @@ void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progr
   const std::string said = shortened(listening.heard());
   throw VolumeError(what,
                     said.empty()
-                        ? fmt::format("VTK cannot read it (code {})",
+                        ? fmt::format("VTK cannot read the file (error code {})",
                                       static_cast<unsigned long>(algorithm->GetErrorCode()))
-                        : fmt::format("VTK cannot read it ({})", said),
+                        : fmt::format("VTK cannot read the file ({})", said),
                     remedy);
 }
 

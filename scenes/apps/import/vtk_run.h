@@ -11,7 +11,8 @@ namespace palpate::importer {
 
 /// Calls Update(). The first error that VTK reports, also from readers inside this one, is thrown
 /// as VolumeError(what, why, remedy). `why` is VTK's message, shortened.
-void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
-         const std::string& remedy = "it may be truncated or damaged: copy or export it again");
+void run(
+    vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
+    const std::string& remedy = "the file may be truncated or damaged: copy or export it again");
 
 }  // namespace palpate::importer

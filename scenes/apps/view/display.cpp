@@ -33,7 +33,7 @@ Display* connection = nullptr;
 /// Opens the connection. Returns why the display has no windows with OpenGL; empty: it has.
 std::string problem() {
   const char* name = std::getenv("DISPLAY");
-  if (name == nullptr || *name == '\0') return "there is none";
+  if (name == nullptr || *name == '\0') return "the variable DISPLAY is empty";
   connection = XOpenDisplay(nullptr);
   if (connection == nullptr) return std::string(name) + " does not answer";
   // VTK requests this configuration, and aborts without a message if it is missing.
@@ -118,7 +118,7 @@ std::string startServer() {
 }
 
 int lost(Display* /*display*/) {
-  cli::complain("display: it is gone: the window ends");
+  cli::complain("display: the connection is lost: the window closes");
   _exit(1);
 }
 
@@ -127,7 +127,7 @@ int refused(Display* display, XErrorEvent* error) {
   if (error->request_code == X_SetInputFocus) return 0;
   std::array<char, 128> why{};
   XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
-  cli::complain(fmt::format("display: it refuses request {}.{}, {}: the window ends",
+  cli::complain(fmt::format("display: it rejected request {}.{}, {}: the window closes",
                             error->request_code, error->minor_code, why.data()));
   _exit(1);
 }
@@ -143,11 +143,12 @@ void needDisplay(bool picture) {
     throw Error("display", why, "start it on a desktop with OpenGL, or add --picture FILE.png");
   }
   const std::string number = startServer();
-  if (number.empty()) throw Error("display", why, "install xvfb, which pictures need then");
+  if (number.empty())
+    throw Error("display", why, "install xvfb, which draws pictures without a desktop");
   std::atexit(endServer);
   setenv("DISPLAY", (":" + number).c_str(), 1);
   why = problem();
-  if (!why.empty()) throw Error("display", why, "install xvfb and libgl1-mesa-dri anew");
+  if (!why.empty()) throw Error("display", why, "reinstall xvfb and libgl1-mesa-dri");
 }
 
 Sight::Sight(unsigned long window) {

@@ -26,7 +26,7 @@ class KeptImage {
   /// Takes the last rendering of the window.
   void take(vtkOpenGLRenderWindow& window);
   /// Copies a part back into the window's rendering, between the start of a frame and the drawing
-  /// on it. Does nothing without an image, or if the window has another size.
+  /// on it. Has no effect before take(), or if the size of the window has changed.
   void putBack(vtkOpenGLRenderWindow& window, const Area& part) const;
   /// Frees the graphics resources.
   void release(vtkOpenGLRenderWindow& window);

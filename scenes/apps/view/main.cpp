@@ -49,7 +49,8 @@ void stepBack() {
 /// exception then.
 [[noreturn]] void endWithoutMemory() {
   constexpr char kWords[] =
-      "palpate: window: there is not enough memory to draw this scene: it can be felt without\n";
+      "palpate: window: not enough memory to draw this scene: free memory, or run palpate feel, "
+      "which does not draw\n";
   (void)!write(STDERR_FILENO, kWords, sizeof kWords - 1);
   _exit(cli::kEndedEarly);
 }
@@ -70,9 +71,9 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// Leaves a core to the loop. Moves all present threads off this core, also those of the graphics,
-/// some of which use every core when they begin. Later threads inherit from the thread that makes
-/// them.
+/// Leaves a core to the loop. Moves all present threads off this core, also threads of the graphics
+/// driver, which may allow every core when they start. Later threads inherit the cores of the
+/// thread that makes them.
 void stepAside(int loops) {
   cpu_set_t cores;
   if (loops < 0 || sched_getaffinity(0, sizeof cores, &cores) != 0) return;
@@ -94,19 +95,18 @@ void needOpenGL() {
   const auto window = vtkSmartPointer<vtkRenderWindow>::New();
   window->SetOffScreenRendering(1);
   if (window->SupportsOpenGL() == 0) {
-    throw Error("display", "its OpenGL is older than 3.2",
-                "install a newer driver of its graphics");
+    throw Error("display", "its OpenGL is older than 3.2", "install a newer graphics driver");
   }
 }
 
 BuiltScene shown(const std::string& scene) {
   SceneSpec spec = openScene(scene);
-  spec.waits = true;  // reads may wait: there is no real-time thread
+  spec.waits = true;  // reads may wait, because this process has no real-time thread
   return buildScene(spec);
 }
 
 int run(int argc, char** argv) {
-  CLI::App app{"The window of palpate view, which starts it."};
+  CLI::App app{"The window of palpate view. Start it with palpate view."};
   app.name("palpate-view");
   app.set_version_flag("--version", versionText());
   std::string scene;
@@ -120,10 +120,10 @@ int run(int argc, char** argv) {
   bool watch = false;
   app.add_option("SCENE", scene)->required();
   app.add_option("--live", live, "Descriptor of the loop's memory")->required();
-  app.add_option("--picture", picture, "Draw once, to a PNG");
+  app.add_option("--picture", picture, "Draw one picture, as a PNG file, and exit");
   app.add_option("--reengage", options.reengage,
-                 "The loop returns the force so long after the last late tick [s]; 0: it does not");
-  app.add_flag("--watch", watch, "Draw the scene anew when its file has changed");
+                 "Time from the last late tick until the loop restores the force [s]; 0: never");
+  app.add_flag("--watch", watch, "Redraw the scene when its file changes");
   // For tests.
   app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
   app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
@@ -137,7 +137,7 @@ int run(int argc, char** argv) {
   } catch (const CLI::Success& e) {
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
-    cli::complain(fmt::format("usage: {}: palpate view starts it", e.what()));
+    cli::complain(fmt::format("usage: {}: start the window with palpate view", e.what()));
     return cli::kBadInput;
   }
   LiveShare share(live);
@@ -192,7 +192,7 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     endWithoutMemory();
   } catch (const std::exception& e) {
-    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    cli::complain(fmt::format("internal error: {}: report it together with the command", e.what()));
     return cli::kInternal;
   }
 }

@@ -53,7 +53,7 @@ class Overlay {
   vtkSmartPointer<vtkActor> proxy_;
   vtkSmartPointer<vtkActor> spring_;
   vtkSmartPointer<vtkActor> force_;
-  /// One actor of each kind per primitive; one of them is visible.
+  /// Each primitive has one actor per kind, and shows the actor of its kind.
   std::array<std::array<vtkSmartPointer<vtkActor>, 4>, kMost> primitives_;
 };
 

@@ -36,13 +36,13 @@ const char* adviceFor(StepStatus status) {
     case StepStatus::kFault:
       break;
     case StepStatus::kHairpin:
-      return "the stream turns back here: use less strength, or a hand nearer to it";
+      return "the stream turns back here: reduce the strength, or move the hand nearer";
     case StepStatus::kSubstepLimit:
-      return "the proxy is still on its way: a slower hand, or raise max_substeps";
+      return "the proxy has not arrived: move the hand slower, or raise max_substeps";
     case StepStatus::kIterationLimit:
-      return "the balance is not exact: see its bound above";
+      return "the balance is not exact: its error bound is above";
     case StepStatus::kDropped:
-      return "more primitives than a tick takes: use fewer modes";
+      return "the tick has too many primitives: use fewer modes";
   }
   return "";
 }
@@ -102,19 +102,19 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
     lines.push_back(fmt::format("FORCE OFF: {}", wordsFor(tick.fault)));
     lines.emplace_back(remedyFor(tick.fault));
     if (tick.fault == Fault::kLate && reengage > 0.0) {
-      lines.push_back(fmt::format(
-          "if nothing else is wrong it returns {} s after the last late tick, at most {} times a "
-          "minute",
-          reengage, Reengagement::kMost));
+      lines.push_back(
+          fmt::format("without another fault the force returns {} s after the last late tick, at "
+                      "most {} times a minute",
+                      reengage, Reengagement::kMost));
     }
-    lines.emplace_back("Enter lets it out again");
+    lines.emplace_back("press Enter to restore the force");
     return lines;
   }
   constexpr double kFinest = 1e-3;  // [um]
   lines.push_back(fmt::format("{}, within {} um", wordFor(tick.status),
                               brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
-  if (tick.limited) lines.emplace_back("held back by the device's limits");
+  if (tick.limited) lines.emplace_back("limited by the device's limits");
   if (tick.late_ticks > 0) {
     lines.push_back(fmt::format("{} late tick{}", tick.late_ticks, tick.late_ticks > 1 ? "s" : ""));
   }
@@ -268,8 +268,8 @@ void Panel::show(const Content& content, double height) {
       }
       text(kMargin + kWide + 8.0, y - 1.0, entry.name, 12, kFaint);
       y -= 16.0;
-      text(kMargin, y - 1.0, fmt::format("{:.4g} to {:.4g}, as in the file", entry.low, entry.high),
-           12, kFaint);
+      text(kMargin, y - 1.0,
+           fmt::format("{:.4g} to {:.4g}, in the file's unit", entry.low, entry.high), 12, kFaint);
     } else {
       quad(kMargin, y, kMargin + 10.0, y + 10.0, entry.colour);
       text(kMargin + 18.0, y - 1.0, entry.name, 12, kFaint);

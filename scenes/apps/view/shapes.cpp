@@ -138,7 +138,7 @@ Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine
   }
   if (parts.size() > kMostParts) {
     notes_.push_back(
-        fmt::format("of {} things {} are drawn; all are felt", parts.size(), kMostParts));
+        fmt::format("{} of {} parts are drawn; all are felt", kMostParts, parts.size()));
   }
   for (const auto& [name, field] : built.fields) {
     const auto moved = built.motions.find(name);
@@ -281,14 +281,14 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
   };
   const int points = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
   if (!mesh(points, When::kFine)) {
-    notes_.push_back(fmt::format("{}: there is no surface at {}", name, level));
+    notes_.push_back(fmt::format("{}: no surface at the value {}", name, level));
     return;
   }
   (void)mesh(std::min(points, kCoarsePoints), When::kCoarse);
   const FieldFrame frame = of.frame();
   if (const double step = frame.bounds.size().maxCoeff() / ((points - 1) * frame.voxel);
       step > 1.5) {
-    notes_.push_back(fmt::format("{}: drawn by every {:.1f}th voxel, felt by all", name, step));
+    notes_.push_back(fmt::format("{}: drawn {:.1f} times coarser than it is felt", name, step));
   }
   ++surfaces_;
   legend_.push_back({name, colour});
@@ -302,7 +302,7 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
   known_.push_back(key);
   if (clouds_ == kMostClouds) {
-    notes_.push_back(name + ": not drawn, a third cloud would hide the others");
+    notes_.push_back(name + ": not drawn: two clouds are drawn already");
     return;
   }
   const auto image = of_vector ? sampled(*graph.vector_fields[field], Along::kValue, kCloudPoints)
@@ -404,7 +404,7 @@ void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,
     }
   }
   if (cells->GetNumberOfCells() == 0) {
-    notes_.push_back(name + ": nothing flows, no streams are drawn");
+    notes_.push_back(name + ": no streams: its vectors are nearly zero");
     return;
   }
   auto data = vtkSmartPointer<vtkPolyData>::New();

@@ -56,8 +56,9 @@ class ViewWindow {
   ViewWindow(const ViewWindow&) = delete;
   ViewWindow& operator=(const ViewWindow&) = delete;
 
-  /// Runs until the window is closed or the run is over. Every `every` seconds writes the data of
-  /// the drawing to the file `told` and a picture of the window to `shot`; empty: not written.
+  /// Runs until the window is closed or the run has ended. Every `every` seconds [s], writes the
+  /// data of the drawing to the file `told`, and a picture of the window to `shot`. An empty name
+  /// disables its file.
   void run(double every, const std::string& shot, const std::string& told);
   /// Draws the newest tick once, and writes it as a PNG.
   void draw(const std::string& file);
@@ -70,7 +71,7 @@ class ViewWindow {
 
   void frame();
   void refresh();    ///< Reads new data of the loop.
-  void takeAgain();  ///< Takes a scene that was read again.
+  void takeAgain();  ///< Starts to read a changed scene; shows it once it is read.
   void showHand();
   /// Returns the bounds of the hand as shown, as far from the scene as depths reach.
   [[nodiscard]] vtkBoundingBox hand() const;
@@ -101,7 +102,7 @@ class ViewWindow {
   void withdraw();                           ///< Withdraws wishes that the loop has refused.
 
   LiveBlock& block_;
-  bool again_ = false;                            ///< A new scene must be looked for.
+  bool again_ = false;  ///< The scene's file must be checked for a change.
   std::future<std::unique_ptr<Shapes>> reading_;  ///< Outlives the window; its destructor waits.
   std::unique_ptr<Shapes> shapes_;
   Options options_;

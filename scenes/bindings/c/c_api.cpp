@@ -47,12 +47,12 @@ std::string failureOf(F&& f) {
   } catch (const std::exception& e) {
     return palpate::cli::sentence(e.what()).text();  // file names may hold any characters
   } catch (...) {
-    return "palpate: it failed for a reason that is not known: please report it";
+    return "palpate: unknown failure: report it";
   }
 }
 
 void require(const void* given, const char* what) {
-  if (given == nullptr) throw palpate::Error(what, "it is null", "give one");
+  if (given == nullptr) throw palpate::Error(what, "it is null", "give a valid pointer");
 }
 
 palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path& path) {
@@ -72,7 +72,7 @@ void load(palpate_hand& hand, const std::filesystem::path& path) {
 /// The servo checks the limits of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   if (!(arm.max_stiffness > 0.0) || !(arm.max_damping >= 0.0)) {
-    throw palpate::DeviceError("arm", "its largest stiffness or damping is no number",
+    throw palpate::DeviceError("arm", "its largest stiffness or damping is not a valid number",
                                "give N/m and N s/m, or begin with palpate_weakest_arm()");
   }
   palpate::DeviceInfo info;

@@ -12,7 +12,7 @@ stone = 14 - np.sqrt((X - 4)**2 + Y**2 + (Z - 8)**2)
 density = 300 / (1 + np.exp(-body)) + 900 / (1 + np.exp(-stone))
 
 volume = palpate.volume(density.astype("float32"), spacing=1.0, origin=(-40, -40, -40), name="phantom")
-# of a file: volume = palpate.Volume.load("head.vdb", "density")
+# from a file: volume = palpate.Volume.load("head.vdb", "density")
 info = volume.info
 print(f"{info['active_voxels']} voxels, {info['lowest']:.0f} to {info['highest']:.0f}")
 
@@ -24,7 +24,7 @@ value = field.sample(line)["value"]
 for level in (150, 750):
     print(f"{level} is first reached at z = {line[np.argmax(value > level), 2]:g} mm")
 
-# %% What one can feel
+# %% A scene
 scene = palpate.Scene.parse({
     "palpate": 1,
     "volumes": {"phantom": {"place": {"scale": 0.001}}},  # mm to m
@@ -100,4 +100,4 @@ if importlib.util.find_spec("vtk"):
         hand.Initialize()
         hand.Start()
 else:
-    print("no VTK: python3-vtk9 has it")
+    print("VTK is missing: install python3-vtk9")

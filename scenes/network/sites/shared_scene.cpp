@@ -37,7 +37,7 @@ Json halfOf(const std::string& kind, const Json& object, bool shared) {
   return half;
 }
 
-/// Returns an object's text; empty if it has no text of that name.
+/// Returns the text with this key; empty if the object does not have one.
 std::string textAt(const Json& object, const char* key) {
   const auto found = object.find(key);
   return found != object.end() && found->is_string() ? found->get<std::string>() : "";
@@ -63,8 +63,8 @@ std::vector<SharedKey> keysOfModes(const Json& modes) {
   return keys;
 }
 
-/// Returns true if edit a counts, of two edits of one part. One site may have made two edits with
-/// one stamp, in two runs. Then the texts decide, because 2 and 2.0 are equal values.
+/// Returns true if edit `a` replaces edit `b` of the same part. A site may make two edits with one
+/// stamp in two runs. Then the larger text wins, because 2 and 2.0 are equal values.
 bool isLater(const SharedEdit& a, const SharedEdit& b) {
   if (a.stamp != b.stamp) return b.stamp < a.stamp;
   return a.value.dump() > b.value.dump();
@@ -78,10 +78,10 @@ std::string wordsForOne(const SharedKey& key) {
   return key[3].empty() ? key[2] : fmt::format("{} of \"{}\"", key[2], key[3]);
 }
 
-const char* const kSubject = "what it tells of its scene";
+const char* const kSubject = "its message about its scene";
 
 [[noreturn]] void refuse(const std::string& why) {
-  throw Error(kSubject, why, "see to who it is, and to its version");
+  throw Error(kSubject, why, "check its sender, and the sender's version");
 }
 
 bool isName(const std::string& name) {
@@ -91,7 +91,7 @@ bool isName(const std::string& name) {
 
 void checkName(const std::string& name) {
   if (!isName(name)) {
-    refuse(fmt::format("a name has more than {} bytes, or such as no name has", kLongestName));
+    refuse(fmt::format("a name has more than {} bytes, or a control character", kLongestName));
   }
 }
 
@@ -115,27 +115,27 @@ bool isTold(const SharedKey& key) {
 }
 
 SharedKey keyFrom(const Json& json) {
-  if (!json.is_array()) refuse("a part is no list");
+  if (!json.is_array()) refuse("the key of a part is not a list");
   SharedKey key;
   for (const Json& word : json) key.push_back(word.is_string() ? word.get<std::string>() : "\n");
-  if (!isTold(key)) refuse("there is a part that no scene has, or of too long a name");
+  if (!isTold(key)) refuse("a part is unknown, or its name is too long");
   return key;
 }
 
 /// Checks the value of an edit: it has no data of the machine, and a mode matches its key.
 void checkValue(const SharedKey& key, const Json& value) {
   if (value.is_null()) return;
-  if (!value.is_object()) refuse(wordsForOne(key) + " is no object");
+  if (!value.is_object()) refuse(wordsForOne(key) + " is not an object");
   for (const auto& [name, part] : value.items()) {
     if (!isShared(key[0], name)) {
-      refuse(fmt::format("{} has \"{}\", which no site takes", wordsForOne(key), name));
+      refuse(fmt::format("{} has \"{}\", which sites do not share", wordsForOne(key), name));
     }
   }
   checkNames(value);
   if (key[0] != "modes") return;
   const SharedKey own = keyOfMode(value);
   if (own.size() + 1 != key.size() || !std::equal(own.begin(), own.end(), key.begin())) {
-    refuse(wordsForOne(key) + " is another mode");
+    refuse(wordsForOne(key) + " does not match its key");
   }
 }
 
@@ -228,7 +228,8 @@ Json withEdits(Json scene, const SharedEdits& edits) {
       continue;
     }
     if (key[0] == "volumes" && !where.contains(name)) {
-      throw SceneError(wordsForOne(key), "it is not here", "add it to the scene's file");
+      throw SceneError(wordsForOne(key), "this site does not have it",
+                       "add it to the scene's file");
     }
     // Data of the machine stay.
     Json whole = where.contains(name) ? halfOf(key[0], where[name], false) : Json::object();
@@ -258,26 +259,26 @@ SharedText sharedTextFrom(const std::string& text) {
   };
   if (!is_list(json, "edits") || !is_list(json, "rest") ||
       json.value("palpate_edits", Json()) != 1) {
-    refuse("it is none of this version");
+    refuse("its format is not the one of this version");
   }
   SharedText told;
   for (const Json& one : json.at("edits")) {
     if (!is_list(one, "of") || !is_list(one, "at") || !one.contains("is"))
-      refuse("an edit is none");
+      refuse("an edit is not valid");
     const Json& at = one.at("at");
     if (at.size() != 2 || !at[0].is_number_unsigned() || !at[1].is_string()) {
-      refuse("an edit has no stamp");
+      refuse("an edit has no valid stamp");
     }
     const SharedStamp stamp{at[0].get<std::uint64_t>(), at[1].get<std::string>()};
     if (stamp.count == 0 || stamp.count > kMostCount || !isSiteName(stamp.site)) {
-      refuse("an edit has no stamp");
+      refuse("an edit has no valid stamp");
     }
     const SharedKey key = keyFrom(one.at("of"));
     checkValue(key, one.at("is"));
     merge(told.edits, {{key, {one.at("is"), stamp}}});
   }
   for (const Json& one : json.at("rest")) {
-    if (!one.is_array() || one.size() != 2 || !one[1].is_string()) refuse("a digest is none");
+    if (!one.is_array() || one.size() != 2 || !one[1].is_string()) refuse("a digest is not valid");
     told.rest.emplace(keyFrom(one[0]), one[1].get<std::string>());
   }
   return told;
@@ -292,10 +293,10 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
     SharedEdits all = edits_;
     const std::uint64_t most = newest() + kMostAhead;
     for (const auto& [key, edit] : other.edits) {
-      if (edit.stamp.count > most) refuse("an edit's stamp is far ahead");
+      if (edit.stamp.count > most) refuse("the stamp of an edit is too far ahead");
     }
     if (merge(all, other.edits)) {
-      if (textOf({all, {}}).size() > kMostSceneText) refuse("all edits together are too much");
+      if (textOf({all, {}}).size() > kMostSceneText) refuse("all edits together are too long");
       edits_ = std::move(all);
       news_ = untold_ = true;
     }
@@ -303,8 +304,8 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
     const SharedText own = told();
     std::vector<SharedKey> differ;
     for (const auto& [key, digest] : own.rest) {
-      const auto his = other.rest.find(key);
-      if (his == other.rest.end() || his->second != digest) differ.push_back(key);
+      const auto theirs = other.rest.find(key);
+      if (theirs == other.rest.end() || theirs->second != digest) differ.push_back(key);
     }
     for (const auto& [key, digest] : other.rest) {
       if (!own.rest.contains(key) && !edits_.contains(key)) differ.push_back(key);
@@ -313,12 +314,12 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       return {};
     }
     return {
-        fmt::format("site {}: it feels another scene: not the same here: {}: copy one's file "
-                    "to the other, or edit it once more",
+        fmt::format("site {}: its scene differs from the one here: {}: copy one file to the "
+                    "other site, or edit it again",
                     from, wordsFor(differ))};
   } catch (const Error& error) {
     if (!isNew(unread_, from)) return {};
-    return {fmt::format("site {}: {}: nothing of it is taken", from, error.what())};
+    return {fmt::format("site {}: {}: the message is ignored", from, error.what())};
   }
 }
 
@@ -336,8 +337,8 @@ void SharedScene::edit(const std::string& text) {
   try {
     (void)sharedTextFrom(textOf({all, {}}));
   } catch (const Error& error) {
-    throw Error("the edit", "no other site would take it (" + error.reason() + ")",
-                "edit less, or feel it by --own-scene");
+    throw Error("the edit", "other sites would reject it (" + error.reason() + ")",
+                "make a smaller edit, or start with --own-scene");
   }
   text_ = text;
   file_ = std::move(file);

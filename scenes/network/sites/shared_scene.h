@@ -1,9 +1,9 @@
 /// A scene that several sites edit: its shared parts, and the order of edits.
 ///
 /// Edits map a part of the scene to its present value, with a stamp. Of two edits of one part the
-/// one with the larger stamp counts, at every site. So merging is independent of the order, and a
-/// repeated merge changes no edit. Sites that received the same edits, in any order and any number
-/// of times, have the same map.
+/// one with the larger stamp counts, at every site. The order of merges therefore does not matter,
+/// and a repeated merge changes no edit. Sites that received the same edits, in any order and any
+/// number of times, have the same map.
 #pragma once
 
 #include <cstddef>
@@ -71,7 +71,7 @@ struct SharedText {
 /// has data that are not shared, or a name is too long.
 [[nodiscard]] SharedText sharedTextFrom(const std::string& text);
 
-/// The scene of one site: its file as last read, and all edits that the site has received.
+/// The scene of one site: its file as last read, and all edits that the site knows.
 class SharedScene {
  public:
   /// `text`: valid text of the scene's file. `site`: name of this site.
@@ -82,7 +82,7 @@ class SharedScene {
   /// Takes the file's new text. Its differences are an edit of this site, later than all known
   /// edits. Throws Error if the edit cannot be sent, and then leaves this object unchanged.
   void edit(const std::string& text);
-  /// Takes the result of a copy of this object; keeps edits that arrived meanwhile.
+  /// Takes the state of a copy of this object, and keeps edits that arrived since the copy.
   void settle(const SharedScene& copy);
   /// Returns true, once, if edits arrived that felt() does not include yet.
   [[nodiscard]] bool takeNews() noexcept { return std::exchange(news_, false); }

@@ -33,9 +33,9 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kAlone = std::chrono::seconds(3);       ///< Time alone before a message.
 constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Time between two polls.
 constexpr auto kRest = std::chrono::milliseconds(50);  ///< Between two messages of a resting hand.
-constexpr double kSmallWay = 1e-4;                     ///< [m]: less motion of a proxy is not news.
-constexpr double kSmallGift = 1e-5;                    ///< [J]: less change of a sum is not news.
-constexpr std::uint32_t kMostAtOnce = 64;              ///< Messages in one poll.
+constexpr double kSmallWay = 1e-4;         ///< Smaller motion of a proxy is not sent at once [m].
+constexpr double kSmallGift = 1e-5;        ///< Smaller change of an energy is not sent at once [J].
+constexpr std::uint32_t kMostAtOnce = 64;  ///< Messages in one poll.
 constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Time between two scene texts.
 constexpr std::size_t kMostScenes = kMostLinks;               ///< Texts held until taken.
 
@@ -51,7 +51,8 @@ std::string addressTowards(const std::string& address) {
   hints.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV;
   addrinfo* found = nullptr;
   if (getaddrinfo(address.c_str(), "7400", &hints, &found) != 0) {
-    throw Error("--with", fmt::format("\"{}\" is no address", address), "give a numeric one");
+    throw Error("--with", fmt::format("\"{}\" is not a numeric address", address),
+                "give an address such as 10.0.0.2");
   }
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> freed(found, &freeaddrinfo);
   const int s = socket(found->ai_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
@@ -65,7 +66,8 @@ std::string addressTowards(const std::string& address) {
                                  nullptr, 0, NI_NUMERICHOST) == 0;
   if (s >= 0) close(s);
   if (!known) {
-    throw Error("--with", fmt::format("there is no way to {}", address), "look at the network");
+    throw Error("--with", fmt::format("this machine has no route to {}", address),
+                "check the network");
   }
   return text.data();
 }
@@ -86,8 +88,8 @@ std::string configOf(const SiteParams& params) {
       addressTowards(peers.front()), 2 * kMostLinks, text);
 }
 
-/// Receives the complaints of DDS. A peer can cause any number of them, so only one line is
-/// reported. Valid for the whole process, as in DDS.
+/// Receives the log lines of DDS. A peer can cause any number of lines, so only the first one is
+/// reported. DDS has one log sink per process.
 class Complaints {
  public:
   Complaints() {
@@ -101,7 +103,7 @@ class Complaints {
   Complaints& operator=(const Complaints&) = delete;
   ~Complaints() { dds_set_log_sink(nullptr, nullptr); }
 
-  /// Returns the first line, once; empty if there is no line.
+  /// Returns the first line, once; empty if DDS has logged none.
   [[nodiscard]] static std::string take() {
     const std::lock_guard lock(mutex());
     return std::exchange(told().line, {});
@@ -142,8 +144,8 @@ using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 /// Returns an entity of DDS; throws with the reason if DDS could not make it.
 dds_entity_t need(dds_entity_t entity, const char* what) {
   if (entity >= 0) return entity;
-  throw Error("--site", fmt::format("{} could not be had ({})", what, dds_strretcode(-entity)),
-              "look at the network, and whether too many sites are on this machine");
+  throw Error("--site", fmt::format("DDS cannot create {} ({})", what, dds_strretcode(-entity)),
+              "check the network, and the number of sites on this machine");
 }
 
 std::array<double, 3> numbers(const Vec3& v) noexcept {
@@ -180,10 +182,10 @@ class Site::Carrier {
   std::vector<std::string> takeNews() {
     const std::lock_guard lock(mutex_);
     if (std::exchange(failed_, false)) {
-      news_.emplace_back("site: there is no memory for it: hands elsewhere let go");
+      news_.emplace_back("site: it stopped for lack of memory: hands of other sites let go");
     }
     if (const std::string line = Complaints::take(); !line.empty()) {
-      news_.push_back(fmt::format("site: DDS: {}; what else it complains of is not told", line));
+      news_.push_back(fmt::format("site: DDS: {}; further messages of DDS are not shown", line));
     }
     return std::exchange(news_, {});
   }
@@ -216,7 +218,7 @@ class Site::Carrier {
 
   [[nodiscard]] static dds_entity_t join(dds_domainid_t domain, const std::string& keys) {
     if (keys.empty()) {
-      return need(dds_create_participant(domain, nullptr, nullptr), "a place in DDS's domain");
+      return need(dds_create_participant(domain, nullptr, nullptr), "a participant");
     }
     const Qos qos(dds_create_qos(), &dds_delete_qos);
     secure(qos.get(), keys);
@@ -224,13 +226,13 @@ class Site::Carrier {
     if (participant >= 0) return participant;
     std::string why = Complaints::take();
     if (why.empty()) why = dds_strretcode(-participant);
-    throw Error("--site-keys", fmt::format("DDS does not take those of {} ({})", keys, why),
-                "make them anew by site_keys.sh (docs/cluster.md)");
+    throw Error("--site-keys", fmt::format("DDS rejects the keys in {} ({})", keys, why),
+                "make new keys with site_keys.sh (docs/sites.md)");
   }
 
   void open(const SiteParams& params) {
     const auto domain = static_cast<dds_domainid_t>(params.domain);
-    domain_ = need(dds_create_domain(domain, configOf(params).c_str()), "DDS's domain");
+    domain_ = need(dds_create_domain(domain, configOf(params).c_str()), "its domain");
     try {
       const dds_entity_t participant = join(domain, params.keys);
       const dds_entity_t topic = need(
@@ -244,8 +246,8 @@ class Site::Carrier {
       dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
       // Limit the received data, for any sender.
       dds_qset_resource_limits(qos, 256, 64, 1);
-      reader_ = need(dds_create_reader(participant, topic, qos, nullptr), "what hears hands");
-      writer_ = need(dds_create_writer(participant, topic, qos, nullptr), "what tells of the hand");
+      reader_ = need(dds_create_reader(participant, topic, qos, nullptr), "the reader of hands");
+      writer_ = need(dds_create_writer(participant, topic, qos, nullptr), "the writer of the hand");
       if (!params.scene) return;
       const dds_entity_t scenes = need(dds_create_topic(participant, &palpate_site_Scene_desc,
                                                         "palpate_scene", nullptr, nullptr),
@@ -256,9 +258,9 @@ class Site::Carrier {
       // A full reader would block all of DDS: the limit applies where the texts are taken.
       dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
       scene_reader_ =
-          need(dds_create_reader(participant, scenes, qos, nullptr), "what hears of scenes");
+          need(dds_create_reader(participant, scenes, qos, nullptr), "the reader of scenes");
       scene_writer_ =
-          need(dds_create_writer(participant, scenes, qos, nullptr), "what tells of the scene");
+          need(dds_create_writer(participant, scenes, qos, nullptr), "the writer of the scene");
     } catch (...) {
       dds_delete(domain_);
       throw;
@@ -292,7 +294,7 @@ class Site::Carrier {
     if (const auto now = Clock::now(); now - said_at_ > std::chrono::seconds(1)) {
       if (said_ > kMostLines) {
         news_.push_back(
-            fmt::format("site: {} lines more of sites that come and go", said_ - kMostLines));
+            fmt::format("site: {} more lines about sites that join and leave", said_ - kMostLines));
       }
       said_at_ = now;
       said_ = 0;
@@ -322,8 +324,8 @@ class Site::Carrier {
       alone_told_ = true;
       if (others_.empty()) {
         news_.emplace_back(
-            "site: no other site is heard yet: where one is there, look at --with, domains and "
-            "--site-keys of both, and whether UDP passes");
+            "site: no other site is heard yet: if one is running, check --with, domain and "
+            "--site-keys of both, and that the network passes UDP");
       }
     }
     const dds_return_t count =
@@ -342,8 +344,8 @@ class Site::Carrier {
       const std::chrono::duration<double> since(now - other.last);
       if (!other.state.here || since.count() < kLinkSilence) continue;
       other.state.here = false;
-      say(fmt::format("site {}: nothing is heard of it: its hand lets go until it is heard again",
-                      name));
+      say(fmt::format("site {}: no message for {} s: its hand lets go until the next message", name,
+                      kLinkSilence));
     }
     if (count > 0) links_.hear(heard_);
   }
@@ -381,7 +383,8 @@ class Site::Carrier {
     if (!isSiteName(name)) return;
     if (name == name_) {
       if (!std::exchange(told_same_, true)) {
-        say(fmt::format("site {}: another one has the same name: give each its own", name));
+        say(fmt::format("site {}: another site has the same name: give each site its own name",
+                        name));
       }
       return;
     }
@@ -424,7 +427,7 @@ class Site::Carrier {
       word.to = one.to_life;
       word.given = one.given;
     }
-    // A site that does not know this one yet has no word for it.
+    // A site that does not know this one yet sends no word to it.
     if (word.from != 0) heard_.words[other.slot] = word;
   }
 
@@ -441,7 +444,7 @@ class Site::Carrier {
 
   void full() {
     if (std::exchange(told_full_, true)) return;
-    say(fmt::format("more than {} hands elsewhere: some are not felt", kMostLinks));
+    say(fmt::format("more than {} hands of other sites: some are not felt", kMostLinks));
   }
 
   /// Makes room for one more name: if too many are known, forgets the one that has been silent for
@@ -490,7 +493,7 @@ class Site::Carrier {
         others_.find(std::string(site, strnlen(site, sizeof palpate_site_Hand::site)));
     if (found == others_.end() || std::exchange(found->second.gone, true)) return;
     found->second.state.here = false;
-    say(fmt::format("site {}: it has gone", found->first));
+    say(fmt::format("site {}: it has left", found->first));
   }
 
   void tell() {
@@ -501,7 +504,7 @@ class Site::Carrier {
       other.state.paid = told.paid[other.slot];
       other.state.energy = told.energy[other.slot];
     }
-    // No tick yet, or no further ticks: an ended loop or an absent hand is silent.
+    // If the loop has not ticked since the last call, the site sends no message.
     if (told.words[0].number == ticked_) return;
     ticked_ = told.words[0].number;
     const auto now = Clock::now();

@@ -1,5 +1,5 @@
-/// A site: connects this program's hand, over DDS, with hands elsewhere in one scene
-/// (docs/cluster.md).
+/// A site connects this program's hand over DDS with the hands of other programs in one scene
+/// (docs/sites.md).
 #pragma once
 
 #include <cstddef>

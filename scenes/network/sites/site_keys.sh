@@ -1,18 +1,19 @@
 #!/usr/bin/env bash
-# Makes keys for sites that meet over a network that others reach (docs/cluster.md): a folder for each,
-# to be taken to its machine, and `ca`, whose key makes more of them: keep it to yourself.
-#   site_keys.sh FOLDER SITE...   a folder that was made before gets more sites
+# Makes keys for sites that meet over a network that others can reach (docs/sites.md). Each site gets a folder, which
+# you copy to its machine. Keep the folder `ca` secret: its key makes keys for further sites.
+#   site_keys.sh FOLDER SITE...   if FOLDER exists, adds sites to it
 set -euo pipefail
 
 [ $# -ge 2 ] || { sed -n '2,4s/^# \{0,1\}//p' "$0" >&2; exit 2; }
-command -v openssl >/dev/null || { echo "site_keys.sh: there is no openssl: install it" >&2; exit 1; }
+command -v openssl >/dev/null || { echo "site_keys.sh: openssl is missing: install it" >&2; exit 1; }
 folder=$1
 shift
-[ "$(printf '%s\n' "$@" | sort -u | wc -l)" -eq $# ] || { echo "site_keys.sh: a site is named twice" >&2; exit 2; }
+[ "$(printf '%s\n' "$@" | sort -u | wc -l)" -eq $# ] || {
+    echo "site_keys.sh: a site is given twice: give each site once" >&2; exit 2; }
 for site in "$@"; do
     [[ $site =~ ^[A-Za-z0-9_-]{1,31}$ ]] && [ "$site" != ca ] || {
-        echo "site_keys.sh: \"$site\" is no name of a site: give up to 31 letters, digits, - and _" >&2; exit 2; }
-    [ ! -e "$folder/$site" ] || { echo "site_keys.sh: $folder/$site is there: remove it first" >&2; exit 1; }
+        echo "site_keys.sh: \"$site\" is not a name of a site: give up to 31 letters, digits, - and _" >&2; exit 2; }
+    [ ! -e "$folder/$site" ] || { echo "site_keys.sh: $folder/$site exists: remove it first" >&2; exit 1; }
 done
 umask 077
 mkdir -p "$folder"
@@ -23,7 +24,8 @@ sign() { openssl smime -sign -in "$1" -text -out "$2" -signer "$folder/ca/cert.p
 # An interrupted run leaves a folder whose name ends in .new. The next run makes this folder again. A site cannot have
 # this name.
 fresh() {
-    [ ! -e "$1" ] || [ -e "$1/key.pem" ] || { echo "site_keys.sh: $1 is there, and not of keys: remove it first" >&2; exit 1; }
+    [ ! -e "$1" ] || [ -e "$1/key.pem" ] || {
+        echo "site_keys.sh: $1 exists without keys: remove it first" >&2; exit 1; }
     rm -rf "$1"
     mkdir "$1"
 }
@@ -82,5 +84,5 @@ END
     cp "$folder/ca/cert.pem" "$at/permissions_ca.cert.pem"
     rm "$at/request" "$at/permissions.xml"
     mv "$at" "$folder/$site"
-    echo "$folder/$site: to $site, as --site-keys"
+    echo "$folder/$site: copy it to $site, and give it as --site-keys"
 done

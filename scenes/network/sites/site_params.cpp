@@ -37,7 +37,7 @@ SiteParams siteFrom(const std::string& words, const std::vector<std::string>& wi
   const std::size_t at = words.find('@');
   params.name = words.substr(0, at);
   if (!isSiteName(params.name)) {
-    throw Error("--site", fmt::format("\"{}\" is no name of a site", params.name),
+    throw Error("--site", fmt::format("\"{}\" is not a valid name of a site", params.name),
                 "give up to 31 letters, digits, - and _");
   }
   if (at != std::string::npos) {
@@ -45,7 +45,7 @@ SiteParams siteFrom(const std::string& words, const std::vector<std::string>& wi
     const auto read = std::from_chars(words.data() + at + 1, end, params.domain);
     if (read.ec != std::errc() || read.ptr != end || params.domain < 0 ||
         params.domain > kMostDomain) {
-      throw Error("--site", fmt::format("\"{}\" is no domain", words.substr(at + 1)),
+      throw Error("--site", fmt::format("\"{}\" is not a domain", words.substr(at + 1)),
                   fmt::format("give NAME@N with N from 0 to {}", kMostDomain));
     }
   }
@@ -53,8 +53,8 @@ SiteParams siteFrom(const std::string& words, const std::vector<std::string>& wi
   for (const std::string& address : with) {
     // Host names and markup of the DDS configuration do not pass.
     if (isNumeric(address)) continue;
-    throw Error("--with", fmt::format("\"{}\" is no address", address),
-                "give the number of a machine, as 10.0.0.2");
+    throw Error("--with", fmt::format("\"{}\" is not a numeric address", address),
+                "give an address such as 10.0.0.2");
   }
   return params;
 }

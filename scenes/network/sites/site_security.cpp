@@ -26,8 +26,8 @@ std::string pluginOf(const char* what) {
       if (fs::exists(folder / name, ignored)) return (folder / name).string();
     }
   }
-  throw Error("--site-keys", fmt::format("this DDS has no security: there is no {}", name),
-              "install the one of Debian 12, or leave the keys out");
+  throw Error("--site-keys", fmt::format("this DDS has no security: {} is missing", name),
+              "install the DDS of Debian 12, or leave out --site-keys");
 }
 
 }  // namespace
@@ -59,8 +59,8 @@ void secure(dds_qos_t* participant, const fs::path& keys) {
     const fs::path path = fs::absolute(keys / file);
     std::error_code ignored;
     if (!fs::is_regular_file(path, ignored)) {
-      throw Error("--site-keys", fmt::format("there is no {}", path.string()),
-                  "make keys by site_keys.sh (docs/cluster.md)");
+      throw Error("--site-keys", fmt::format("{} is missing", path.string()),
+                  "make keys with site_keys.sh (docs/sites.md)");
     }
     dds_qset_prop(participant, fmt::format("dds.sec.{}", property).c_str(),
                   ("file:" + path.string()).c_str());

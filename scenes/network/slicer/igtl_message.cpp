@@ -191,7 +191,7 @@ void checkImageHead(const std::string& what, const ImageHead& head) {
     refuse(what, fmt::format("its coordinates are {}", head.space), "send 1 (RAS) or 2 (LPS)");
   }
   if (head.part != head.size || head.offset != std::array<std::int64_t, 3>{}) {
-    refuse(what, "it is a part of an image", "send all of it at once");
+    refuse(what, "it is a part of an image", "send the whole image at once");
   }
 }
 
@@ -220,7 +220,8 @@ void placeImage(const std::string& what, const ImageHead& head, IgtlImage& image
   constexpr double kFlat = 1e-6;
   if (!image.axes.allFinite() || !middle.allFinite() ||
       !(std::abs(image.axes.determinant()) > kFlat * room)) {
-    refuse(what, "its matrix is not finite, or has no volume", "send three axes and a place");
+    refuse(what, "its matrix is not finite, or its axes are in one plane",
+           "send three independent axes and a position");
   }
   if (head.space == 2) {
     image.axes.topRows<2>() *= -1.0;
@@ -302,13 +303,14 @@ Bytes igtlCapability(std::string_view name, std::int64_t now, std::span<const ch
 ByteView igtlContent(const IgtlHead& head, ByteView body) {
   if (head.version < 2) return body;
   constexpr std::size_t kLeast = 12;
-  if (body.size() < kLeast) refuse(head.type, "its extended header is cut", "send all of it");
+  if (body.size() < kLeast)
+    refuse(head.type, "its extended header is too short", "send at least 12 bytes");
   In in(body);
   const std::uint64_t begin = in.take<std::uint16_t>();
   const std::uint64_t about = in.take<std::uint16_t>();
   const std::uint64_t more = in.take<std::uint32_t>();
   if (begin < kLeast || begin + about + more > body.size()) {
-    refuse(head.type, "its extended header does not fit its body", "send sizes as they are");
+    refuse(head.type, "its extended header does not fit its body", "send the true sizes");
   }
   return body.subspan(begin, body.size() - begin - about - more);
 }
@@ -322,7 +324,8 @@ Vec3 readIgtlTransform(ByteView content) {
   std::array<float, 12> numbers{};
   for (float& number : numbers) {
     number = in.take<float>();
-    if (!std::isfinite(number)) refuse("TRANSFORM", "it is not finite", "send millimetres");
+    if (!std::isfinite(number))
+      refuse("TRANSFORM", "one of its numbers is not finite", "send millimetres");
   }
   return {numbers[9], numbers[10], numbers[11]};
 }
@@ -336,19 +339,20 @@ std::string readIgtlString(ByteView content) {
       return {content.begin() + kHead, content.end()};
     }
   }
-  refuse("STRING", "its length is not its body's", "send sizes as they are");
+  refuse("STRING", "its length does not match its body", "send the true sizes");
 }
 
 IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
   const std::string what = "IMAGE " + head.name;
   const ByteView content = igtlContent(head, body);
-  if (content.size() < kImageHead) refuse(what, "its header is cut", "send all of it");
+  if (content.size() < kImageHead)
+    refuse(what, "its header is too short", "send at least 72 bytes");
   const ImageHead sent = readImageHead(content);
   checkImageHead(what, sent);
   const std::uint64_t size = countValues(what, sent) * bytesOf(sent.scalar);
   if (content.size() - kImageHead != size) {
-    refuse(what, fmt::format("its values are {} bytes, not {}", content.size() - kImageHead, size),
-           "send sizes as they are");
+    refuse(what, fmt::format("its values have {} bytes, not {}", content.size() - kImageHead, size),
+           "send the true sizes");
   }
   IgtlImage image;
   image.name = head.name;

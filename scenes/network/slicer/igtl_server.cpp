@@ -20,40 +20,29 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/loop/realtime.h"
 #include "palpate/scenes/apps/common/asked.h"
+#include "palpate/scenes/network/slicer/igtl_client.h"
 
 namespace palpate::cli {
 namespace {
 
 const char* const kSubject = "--igtl";
 constexpr std::size_t kMostClients = 4;
-constexpr std::size_t kMostWaiting = 16;         ///< Further clients, which can only cut.
-constexpr int kBacklog = 128;                    ///< Connections that wait to be accepted.
-constexpr int kMostAtOnce = 64;                  ///< Connections accepted in one round.
-constexpr std::size_t kPiece = 1U << 16U;        ///< Read from a client in one round [bytes].
-constexpr std::uint64_t kMostSmall = 1U << 16U;  ///< Limit of all messages except images [bytes].
-constexpr std::size_t kMostOut = 1U << 16U;      ///< Limit of data waiting for a client [bytes].
-constexpr int kSocketBuffer = 1 << 16;           ///< Data that wait in the system [bytes].
+constexpr std::size_t kMostWaiting = 16;  ///< Further clients, which can only cut.
+constexpr int kBacklog = 128;             ///< Connections that wait to be accepted.
+constexpr int kMostAtOnce = 64;           ///< Connections accepted in one round.
+constexpr int kSocketBuffer = 1 << 16;    ///< Data that wait in the system [bytes].
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kLook = kSecond / 10;
 constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time limit of a message,
 constexpr std::int64_t kByte = 1000;             ///< plus this for each byte [ns]: 1 MB/s.
 constexpr std::int64_t kStuck = 5 * kSecond;     ///< After this without reading: dropped.
-constexpr double kFarthestHand = 1e9;            ///< Limit for a led hand [mm].
-constexpr std::array<const char*, 6> kTypes{"TRANSFORM", "STRING",     "IMAGE",
-                                            "STATUS",    "GET_STATUS", "GET_CAPABIL"};
-
-std::int64_t sinceEpoch() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
 
 std::string shownPlace(const sockaddr_storage& address, socklen_t size) {
   std::array<char, NI_MAXHOST> host{};
   std::array<char, NI_MAXSERV> port{};
   if (getnameinfo(reinterpret_cast<const sockaddr*>(&address), size, host.data(), host.size(),
                   port.data(), port.size(), NI_NUMERICHOST | NI_NUMERICSERV) != 0) {
-    return "somebody";
+    return "an unknown client";
   }
   const std::string name = host.data();
   return (name.find(':') == std::string::npos ? name : "[" + name + "]") + ":" + port.data();
@@ -64,54 +53,13 @@ std::string nameOf(const char* what, std::size_t hand) {
   return hand == 0 ? what : fmt::format("{}{}", what, hand + 1);
 }
 
-bool begins(const std::string& text, const char* with) {
-  return text.rfind(with, 0) == 0;
-}
-
 }  // namespace
 
-struct IgtlServer::Counts {
-  std::atomic<std::int64_t> connections{0};
-  std::atomic<std::int64_t> refused{0};  ///< Connections that had to wait.
-  std::atomic<std::int64_t> ended{0};    ///< Ended by the server: bad data, or data not taken.
-  std::atomic<std::int64_t> sent{0};     ///< Rounds of messages, for each client.
-  std::atomic<std::int64_t> skipped{0};  ///< Rounds left out: the client had not taken the last.
-  std::atomic<std::int64_t> received{0};
-  std::atomic<std::int64_t> images{0};
-};
-
-struct IgtlServer::Client {
-  enum class At : std::uint8_t { kHead, kBody, kSkip };
-
-  int socket = -1;  ///< -1: the client has gone.
-  std::string peer;
-  At at = At::kHead;
-  std::array<std::uint8_t, kIgtlHead> head_bytes{};
-  std::size_t head_count = 0;
-  IgtlHead head;
-  Bytes body;
-  std::uint64_t left = 0;  ///< Bytes of the body, still to come.
-  std::uint64_t crc = 0;
-  IgtlCode answer = IgtlCode::kOk;  ///< For the complete message; with `why`.
-  std::string why;
-  bool answers = false;
-  std::int64_t begun = 0;  ///< Start of the message [ns].
-  Bytes out;
-  std::size_t out_at = 0;
-  std::int64_t took = 0;  ///< Time when it last took data [ns].
-  bool wants_status = true;
-  bool waits = false;  ///< All places are taken: the server accepts only a cut from it.
-
-  Client(int s, std::string p) : socket(s), peer(std::move(p)) {}
-  ~Client() {
-    if (socket >= 0) close(socket);
-  }
-  Client(const Client&) = delete;
-  Client& operator=(const Client&) = delete;
-
-  [[nodiscard]] bool within() const { return head_count > 0; }
-  [[nodiscard]] bool isImage() const { return at == At::kBody && head.type == "IMAGE"; }
-};
+std::int64_t sinceEpoch() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
 
 IgtlPlace igtlPlace(const std::string& words) {
   IgtlPlace place;
@@ -130,8 +78,8 @@ IgtlPlace igtlPlace(const std::string& words) {
       std::all_of(port.begin(), port.end(), [](char c) { return c >= '0' && c <= '9'; });
   const int number = digits ? std::stoi(port) : -1;
   if (number < 0 || number > kMostPort || place.address.empty()) {
-    throw Error(kSubject, "\"" + words + "\" is no port of this machine",
-                "give a port, as 18944, or an address and a port, as 192.168.0.2:18944");
+    throw Error(kSubject, "\"" + words + "\" is not a port of this machine",
+                "give a port such as 18944, or an address and a port such as 192.168.0.2:18944");
   }
   place.port = static_cast<std::uint16_t>(number);
   return place;
@@ -145,8 +93,8 @@ IgtlServer::IgtlServer(const IgtlPlace& place, double rate, bool images)
   addrinfo* found = nullptr;
   const std::string port = std::to_string(place.port);
   if (getaddrinfo(place.address.c_str(), port.c_str(), &wanted, &found) != 0) {
-    throw Error(kSubject, "\"" + place.address + "\" is no address",
-                "give one of this machine, as 127.0.0.1");
+    throw Error(kSubject, "\"" + place.address + "\" is not a numeric address",
+                "give an address of this machine, such as 127.0.0.1");
   }
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, &freeaddrinfo);
   listener_ = socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
@@ -156,7 +104,7 @@ IgtlServer::IgtlServer(const IgtlPlace& place, double rate, bool images)
     const std::string why = std::strerror(errno);
     if (listener_ >= 0) close(listener_);
     throw Error(kSubject, place.address + ":" + port + ": " + why,
-                "give another port, or end the program that has it");
+                "give another port, or end the program that uses it");
   }
   sockaddr_storage here{};
   socklen_t size = sizeof here;
@@ -236,7 +184,7 @@ void IgtlServer::run() {
     try {
       round();
     } catch (const std::exception& error) {
-      // Out of memory for a moment.
+      // The process was out of memory; the next round may succeed.
       clients_.clear();
       complaints_.say(std::string("igtl: all connections are closed: ") + error.what());
     }
@@ -267,7 +215,7 @@ void IgtlServer::round() {
       if ((wanted[i].revents & (POLLIN | POLLHUP | POLLERR)) != 0) read(client);
       if (client.socket >= 0) endLate(client);
     } catch (const std::bad_alloc&) {
-      drop(client, "there is no memory for what it sends");
+      drop(client, "there is not enough memory for its message");
     } catch (const Error& error) {
       drop(client, error.what());
     }
@@ -297,7 +245,7 @@ void IgtlServer::accept() {
     const int socket =
         accept4(listener_, reinterpret_cast<sockaddr*>(&from), &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (socket < 0) {
-      // A shortage now is still there in a millisecond.
+      // If the system lacks descriptors or memory, a retry at once would fail too.
       if (errno != EAGAIN && errno != EWOULDBLOCK) deaf_until_ = nowNs() + kLook;
       return;
     }
@@ -308,7 +256,7 @@ void IgtlServer::accept() {
                          static_cast<std::ptrdiff_t>(kMostClients);
     if (crowded) {
       ++counts_->refused;
-      complaints_.say(fmt::format("igtl: {} waits: {} are connected: close one",
+      complaints_.say(fmt::format("igtl: {} waits: {} clients are connected: disconnect one",
                                   shownPlace(from, size), kMostClients));
       // The client that has waited longest has had time to send a cut.
       if (std::count_if(clients_.begin(), clients_.end(), waits) >=
@@ -348,176 +296,12 @@ void IgtlServer::Seldom::look() {
   if (more_ == 0 || now < next_) return;
   next_ = now + kSecond;
   const std::int64_t before = std::exchange(more_, 0) - 1;
-  complain(before > 0 ? fmt::format("{} ({} more before it)", last_, before) : last_);
+  complain(before > 0 ? fmt::format("{} ({} earlier not shown)", last_, before) : last_);
 }
 
 void IgtlServer::Seldom::end() {
   next_ = 0;
   look();
-}
-
-bool IgtlServer::full() {
-  const auto on_its_way = [](const auto& client) { return client->isImage(); };
-  if (std::any_of(clients_.begin(), clients_.end(), on_its_way)) return true;
-  const std::lock_guard lock(mutex_);
-  return image_ != nullptr;
-}
-
-void IgtlServer::read(Client& client) {
-  if (client.socket < 0) return;
-  std::array<std::uint8_t, kPiece> piece;  // NOLINT: filled by recv
-  const ssize_t got = recv(client.socket, piece.data(), piece.size(), MSG_DONTWAIT);
-  if (got == 0) return drop(client, "");
-  if (got < 0) {
-    if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) drop(client, "");
-    return;
-  }
-  feed(client, {piece.data(), static_cast<std::size_t>(got)});
-}
-
-void IgtlServer::feed(Client& client, ByteView bytes) {
-  while (!bytes.empty()) {
-    if (client.at == Client::At::kHead) {
-      if (!client.within()) client.begun = nowNs();
-      const std::size_t take = std::min(bytes.size(), kIgtlHead - client.head_count);
-      std::copy_n(bytes.begin(), take, client.head_bytes.begin() + client.head_count);
-      client.head_count += take;
-      bytes = bytes.subspan(take);
-      if (client.head_count < kIgtlHead) return;
-      beginBody(client);
-    } else {
-      const std::size_t take =
-          static_cast<std::size_t>(std::min<std::uint64_t>(bytes.size(), client.left));
-      const ByteView taken = bytes.first(take);
-      client.crc = igtlCrc(taken, client.crc);
-      // The body grows as bytes arrive: an announced size takes no memory, and is also the limit.
-      if (client.at == Client::At::kBody) {
-        const std::size_t most = client.body.size() + static_cast<std::size_t>(client.left);
-        if (client.body.size() + take > client.body.capacity()) {
-          client.body.reserve(std::min(most, 2 * (client.body.size() + take)));
-        }
-        client.body.insert(client.body.end(), taken.begin(), taken.end());
-      }
-      client.left -= take;
-      bytes = bytes.subspan(take);
-    }
-    if (client.left == 0) endBody(client);
-  }
-}
-
-void IgtlServer::beginBody(Client& client) {
-  client.head = readIgtlHead(client.head_bytes);
-  const IgtlHead& head = client.head;
-  const bool image = head.type == "IMAGE" && !client.waits;
-  const bool busy = image && full();
-  const bool kept = image || (head.type == "TRANSFORM" && !client.waits) || head.type == "STRING";
-  constexpr int kNewest = 3;
-  if (head.version < 1 || head.version > kNewest || head.type.empty()) {
-    throw Error("a message", "it does not begin as one of OpenIGTLink", "speak that");
-  }
-  if (head.size > (kept && !image ? kMostSmall : kIgtlMostImage + kPiece)) {
-    throw Error(head.type, fmt::format("it is {} bytes", head.size),
-                image ? "send at most 512 MB" : "send less");
-  }
-  client.left = head.size;
-  client.crc = 0;
-  client.body.clear();
-  client.answers = false;
-  client.at = kept ? Client::At::kBody : Client::At::kSkip;
-  if (!image) return;
-  (void)stage_.refresh();
-  const auto refuse = [&](IgtlCode code, const char* why) {
-    client.at = Client::At::kSkip;
-    client.answers = true;
-    client.answer = code;
-    client.why = "IMAGE " + head.name + ": " + why;
-  };
-  if (!images_) {
-    refuse(IgtlCode::kDisabled, "the run is recorded, and an image is no part of a recording");
-  } else if (stage_.current().volumes.count(head.name) == 0) {
-    refuse(IgtlCode::kNotFound, "the scene has no volume of that name in memory");
-  } else if (busy) {
-    // Reject the image at once: a cut may be behind it in the stream.
-    refuse(IgtlCode::kBusy, "another image is not felt yet: send it again");
-  }
-}
-
-void IgtlServer::endBody(Client& client) {
-  const IgtlHead head = std::exchange(client.head, {});
-  Bytes body = std::exchange(client.body, {});
-  const bool kept = std::exchange(client.at, Client::At::kHead) == Client::At::kBody;
-  client.head_count = 0;
-  if (client.crc != head.crc) {
-    throw Error(head.type, "its checksum is wrong", "send CRC-64 of the body");
-  }
-  ++counts_->received;
-  if (client.answers) {
-    complaints_.say("igtl: " + client.peer + ": " + client.why);
-    return reply(client, client.answer, client.why);
-  }
-  if (!kept) {
-    if (client.waits) return;
-    if (head.type == "GET_STATUS") return reply(client, IgtlCode::kOk, "palpate");
-    if (head.type == "GET_CAPABIL") {
-      const Bytes answer = igtlCapability("Palpate", sinceEpoch(), kTypes);
-      if (client.out.size() < kMostOut) {
-        client.out.insert(client.out.end(), answer.begin(), answer.end());
-      }
-      return flush(client);
-    }
-    if (begins(head.type, "GET_") || begins(head.type, "STT_") || begins(head.type, "STP_")) {
-      reply(client, IgtlCode::kUnknown, head.type + ": what there is, is sent unasked");
-    }
-    return;
-  }
-  if (head.type == "IMAGE") {
-    auto image = std::make_shared<const IgtlImage>(readIgtlImage(head, std::move(body)));
-    ++counts_->images;
-    const std::lock_guard lock(mutex_);
-    image_ = std::move(image);
-    return;
-  }
-  const ByteView content = igtlContent(head, body);
-  if (head.type == "STRING") {
-    const std::string words = readIgtlString(content);
-    if (head.name == "PalpateCommand") obey(client, words);
-    return;
-  }
-  const Vec3 place = readIgtlTransform(content);
-  if (head.name != "PalpateSteer") return;
-  if (!led_) {
-    return reply(client, IgtlCode::kDisabled, "no hand is led: add --device igtl");
-  }
-  if (place.lpNorm<Eigen::Infinity>() > kFarthestHand) {
-    throw Error("PalpateSteer", "it is beyond 1000 km", "send millimetres");
-  }
-  (void)stage_.refresh();
-  const Vec3 p_W = stage_.current().first(place);
-  aim_.write({{p_W.x(), p_W.y(), p_W.z()}});
-}
-
-void IgtlServer::obey(Client& client, const std::string& words) {
-  if (words == "cut") {
-    {
-      const std::lock_guard lock(mutex_);
-      for (HapticThread* hand : hands_) hand->cut();
-      // Also cut hands that are about to begin.
-      cut_asked_ = hands_.empty();
-    }
-    return reply(client, IgtlCode::kOk, "cut");
-  }
-  if (words == "clear") {
-    return reply(client, IgtlCode::kDenied, "only who is at the arm lets force out again");
-  }
-  reply(client, IgtlCode::kUnknown, "the one command is cut");
-}
-
-void IgtlServer::reply(Client& client, IgtlCode code, const std::string& text) {
-  // A client that sends requests but does not read gets no answer.
-  if (client.out.size() >= kMostOut) return;
-  const Bytes answer = igtlStatus("Palpate", sinceEpoch(), code, sentence(text).text());
-  client.out.insert(client.out.end(), answer.begin(), answer.end());
-  flush(client);
 }
 
 std::string IgtlServer::statusOf(const IgtlShown& shown) {
@@ -571,7 +355,7 @@ void IgtlServer::send() {
   const Bytes told = igtlString("PalpateStatus", at, status_);
   for (const auto& client : clients_) {
     if (client->socket < 0 || client->waits) continue;
-    // More data would only pile up at a client that has not taken the last ones.
+    // A client that has not taken the previous messages gets no further ones.
     if (client->out_at < client->out.size()) {
       ++counts_->skipped;
       continue;
@@ -605,12 +389,12 @@ void IgtlServer::flush(Client& client) {
 void IgtlServer::endLate(Client& client) {
   const std::int64_t now = nowNs();
   if (client.out_at < client.out.size() && now - client.took > kStuck) {
-    return drop(client, "it takes nothing of what it is sent");
+    return drop(client, "it has not read its data for 5 s");
   }
   if (!client.within()) return;
   const auto come = static_cast<std::int64_t>(client.head.size - client.left);
   if (now - client.begun > kPatience + come * kByte) {
-    drop(client, "its message does not come to an end");
+    drop(client, "its message takes longer than 5 s plus 1 s per MB");
   }
 }
 

@@ -74,8 +74,8 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void begin();
 
   // Called by the run's thread.
-  /// Sets the hands whose force a client can cut, until the next call. A cut that was requested
-  /// while there was no hand takes effect now.
+  /// Sets the hands whose force a client can cut, until the next call. If a client requested a cut
+  /// before any hand was set, the cut takes effect now.
   void cuts(std::vector<HapticThread*> hands);
   /// Sets the scene from now on: the places and the names of its volumes.
   void expect(const BuiltScene& scene);
@@ -103,7 +103,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
     void say(const std::string& line);
     /// Prints the pending line, if its time has come.
     void look();
-    /// Prints the pending line now: there are no further lines.
+    /// Prints the pending line now. Call it after the last line.
     void end();
 
    private:
@@ -136,7 +136,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   bool led_ = false;  ///< A hand follows `aim_`.
   std::string place_;
   int listener_ = -1;
-  std::int64_t deaf_until_ = 0;  ///< No accept until then: no descriptor was left [ns].
+  std::int64_t deaf_until_ = 0;  ///< No accept until then, because accept failed [ns].
   std::vector<std::unique_ptr<Client>> clients_;
   std::unique_ptr<Counts> counts_;
 
@@ -147,7 +147,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   // transfer of an image's memory. No haptic thread locks it.
   std::mutex mutex_;
   std::vector<HapticThread*> hands_;
-  bool cut_asked_ = false;  ///< A cut was requested while there was no hand.
+  bool cut_asked_ = false;  ///< A client requested a cut before any hand was set.
   std::shared_ptr<const IgtlImage> image_;
   std::string news_;
 

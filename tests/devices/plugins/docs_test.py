@@ -43,7 +43,7 @@ def sdks(folder):
 
 
 class Page(unittest.TestCase):
-    def test_its_commands_build_plugins(self):
+    def test_the_commands_of_the_page_build_plugins(self):
         with tempfile.TemporaryDirectory() as folder:
             work = Path(folder, "work")
             shutil.copytree(SOURCE / "devices" / "plugins", work)
@@ -58,7 +58,7 @@ class Page(unittest.TestCase):
                 self.assertEqual(symbols(work / f"{name}.so"), ["palpate_plugin"], name)
             self.assertTrue(Path(folder, ".local/share/palpate/plugins/sample.so").exists())
 
-    def test_cmake_builds_those_whose_sdk_is_given(self):
+    def test_cmake_builds_the_plugins_whose_sdk_is_given(self):
         with tempfile.TemporaryDirectory() as folder:
             given = sdks(folder)
             build = Path(folder, "build")
@@ -82,11 +82,11 @@ class Page(unittest.TestCase):
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("nowhere has no", " ".join(done.stdout.split()))
 
-    def test_the_sample_needs_the_system_alone(self):
+    def test_the_sample_needs_only_system_libraries(self):
         self.assertEqual(symbols(SAMPLE), ["palpate_plugin"])
         self.assertLessEqual(set(needed(SAMPLE)), {"libc.so.6", "libm.so.6"})
 
-    def test_what_it_names_is_there(self):
+    def test_the_constants_that_the_page_names_exist(self):
         for file, words in re.findall(r"\[(\w+\.cpp)\]\([^)]*\) \| [^|]* \| ([^|]*) \|", PAGE):
             text = (SOURCE / "devices" / "plugins" / file).read_text(encoding="utf-8")
             constants = re.findall(r"`(k\w+)`", words)

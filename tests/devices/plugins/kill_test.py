@@ -133,7 +133,7 @@ class Kill(unittest.TestCase):
             arm.trouble = 1
             time.sleep(0.5)
             os.kill(program.pid, signal.SIGTERM)
-            self.assertIn(b"its motors give less than half", program.communicate(timeout=20)[1])
+            self.assertIn(b"the motors give less than half", program.communicate(timeout=20)[1])
 
     def test_devices_lists_plugins_without_opening_the_arm_in_use(self):
         with self.felt("good") as (arm, _, _):
@@ -143,12 +143,12 @@ class Kill(unittest.TestCase):
                                              PALPATE_ODD_ARM=str(self.folder / "arm"),
                                              HOME=str(self.folder)))
             plugins = {plugin["name"]: plugin for plugin in json.loads(listed.stdout)["plugins"]}
-            self.assertIn("of version 2.0", plugins["other"]["trouble"])
+            self.assertIn("with version 2.0", plugins["other"]["trouble"])
             self.assertIn("no symbol palpate_plugin", plugins["none"]["trouble"])
             self.assertIsNone(plugins["odd"]["trouble"])
             arms = {one["device"]: one for one in plugins["odd"]["arms"]}
-            self.assertIn("another program has it", arms["plugin:odd@good"]["trouble"])
-            self.assertIn("force is nan", arms["plugin:odd@limitless"]["trouble"])
+            self.assertIn("another program uses it", arms["plugin:odd@good"]["trouble"])
+            self.assertIn("force = nan", arms["plugin:odd@limitless"]["trouble"])
             self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
             self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])
             # All other arms were opened, each by its own serial number.
@@ -176,7 +176,7 @@ class Kill(unittest.TestCase):
                       flush=True)
                 self.assertLessEqual(longest, 0.05 + SLICE)
             os.kill(program.pid, signal.SIGTERM)
-            self.assertIn(b"its process was stopped: it goes on",
+            self.assertIn(b"its process was stopped: palpate lets it continue",
                           program.communicate(timeout=20)[1])
 
     def test_a_program_dies_while_its_plugin_hangs(self):

@@ -95,7 +95,7 @@ TEST_CASE("a read between any two steps of a writer gets a whole value or no val
   }
 }
 
-TEST_CASE("values are taken whole, once, and in rising order", "[plugin]") {
+TEST_CASE("values are received whole, once, and in rising order", "[plugin]") {
   Newest<Large> slot;
   Large value{};
   CHECK_FALSE(slot.take(value));

@@ -149,21 +149,21 @@ TEST_CASE("invalid facts are refused in one line that names them", "[plugin]") {
     return facts;
   };
   for (const double bad : {0.0, -1.0, kNan, kInf, 1e9}) {
-    CHECK(refused(with(&palpate_plugin_facts::force, bad), "force is"));
-    CHECK(refused(with(&palpate_plugin_facts::stiffness, bad), "stiffness is"));
-    CHECK(refused(with(&palpate_plugin_facts::workspace_radius, bad), "workspace_radius is"));
-    CHECK(refused(with(&palpate_plugin_facts::rate, bad), "rate is"));
+    CHECK(refused(with(&palpate_plugin_facts::force, bad), "force ="));
+    CHECK(refused(with(&palpate_plugin_facts::stiffness, bad), "stiffness ="));
+    CHECK(refused(with(&palpate_plugin_facts::workspace_radius, bad), "workspace_radius ="));
+    CHECK(refused(with(&palpate_plugin_facts::rate, bad), "rate ="));
   }
   for (const double bad : {-1.0, kNan, kInf, 1e12}) {
-    CHECK(refused(with(&palpate_plugin_facts::slew, bad), "slew is"));
-    CHECK(refused(with(&palpate_plugin_facts::damping, bad), "damping is"));
-    CHECK(refused(with(&palpate_plugin_facts::output_rate, bad), "output_rate is"));
-    CHECK(refused(with(&palpate_plugin_facts::stale, bad), "stale is"));
-    CHECK(refused(with(&palpate_plugin_facts::speed, bad), "speed is"));
-    CHECK(refused(with(&palpate_plugin_facts::continuous, bad), "continuous is"));
-    CHECK(refused(with(&palpate_plugin_facts::heating, bad), "heating is"));
-    CHECK(refused(with(&palpate_plugin_facts::watchdog, bad), "watchdog is"));
-    CHECK(refused(with(&palpate_plugin_facts::resolution, bad), "resolution is"));
+    CHECK(refused(with(&palpate_plugin_facts::slew, bad), "slew ="));
+    CHECK(refused(with(&palpate_plugin_facts::damping, bad), "damping ="));
+    CHECK(refused(with(&palpate_plugin_facts::output_rate, bad), "output_rate ="));
+    CHECK(refused(with(&palpate_plugin_facts::stale, bad), "stale ="));
+    CHECK(refused(with(&palpate_plugin_facts::speed, bad), "speed ="));
+    CHECK(refused(with(&palpate_plugin_facts::continuous, bad), "continuous ="));
+    CHECK(refused(with(&palpate_plugin_facts::heating, bad), "heating ="));
+    CHECK(refused(with(&palpate_plugin_facts::watchdog, bad), "watchdog ="));
+    CHECK(refused(with(&palpate_plugin_facts::resolution, bad), "resolution ="));
   }
   CHECK(refused(with(&palpate_plugin_facts::continuous, 1.0), "only one of continuous"));
   palpate_plugin_facts facts = goodFacts();
@@ -285,7 +285,7 @@ TEST_CASE("an arm's reported state makes it not ready or a fault", "[plugin]") {
   constexpr std::uint32_t kGood = PALPATE_PLUGIN_READY | PALPATE_PLUGIN_HELD;
   CHECK(with(kGood).ready);
   CHECK_FALSE(with(PALPATE_PLUGIN_READY).ready);
-  CHECK(fake.arm->whyNotReady().find("holds it") != std::string::npos);
+  CHECK(fake.arm->whyNotReady().find("hold it") != std::string::npos);
   CHECK_FALSE(with(PALPATE_PLUGIN_HELD).ready);
   CHECK(fake.arm->whyNotReady().find("home it") != std::string::npos);
   CHECK(with(kGood | PALPATE_PLUGIN_HOT).fault == Fault::kTemperature);
@@ -458,7 +458,7 @@ TEST_CASE("mutated messages of a plug-in's process are decoded or refused", "[pl
   CHECK_FALSE(pluginMessageOf({}).has_value());
 }
 
-TEST_CASE("a seqlock's value is read whole and never goes back", "[plugin]") {
+TEST_CASE("a seqlock's reader gets whole values in rising order", "[plugin]") {
   struct Value {
     std::array<std::uint64_t, 16> all{};
   };

@@ -103,7 +103,7 @@ HandState tick(PluginArm& arm, const Vec3& force) {
 TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[plugin]") {
   CHECK(refusal([] { PluginLibrary library(kNone, {}); }).find("no symbol palpate_plugin") !=
         std::string::npos);
-  CHECK(refusal([] { PluginLibrary library(kOther, {}); }).find("of version 2.0") !=
+  CHECK(refusal([] { PluginLibrary library(kOther, {}); }).find("with version 2.0") !=
         std::string::npos);
   CHECK_FALSE(refusal([] { PluginLibrary library("/nowhere/x.so", {}); }).empty());
   const Bench bench;
@@ -118,8 +118,9 @@ TEST_CASE("unusable plug-in libraries and arms are refused with the reason", "[p
         std::string::npos);
   CHECK(refusal([&] { (void)library.open("nobody"); }).find("no arm of that number") !=
         std::string::npos);
-  CHECK(refusal([&] { (void)library.open("mute").facts(); }).find("does not say what it is") !=
-        std::string::npos);
+  CHECK(refusal([&] {
+          (void)library.open("mute").facts();
+        }).find("does not report its properties") != std::string::npos);
   CHECK(bench->closes == 1);
 }
 
@@ -135,13 +136,14 @@ TEST_CASE("plug-ins load only from their folders, and only if others cannot writ
   std::filesystem::permissions(folder / "odd.so", std::filesystem::perms(0755));
   setenv("PALPATE_PLUGINS", folder.c_str(), 1);
   CHECK(pluginFile("odd") == folder / "odd.so");
-  CHECK(refusal([] { (void)pluginFile("other"); }).find("there is ") != std::string::npos);
+  CHECK(refusal([] { (void)pluginFile("other"); }).find("use ") != std::string::npos);
   for (const char* name : {"../odd", "/etc/passwd", "", "-x", "a b"}) {
     CHECK_FALSE(refusal([&] { (void)pluginFile(name); }).empty());
   }
   namespace fs = std::filesystem;
   fs::permissions(folder, fs::perms::others_write, fs::perm_options::add);
-  CHECK(refusal([] { (void)pluginFile("odd"); }).find("others may write") != std::string::npos);
+  CHECK(refusal([] { (void)pluginFile("odd"); }).find("other users can write") !=
+        std::string::npos);
   fs::permissions(folder, fs::perms::others_write, fs::perm_options::remove);
   fs::permissions(folder / "odd.so", fs::perms::others_write, fs::perm_options::add);
   CHECK(refusal([] { (void)pluginFile("odd"); }).find("chmod go-w") != std::string::npos);
@@ -471,9 +473,9 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
   };
   CHECK(said("nobody").find("no arm of that number is plugged in") != std::string::npos);
   CHECK(said("unhomed").find("it finds no stop") != std::string::npos);
-  CHECK(said("mute").find("does not say what it is") != std::string::npos);
-  CHECK(said("limitless").find("force is nan") != std::string::npos);
-  CHECK(said("stillborn").find("has ended before its arm was ready") != std::string::npos);
+  CHECK(said("mute").find("does not report its properties") != std::string::npos);
+  CHECK(said("limitless").find("force = nan") != std::string::npos);
+  CHECK(said("stillborn").find("ended before its arm was ready") != std::string::npos);
   CHECK(refusal([] {
           (void)openPluginProcess(kOdd, "good", {}, "/nowhere/palpate-plugin");
         }).find("check the installation") != std::string::npos);
@@ -486,14 +488,14 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
     ends = true;
   };
   host.stop = [&] { return ends.load(); };
-  CHECK(refusal([&] { (void)openOdd("slow", host); }).find("the program has ended") !=
+  CHECK(refusal([&] { (void)openOdd("slow", host); }).find("the program ended") !=
         std::string::npos);
   CHECK(words.find("press its button") != std::string::npos);
 }
 
 TEST_CASE("an in-process plug-in needs an arm with a watchdog", "[plugin]") {
   Bench bench;
-  CHECK(refusal([] { (void)openPluginInside(kOdd, "good", {}); }).find("watchdog of its own") !=
+  CHECK(refusal([] { (void)openPluginInside(kOdd, "good", {}); }).find("no watchdog") !=
         std::string::npos);
   PluginArm arm(openPluginInside(kOdd, "inside", {}), "plugin:odd", true);
   CHECK(arm.zeroForce().descriptor == -1);
@@ -510,7 +512,7 @@ TEST_CASE("a plug-in's process that exits is started again", "[plugin]") {
   std::atomic<int> said{0};
   ArmHost host;
   host.say = [&](const std::string& words) {
-    if (words.find("started again") != std::string::npos) ++said;
+    if (words.find("starts it again") != std::string::npos) ++said;
   };
   auto arm = openOdd("exit", host);
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));

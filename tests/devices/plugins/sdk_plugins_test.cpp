@@ -390,7 +390,7 @@ TEST_CASE("an SDK plug-in's tick neither allocates nor locks", "[plugin][realtim
   CHECK(well >= 19);
 }
 
-TEST_CASE("preparing an SDK's arm that is never ready ends with the program", "[plugin]") {
+TEST_CASE("preparing an SDK's arm that is never ready fails when the program ends", "[plugin]") {
   Bench bench(anySdk());
   bench.sdk.never_ready();
   bench.open();

@@ -138,14 +138,14 @@ void checkNames(const HidProfile& profile, const std::string& file) {
         "it is found by its numbers, usage and serial number");
   check(contains(refusal([] { (void)openHid("/dev/null"); }), "not a HID device"),
         "another device's file is refused");
-  check(contains(refusal([] { (void)openHid("/dev/hidraw77"); }), "no such device"),
+  check(contains(refusal([] { (void)openHid("/dev/hidraw77"); }), "the device does not exist"),
         "a device that is not there is refused");
   check(contains(refusal([] { (void)openHid("/init"); }), "not a HID device"),
         "an ordinary file is refused");
-  check(contains(refusal([] { (void)openArm("hid:polhem", {}); }), "no such arm is plugged in"),
+  check(contains(refusal([] { (void)openArm("hid:polhem", {}); }), "this arm is not plugged in"),
         "an arm of other numbers is refused");
   check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", {}); }),
-                 "there is hid:virtual@ARM0001"),
+                 "use hid:virtual@ARM0001"),
         "another serial number is refused, and told which is there");
   {
     std::ifstream in(file);
@@ -154,7 +154,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
     std::ofstream("/tmp/forgetful.json") << words;
   }
   check(contains(refusal([] { (void)openArm("hid:/tmp/forgetful.json", {}); }),
-                 "input report 1 of 40 bytes, and this has no number: write \"id\": 1"),
+                 "input report 1 of 40 bytes, and this report has no number: write \"id\": 1"),
         "a profile that forgets a report's number is refused, by the device's own descriptor");
   const std::string path = pathOfArm();
   const pid_t child = fork();
@@ -189,7 +189,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   const pid_t second = fork();
   if (second == 0) {
     const std::string words = refusal([&] { (void)openHid(path); });
-    _exit(contains(words, "has it") && contains(words, "(" + pid + ")") ? 0 : 1);
+    _exit(contains(words, "uses it") && contains(words, "(" + pid + ")") ? 0 : 1);
   }
   waitpid(second, &status, 0);
   check(WIFEXITED(status) && WEXITSTATUS(status) == 0,
@@ -584,11 +584,11 @@ bool run(const std::string& what, const std::string& volume, const std::string& 
   checkNames(profile, profile_file);
   std::vector<std::string> said;
   const std::unique_ptr<HidDevice> arm = openHidArm(profile_file, said);
-  check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "another hand's"),
+  check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "other hands use"),
         "an arm that a hand has is no other hand's");
   check(arm->info().limits.peak == kUntestedForce && !said.empty() &&
             contains(said.back(), "palpate devices --test hid:virtual@ARM0001"),
-        "untested it is held to 1 N, and says what to do");
+        "an untested arm is limited to 1 N, and the message names the test");
   const StayAwake awake(false);
   (void)becomeRealtime({}, awake);
   Aside aside(arm->profile(), pathOfArm());

@@ -1,20 +1,14 @@
-/// Private to what knows OpenVDB: analysis of a grid's values, boundaries and flow.
+/// Private to the scene guess: analysis of a grid's values, boundaries and flow.
 #pragma once
 
 #include <cstddef>
 #include <optional>
 #include <vector>
 
+#include "palpate/scenes/guess/statistics.h"
 #include "palpate/scenes/guess/suggest.h"
 
 namespace palpate::guess {
-
-/// Returns a percentile of ascending values; 0 for an empty list.
-[[nodiscard]] double percentile(const std::vector<float>& sorted, double percent);
-
-/// Rounds to a thousandth of the decade of `range`: 4 digits of the variation. The result is
-/// finite.
-[[nodiscard]] double rounded(double value, double range);
 
 /// A boundary between two materials, or of a material with an open range of values.
 struct Boundary {
@@ -30,7 +24,7 @@ struct Boundary {
 };
 
 /// Analysis of a scalar grid.
-struct ScalarLook {
+struct ScalarAnalysis {
   std::vector<float> values;  ///< Samples, ascending.
   double low = 0.0;           ///< Nearly all values, also the surroundings', are between these.
   double high = 0.0;
@@ -42,7 +36,7 @@ struct ScalarLook {
                          ///< value.
   double skips = 0.0;    ///< Share of unequal neighbours with another value between them.
   std::vector<float> distinct;    ///< All values that occur; empty: more than kMostDistinct.
-  std::optional<double> nothing;  ///< Marks missing data; left out of the analysis.
+  std::optional<double> no_data;  ///< Marks missing data; left out of the analysis.
   bool distance = false;          ///< The grid is a signed distance, in units of the file or in
                                   ///< voxels.
 
@@ -58,7 +52,7 @@ struct ScalarLook {
 constexpr std::size_t kMostDistinct = 1024;
 
 /// Analysis of a vector grid.
-struct VectorLook {
+struct VectorAnalysis {
   bool constant = true;
   std::vector<float> speed;  ///< Speeds of the moving voxels, ascending.
   std::vector<float> curl;   ///< Curl of moving voxels whose neighbours are all known, ascending.
@@ -66,22 +60,23 @@ struct VectorLook {
   double unit = 0.0;         ///< Share of the moving voxels that have length 1.
 };
 
-/// Analyse a sample of the grid's active voxels, as suggest.h describes.
-[[nodiscard]] ScalarLook lookAtScalar(const SuggestInput& input);
-[[nodiscard]] VectorLook lookAtVector(const SuggestInput& input);
+/// Analyse a sample of the grid's active voxels, at most about kSuggestSamples. The criteria are in
+/// suggest.h.
+[[nodiscard]] ScalarAnalysis analyseScalar(const SuggestInput& input);
+[[nodiscard]] VectorAnalysis analyseVector(const SuggestInput& input);
 
 /// Returns true if a scalar matches another grid, one of its components or their magnitude, up to
 /// scale and offset.
 [[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other);
 
 /// Analysis of several scalars together.
-struct SumLook {
+struct SumAnalysis {
   bool is_one = false;               ///< All are within 0 and 1, and add up to 1 nearly everywhere,
   std::optional<std::size_t> other;  ///< except for this one, which is unrelated to the others.
   bool apart = false;                ///< Most places hold one of them alone; else they are mixed.
   std::vector<double> at_faces;      ///< Mean of each at the faces of the box about all scalars.
   std::vector<double> throughout;    ///< Mean of each in the whole box.
 };
-[[nodiscard]] SumLook lookAtSum(const std::vector<const SuggestInput*>& scalars);
+[[nodiscard]] SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars);
 
 }  // namespace palpate::guess

@@ -1,0 +1,240 @@
+#include "palpate/devices/hid/check_consistency.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/hid/profile_facts.h"
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+constexpr double kMostStep = 5e-3;    // [m], of the tip by one count
+constexpr double kMostAsked = 20.0;   // times the limit of a motor's field
+constexpr double kMostCarried = 0.5;  // of its continuous limit; contact forces need the rest
+constexpr double kSame = 1e-4;        // [m]: nearer places are equal
+
+/// Checks that motors' fields have no "rest", and other fields no "scale" or "offset".
+void checkOutput(const JsonNode& fields, const HidProfile& profile) {
+  for (std::size_t f = 0; f < profile.output->fields.size(); ++f) {
+    const bool motor = isMotor(profile, f);
+    const JsonNode at = fields.child(profile.output->fields[f].name);
+    if (motor && at.has("rest")) at.child("rest").fail("the field drives a motor", "remove it");
+    for (const char* key : {"scale", "offset"}) {
+      if (motor || !at.has(key)) continue;
+      at.child(key).fail("the field does not drive a motor",
+                         "remove it; give the raw value that the field holds as \"rest\"");
+    }
+  }
+}
+
+/// Checks counters of an arm that reports by itself that it is homed. The first reading counts as
+/// the one nearest to the middle of the hand's world. So no other range of the counter may bring
+/// the tip into that world.
+void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileFacts& facts) {
+  if (profile.home_at_open || !profile.home.empty()) return;  // homing makes it known
+  const ArmPose middle = profile.kinematics->at(facts.middle);
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    const HidJoint& joint = profile.joints[i];
+    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
+    if (!field.wraps) continue;
+    const double range =
+        std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
+    const double way = range * middle.jacobian[i].norm();
+    // Whole turns lead to the same place.
+    Joints turned = facts.middle;
+    turned[i] += range;
+    const bool same =
+        (profile.kinematics->at(turned).position_D - middle.position_D).norm() < kSame;
+    if (same || way >= 2.0 * profile.limits.workspace_radius) continue;
+    root.child("kinematics")
+        .child("joints")
+        .element(i)
+        .child("from")
+        .fail(fmt::format("{} wraps every {:.3g} m of the tip, and the workspace is {:.3g} m wide: "
+                          "a flag that means homed does not determine the turn",
+                          field.name, way, 2.0 * profile.limits.workspace_radius),
+              "add \"home\" steps, home_at_open or bits, or correct workspace_radius");
+  }
+}
+
+/// Checks that the numbers are consistent, which detects wrong units.
+void checkFacts(const JsonNode& root, const HidProfile& profile) {
+  const ProfileFacts facts = factsOf(profile);
+  constexpr double kReached = 1e-3;  // [m]
+  if (!(facts.off <= kReached)) {
+    const std::string why =
+        std::isfinite(facts.off)
+            ? fmt::format("the middle of the hand's world is {:.3g} m out of the tip's reach",
+                          facts.off)
+            : "the tip cannot reach any place from the joints' home";
+    const JsonNode at = root.has("mount") && root.child("mount").has("origin")
+                            ? root.child("mount").child("origin")
+                            : root;
+    at.fail(why, "correct mount/origin, home, or the lengths, all in metres and radians");
+  }
+  if (facts.step > kMostStep) {
+    root.child("kinematics")
+        .child("joints")
+        .fail(fmt::format("one count of each joint moves the tip by {:.3g} m", facts.step),
+              "correct the inputs' scale (radians per count) or the ratio");
+  }
+  checkRanges(root, profile, facts);
+  const char* const remedy = "correct torque_constant, ratio, or its field's scale, least and most";
+  const MotorFact* strongest = nullptr;
+  for (const MotorFact& motor : facts.motors) {
+    if (motor.asked > kMostAsked * motor.room) {
+      root.child("kinematics")
+          .child("joints")
+          .element(motor.joint)
+          .fail(fmt::format("{} N needs {:.3g} of {}, whose limit is {:.3g}", profile.limits.force,
+                            motor.asked, motor.field, motor.room),
+                remedy);
+    }
+    if (motor.carries > kMostCarried * motor.continuous) {
+      root.child("gravity").fail(fmt::format("{} needs {:.3g} to carry the arm's masses, more than "
+                                             "half of its continuous limit of {:.3g}",
+                                             motor.field, motor.carries, motor.continuous),
+                                 "correct masses and centres, or counterweight the arm");
+    }
+    if (strongest == nullptr || motor.asked / motor.room > strongest->asked / strongest->room) {
+      strongest = &motor;
+    }
+  }
+  // A motor across the force has little to do, so only the strongest is checked.
+  if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
+    root.child("kinematics")
+        .child("joints")
+        .element(strongest->joint)
+        .fail(fmt::format("{} N needs only {:.2g} % of the limit of {}, and less of the others",
+                          profile.limits.force, 100.0 * strongest->asked / strongest->room,
+                          strongest->field),
+              remedy);
+  }
+}
+
+}  // namespace
+
+bool isMotor(const HidProfile& profile, std::size_t field) {
+  return std::any_of(profile.joints.begin(), profile.joints.end(),
+                     [&](const HidJoint& joint) { return joint.to == field; });
+}
+
+void checkSequences(const JsonNode& input, const HidProfile& profile) {
+  for (std::size_t r = 0; r < profile.input.size(); ++r) {
+    if (!profile.input[r].sequence) continue;
+    const ReportField& counter = profile.input[r].fields[*profile.input[r].sequence];
+    const auto shares = [&](const FieldRef& other) {
+      const ReportField& field = profile.input[r].fields[other.field];
+      return other.report == r && counter.bit < field.bit + field.bits &&
+             field.bit < counter.bit + counter.bits;
+    };
+    const bool joint = std::any_of(profile.joints.begin(), profile.joints.end(),
+                                   [&](const HidJoint& j) { return shares(j.from); });
+    const bool flag = std::any_of(profile.flags.begin(), profile.flags.end(),
+                                  [&](const HidFlag& f) { return shares(f.field); });
+    if (!joint && !flag) continue;
+    input.element(r)
+        .child("sequence")
+        .fail(fmt::format("{} shares bits with a {}, which does not change with every report",
+                          counter.name, joint ? "joint" : "flag"),
+              "name a field that counts reports, or remove it");
+  }
+}
+
+void checkRates(const JsonNode& root, const HidProfile& profile, bool drives) {
+  if (drives != (profile.output_rate > 0.0)) {
+    root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
+  }
+  if (drives && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
+    root.child("rate").child("output").fail(
+        fmt::format("{:g} reports per second", profile.output_rate), "give 1 to 100,000");
+  }
+}
+
+void checkTogether(const JsonNode& root, const HidProfile& profile) {
+  double closing = 0.0;
+  for (const HidStep& step : profile.close) closing += step.seconds;
+  if (closing > kLongestClose) {
+    root.child("close").fail(fmt::format("its steps may take {} s", closing),
+                             fmt::format("use at most {} s in all", kLongestClose));
+  }
+
+  const auto motors = std::count_if(profile.joints.begin(), profile.joints.end(),
+                                    [](const HidJoint& j) { return j.to.has_value(); });
+  if (profile.output) {
+    const JsonNode limits = root.child("limits");
+    if (profile.limits.stale > 0.1) limits.child("stale").fail("it is more than 0.1 s", "use less");
+    if (profile.limits.speed > 5.0) limits.child("speed").fail("it is more than 5 m/s", "use less");
+    if (profile.limits.continuous > profile.limits.force) {
+      limits.child("continuous").fail("it is more than limits/force", "use less");
+    }
+    const bool own = std::any_of(profile.joints.begin(), profile.joints.end(),
+                                 [](const HidJoint& j) { return j.continuous > 0.0; });
+    if (own && profile.limits.continuous > 0.0) {
+      limits.child("continuous")
+          .fail("joints have continuous limits of their own",
+                "remove it and \"heating\", or the limits of the joints");
+    }
+  }
+  // A counter is zero wherever it was switched on.
+  const bool homed = profile.home_at_open || !profile.home.empty() ||
+                     std::any_of(profile.flags.begin(), profile.flags.end(), [](const HidFlag& f) {
+                       return f.means == HidFlag::Means::kHomed;
+                     });
+  for (std::size_t i = 0; profile.output && !homed && i < profile.joints.size(); ++i) {
+    const FieldRef from = profile.joints[i].from;
+    if (!profile.input[from.report].fields[from.field].wraps) continue;
+    root.child("kinematics")
+        .child("joints")
+        .element(i)
+        .child("from")
+        .fail("the pose at zero of its counter is unknown",
+              "add \"home\" steps, home_at_open, a flag that means homed, or remove \"wraps\"");
+  }
+  if (profile.output && motors == 0) {
+    root.child("kinematics").fail("no joint has a motor", "name motors, or remove \"output\"");
+  }
+  if (!profile.masses.empty() && motors == 0) {
+    root.child("gravity").fail("no joint has a motor to carry it", "remove it");
+  }
+  if (!profile.masses.empty() && profile.limits.continuous > 0.0) {
+    root.child("gravity").fail(
+        "limits/continuous does not account for the weight that the motors carry",
+        "give \"continuous\" and \"heating\" of joints instead");
+  }
+  if (profile.output && profile.firmware.empty()) {
+    root.fail(
+        "the profile does not describe how its firmware removes the force if no message arrives",
+        "add \"firmware\"");
+  }
+  if (profile.rate_control > 0.0 && profile.output) {
+    root.child("kinematics")
+        .fail("an arm that reports velocities does not take forces",
+              "remove \"output\" or \"rate_control\"");
+  }
+  if (profile.output) {
+    if (profile.pid.empty()) checkOutput(root.child("output").child("fields"), profile);
+    checkFacts(root, profile);
+  }
+}
+
+void checkSources(const JsonNode& root, const HidProfile& profile) {
+  for (const auto& [pointer, text] : profile.sources) {
+    bool there = pointer.empty() || pointer[0] == '/';
+    try {
+      there = there && root.json().contains(Json::json_pointer(pointer));
+    } catch (const Json::exception&) {
+      there = false;
+    }
+    if (!there) {
+      root.child("sources").fail("\"" + pointer + "\" is not in this file",
+                                 "write the path of a number, such as \"/limits/force\"");
+    }
+  }
+}
+
+}  // namespace palpate

@@ -1,0 +1,197 @@
+#include "palpate/scenes/apps/cli/feel_options.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/recording/replay_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/cli/picture.h"
+#include "palpate/scenes/apps/common/common.h"
+#include "palpate/scenes/apps/common/touch.h"
+#include "palpate/scenes/network/sites/site.h"
+
+namespace palpate::cli {
+namespace {
+
+void checkTimes(const FeelOptions& options) {
+  const double slowest = options.realtime ? 500.0 : 10.0;
+  const double fastest = options.realtime ? 20000.0 : 100000.0;
+  if (!(options.rate >= slowest && options.rate <= fastest)) {
+    throw Error("--rate",
+                fmt::format("{} Hz is not in {} to {} Hz", options.rate, slowest, fastest),
+                "use 1000");
+  }
+  if (options.seconds && !(*options.seconds > 0.0 && *options.seconds <= kMostFeelSeconds)) {
+    throw Error("--seconds",
+                fmt::format("{} s is not above 0 and at most 1000000 s", *options.seconds),
+                "use 10");
+  }
+}
+
+void checkHands(const FeelOptions& options) {
+  constexpr std::size_t kMostHands = 4;
+  if (options.devices.empty() || options.devices.size() > kMostHands) {
+    throw Error("--device", fmt::format("{} hands are given", options.devices.size()),
+                "give one to four");
+  }
+  if (options.devices.size() > 1 && options.trace == "-") {
+    throw Error("--trace", "the rows of several hands would be mixed", "give a file name");
+  }
+}
+
+/// Rejects --passive with a recorded path, and an invalid --refill.
+void checkTank(const FeelOptions& options) {
+  const bool paths = std::any_of(options.devices.begin(), options.devices.end(), isPath);
+  if (options.passive && paths) {
+    throw Error("--passive", "a recorded path cannot receive energy", "leave out --passive");
+  }
+  constexpr double kMostRefill = 10.0;  // [W]: more than a hand gives
+  if (!(options.refill >= 0.0 && options.refill <= kMostRefill)) {
+    throw Error("--refill", fmt::format("{} W is not in 0 to {} W", options.refill, kMostRefill),
+                "use 0.1");
+  }
+  if (options.refill > 0.0 && !options.passive) {
+    throw Error("--refill", "it has no effect without --passive", "add --passive");
+  }
+}
+
+/// Rejects options that do not fit --record or a replayed hand.
+void checkRecordings(const FeelOptions& options) {
+  if (options.record == "-") {
+    throw Error("--record", "a recording is binary and cannot go to standard output",
+                "give a file name");
+  }
+  const auto replayed = static_cast<std::size_t>(
+      std::count_if(options.devices.begin(), options.devices.end(), isReplay));
+  if (replayed > 0 && (options.realtime || replayed < options.devices.size())) {
+    throw Error("--device",
+                "recorded hands run in virtual time, and only with other recorded hands",
+                options.realtime ? "leave out --realtime" : "give replay:FILE alone");
+  }
+  if (options.passive && replayed > 0) {
+    throw Error("--passive", "a recording already contains the action of its energy tank",
+                "leave out --passive");
+  }
+  constexpr double kFastest = 1000.0;
+  if (options.speed && replayed == 0) {
+    throw Error("--speed", "it applies only to recorded hands",
+                "give --device replay:FILE, or leave out --speed");
+  }
+  if (options.speed && !(*options.speed >= 1.0 / kFastest && *options.speed <= kFastest)) {
+    throw Error("--speed", fmt::format("{} is not in 0.001 to {}", *options.speed, kFastest),
+                "use 1 for the original speed");
+  }
+}
+
+void checkSite(const FeelOptions& options) {
+  if (!options.site.empty()) {
+    (void)siteFrom(options.site, options.with);
+    if (!options.realtime) {
+      throw Error("--site", "hands at other sites are linked only in real time", "add --realtime");
+    }
+    if (!options.devices.empty() && options.devices[0] == "igtl") {
+      throw Error("--site", "a hand that 3D Slicer moves would pull the arms of other sites",
+                  "give another --device first");
+    }
+  } else if (!options.with.empty()) {
+    throw Error("--with", "it has no effect without --site", "add --site NAME");
+  } else if (!options.site_keys.empty()) {
+    throw Error("--site-keys", "it has no effect without --site",
+                "add --site NAME, or leave out --site-keys");
+  } else if (options.own_scene) {
+    throw Error("--own-scene", "it has no effect without --site",
+                "add --site NAME, or leave out --own-scene");
+  }
+}
+
+void checkIgtl(const FeelOptions& options) {
+  if (options.igtl.empty() && options.igtl_rate != kIgtlRate) {
+    throw Error("--igtl-rate", "it has no effect without --igtl", "add --igtl 18944");
+  }
+  if (options.igtl.empty()) return;
+  if (!options.realtime) {
+    throw Error("--igtl", "a run in virtual time ends before a client can connect",
+                options.window ? "leave out --igtl" : "add --realtime");
+  }
+  if (!(options.igtl_rate >= 1.0 && options.igtl_rate <= kIgtlMostRate)) {
+    throw Error("--igtl-rate",
+                fmt::format("{} Hz is not in 1 to {} Hz", options.igtl_rate, kIgtlMostRate),
+                "use 30");
+  }
+}
+
+}  // namespace
+
+bool isPath(const std::string& device) {
+  return device.rfind("path:", 0) == 0;
+}
+bool isReplay(const std::string& device) {
+  return device.rfind("replay:", 0) == 0;
+}
+bool isSimulated(const std::string& device) {
+  return device == "simulated" || device.rfind("simulated:", 0) == 0;
+}
+
+std::string placeOf(const std::string& asked, std::size_t hand) {
+  if (asked.empty() || hand == 0) return asked;
+  std::filesystem::path place(asked);
+  const std::string end = place.extension().string();
+  place.replace_extension();
+  return place.string() + "." + std::to_string(hand + 1) + end;
+}
+
+void checkFeelOutputs(const FeelOptions& options, const SceneInput& scene) {
+  std::vector<std::string> places{options.summary, options.picture, options.still};
+  for (std::size_t i = 0; i < options.devices.size(); ++i) {
+    places.push_back(placeOf(options.trace, i));
+    places.push_back(placeOf(options.record, i));
+  }
+  if (options.json) places.emplace_back("-");
+  std::vector<std::filesystem::path> inputs = inputsOf(options.scene, scene.spec);
+  inputs.insert(inputs.end(), scene.files.begin(), scene.files.end());
+  for (const std::string& device : options.devices) {
+    if (isPath(device)) inputs.emplace_back(device.substr(5));
+    if (isReplay(device)) inputs.emplace_back(fileOfReplay(device.substr(7)));
+  }
+  checkOutputsApart(places, inputs);
+}
+
+void checkFeelOptions(const FeelOptions& options) {
+  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
+  if (!options.still.empty()) static_cast<void>(pngName(options.still));
+  checkTimes(options);
+  checkHands(options);
+  checkTank(options);
+  checkRecordings(options);
+  checkSite(options);
+  if (options.watch && !options.realtime) {
+    throw Error("--watch", "a run in virtual time ends before the file can change",
+                "add --realtime");
+  }
+  if (options.reengage && !options.realtime) {
+    throw Error("--reengage", "in virtual time no tick is late",
+                options.window ? "leave out --reengage" : "add --realtime");
+  }
+  checkIgtl(options);
+}
+
+double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,
+                     const FeelOptions& options) {
+  const auto rate_of = [](const std::unique_ptr<Device>& device) {
+    return dynamic_cast<const ReplayDevice&>(*device).recording().setting().rate;
+  };
+  const double rate = rate_of(devices[0]);
+  const auto other = [&](const auto& device) { return rate_of(device) != rate; };
+  if (std::any_of(devices.begin(), devices.end(), other)) {
+    throw Error("--device", "the recordings have different rates", "replay them one by one");
+  }
+  if (options.rate != FeelOptions{}.rate && options.rate != rate) {
+    throw Error("--rate", fmt::format("the hand was recorded at {} Hz", rate), "leave out --rate");
+  }
+  return rate;
+}
+
+}  // namespace palpate::cli

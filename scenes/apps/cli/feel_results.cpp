@@ -1,0 +1,215 @@
+#include "palpate/scenes/apps/cli/feel_results.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <fstream>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/version.h"
+#include "palpate/scenes/apps/cli/again.h"
+#include "palpate/scenes/apps/cli/room.h"
+
+namespace palpate::cli {
+namespace {
+
+/// Returns the moment with the strongest force; null if no force was felt.
+OrderedJson mostOf(const Hand& hand, const Scene& scene) {
+  const Most most = hand.log.felt.most();
+  if (!(most.force > 0.0)) return nullptr;
+  const std::optional<Again> again = againOf(most, scene);
+  return {{"force", most.force},
+          {"mode", most.mode},
+          {"time", most.time},
+          {"probe", toJson(most.probe)},
+          {"proxy", toJson(most.proxy)},
+          {"at", again ? toJson(again->at) : OrderedJson()},
+          {"push", again ? toJson(again->push) : OrderedJson()}};
+}
+
+/// Returns the line `clock` of the report.
+Legible timeWords(const OrderedJson& summary) {
+  const auto us = [&](const char* key) {
+    return rounded(1e-3 * summary["wake_ns"][key].get<double>());
+  };
+  const OrderedJson& got = summary["realtime"];
+  const auto early = got["early_us"].get<double>();
+  return cli::words(
+      "clock     {} Hz achieved; {} late ticks; start delay {} us median, {} p99, {} p99.9, {} "
+      "worst; {} page faults; {}, {}, {}\n",
+      rounded(summary["rate_kept"].is_null() ? 0.0 : summary["rate_kept"].get<double>()),
+      summary["late_ticks"].get<std::int64_t>(), us("p50"), us("p99"), us("p99.9"), us("max"),
+      got["page_faults"].get<std::int64_t>(),
+      got["priority"].get<bool>() ? "real-time priority" : "no real-time priority",
+      got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked",
+      early > 0.0
+          ? sentence("woken " + rounded(early) + " us early, caches warmed before each tick")
+          : sentence("asleep until each tick"));
+}
+
+/// Completes the recording of hand `h`. Reports lost ticks and write errors; returns false if there
+/// are any.
+bool endRecording(const Run& run, std::size_t h) {
+  Hand& hand = *run.hands[h];
+  if (!hand.recorder) return true;
+  hand.recorder->end();
+  const std::int64_t lost = hand.recorder->lost();
+  if (lost > 0) {
+    complain(
+        fmt::format("{}: --record: {} ticks were lost, because writing was too slow: use a lower "
+                    "rate or a faster disk",
+                    run.nameOf(h), lost));
+  }
+  hand.tellUnwritten(run.nameOf(h));
+  return lost == 0 && hand.recorder->trouble().empty();
+}
+
+OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec,
+                      const Scene& scene) {
+  OrderedJson summary;
+  summary["version"] = kVersion;
+  summary["commit"] = commit();
+  summary["scene"] = spec.source;
+  summary["device"] = hand.device->info().name;
+  summary["clock"] = options.realtime ? "real" : "virtual";
+  const OrderedJson counted = hand.log.felt.summary();
+  for (const auto& [key, value] : counted.items()) summary[key] = value;
+  summary["most"] = mostOf(hand, scene);
+  summary["room"] = roomFor(hand.device->info(), options.rate, stiffestCoupling(spec));
+  if (options.realtime) {
+    summary["realtime"] = hand.granted;
+  } else {
+    // In virtual time no tick is late, and the rate is exact by definition.
+    for (const char* key : {"rate_kept", "late_ticks", "wake_ns"}) summary[key] = nullptr;
+  }
+  return summary;
+}
+
+/// Prints the report of one hand. `scene`: the scene's file, for the explain command.
+void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary,
+          const std::string& scene) {
+  say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
+      rounded(summary["seconds"].get<double>()), rounded(options.rate),
+      options.realtime ? "in real time" : "in virtual time", hand.device->info().name,
+      summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
+  sayRoom(summary["room"], 10, options.verbose);
+  if (options.realtime) say("{}", timeWords(summary));
+  const OrderedJson& most = summary["most"];
+  if (most.is_null()) return;
+  const auto place = [&](const char* key) {
+    return Vec3(most[key][0].get<double>(), most[key][1].get<double>(), most[key][2].get<double>());
+  };
+  const bool again = !most["at"].is_null();
+  say("strongest {} N after {} s, mainly from {}{}\n", rounded(most["force"].get<double>()),
+      rounded(most["time"].get<double>()), most["mode"].get<std::string>(),
+      again ? ": to explain it, run:" : "");
+  if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
+}
+
+/// Writes traces and the summary, and prints the results. `search`: cost of the simulated hand's
+/// search; null if there was none.
+void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
+  const FeelOptions& options = run.options;
+  std::vector<OrderedJson> felt;
+  for (const auto& hand : run.hands) {
+    felt.push_back(summaryOf(options, *hand, run.spec, *run.scene));
+  }
+  OrderedJson summary = felt[0];
+  if (!search.is_null()) summary["search"] = search;
+  if (felt.size() > 1) summary["hands"] = felt;
+  run.fetched.addTo(summary);
+  run.sites->addTo(summary);
+  if (run.igtl != nullptr) summary["igtl"] = run.igtl->summary();
+  summary["machine"] = machineJson();
+  for (const auto& hand : run.hands) hand->trace.commit();
+  if (outputs.summary) {
+    outputs.summary->write(dump(summary, 2) + "\n");
+    outputs.summary->commit();
+  }
+  if (options.json) return sayJson(summary);
+  if (options.trace == "-" || options.summary == "-") return;
+  if (!search.is_null()) {
+    say("search    {} rays, {} of them with contact; path through {} places; {} ms\n",
+        search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
+        rounded(search["ms"].get<double>()));
+  }
+  for (std::size_t h = 0; h < run.hands.size(); ++h) {
+    tell(options, *run.hands[h], felt[h], run.from.file);
+  }
+  run.fetched.sayThem();
+  run.sites->sayThem();
+}
+
+/// Returns the exit status of a run that was not interrupted, and reports its faults. `kept`: the
+/// recordings are complete.
+int statusOf(const Run& run, bool nothing, bool lost, bool kept) {
+  int status = nothing && !run.options.window ? kNothingFelt : kDone;
+  if (lost || !kept) status = kEndedEarly;
+  for (std::size_t h = 0; h < run.hands.size(); ++h) {
+    const Fault fault = run.hands[h]->log.felt.fault();
+    if (fault == Fault::kNone) continue;
+    complain(fmt::format("{}: the force was cut: {}: {}", run.nameOf(h), wordsFor(fault),
+                         remedyFor(fault)));
+    status = kEndedEarly;
+  }
+  return status;
+}
+
+}  // namespace
+
+OrderedJson machineJson() {
+  OrderedJson json;
+  std::ifstream cpuinfo("/proc/cpuinfo");
+  std::string line;
+  std::string model = "unknown";
+  while (std::getline(cpuinfo, line)) {
+    if (line.rfind("model name", 0) == 0) {
+      model = line.substr(std::min(line.size(), line.find(':') + 2));
+      break;
+    }
+  }
+  json["processor"] = model;
+  json["cores"] = std::thread::hardware_concurrency();
+  json["compiler"] = kCompiler;
+  json["build"] = kBuildType;
+  return json;
+}
+
+int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search, Outputs& outputs) {
+  const Hands& hands = run.hands;
+  run.fetched.tellTroubles();
+  bool kept = true;
+  for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
+  // The first interrupt has ended the run. A second one ends only the drawing.
+  const bool cut_short = interrupted != 0;
+  interrupted = 0;
+  report(run, search, outputs);
+  try {
+    if (outputs.picture) outputs.picture->draw(run.spec, built, hands[0]->log.felt);
+    if (outputs.still) {
+      run.window->draw(run.from.file, outputs.still->place());
+      outputs.still->commit();
+    }
+  } catch (const Interrupted&) {
+    complain("feel: interrupted: the picture was not drawn");
+  }
+  const bool nothing = std::none_of(hands.begin(), hands.end(),
+                                    [](const auto& hand) { return hand->log.felt.anything(); });
+  const bool cut = std::any_of(hands.begin(), hands.end(), [](const auto& hand) {
+    return hand->log.felt.fault() != Fault::kNone;
+  });
+  const bool lost = run.window != nullptr && run.window->lost();
+  if (nothing && !lost && !cut) {
+    complain(
+        "feel: the hand felt no force: it touched no active mode: run palpate check to see where "
+        "the volumes are");
+  }
+  if (cut_short || interrupted != 0) return kInterrupted;
+  return statusOf(run, nothing, lost, kept);
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,55 @@
+/// Private to the importer: reads the values of an NRRD's data files with teem. This code decides
+/// how much is read, since teem trusts the header in that. It also unpacks gzip: teem does not
+/// verify the checksum.
+#pragma once
+
+#include <cstddef>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <string>
+#include <teem/nrrd.h>
+#include <vector>
+
+#include "palpate/scenes/apps/import/nrrd_header.h"
+#include "palpate/scenes/apps/import/reader.h"
+
+namespace palpate::importer {
+
+struct CloseNrrdFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using NrrdFile = std::unique_ptr<std::FILE, CloseNrrdFile>;
+
+/// Returns the innermost line of teem's error, and clears the error.
+[[nodiscard]] std::string teemError();
+
+/// The values of all data files of one NRRD, in the order of the header.
+class NrrdData {
+ public:
+  /// Checks that the files can hold what the header states, before memory is allocated. Throws
+  /// VolumeError if not.
+  /// @param nrrd, state  Hold the parsed header; have to outlive this object.
+  NrrdData(const Request& request, std::vector<NrrdPart> parts, Nrrd* nrrd, NrrdIoState* state);
+
+  /// Reads values [first, first + count) of all parts together, in this machine's byte order.
+  /// Throws VolumeError if the data are damaged.
+  void read(std::size_t first, std::size_t count, char* to);
+
+ private:
+  [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const;
+  void checkWords(std::FILE* in) const;
+  void unpackPart(const NrrdPart& part, long offset, long skip, std::size_t first,
+                  std::size_t bytes, char* to);
+  void readPart(const NrrdPart& part, std::size_t first, std::size_t count, char* to);
+
+  const Request& request_;
+  std::vector<NrrdPart> parts_;
+  Nrrd* nrrd_;
+  NrrdIoState* state_;
+  std::size_t part_values_ = 0;            ///< Values of each part.
+  std::set<std::filesystem::path> sound_;  ///< Gzipped parts that were verified.
+};
+
+}  // namespace palpate::importer

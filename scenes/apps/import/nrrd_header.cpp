@@ -1,0 +1,165 @@
+#include "palpate/scenes/apps/import/nrrd_header.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cstring>
+#include <fstream>
+#include <sstream>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Converts "name.%03d" and 7 to "name.007". Does not use printf, which would trust the pattern.
+std::string numbered(const std::string& pattern, int number, const std::string& file) {
+  const auto at = pattern.find('%');
+  std::size_t end = at == std::string::npos ? at : at + 1;
+  std::size_t width = 0;
+  const bool zeros = end < pattern.size() && pattern[end] == '0';
+  while (end < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[end])) != 0) {
+    width = std::min<std::size_t>(10 * width + static_cast<std::size_t>(pattern[end++] - '0'), 99);
+  }
+  const bool known = end < pattern.size() && std::strchr("diu", pattern[end]) != nullptr;
+  if (!known || width > 20 || pattern.find('%', end) != std::string::npos) {
+    throw VolumeError(file, fmt::format("the pattern of data files \"{}\" is invalid", pattern),
+                      "write one %d, as in slice%03d.raw");
+  }
+  std::string digits = std::to_string(number);
+  if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
+  return pattern.substr(0, at) + digits + pattern.substr(end + 1);
+}
+
+/// Parses the text after "data file:", and the lines after it if it is a list.
+std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, const fs::path& file) {
+  constexpr int kMost = 1000000;
+  const auto besides = [&](const std::string& name) {
+    if (name == "-") {
+      throw VolumeError(file.string(), "the header names a pipe as its data file",
+                        "name a data file");
+    }
+    return file.parent_path() / name;  // an absolute name stays unchanged
+  };
+  std::vector<NrrdPart> parts;
+  std::istringstream words(field);
+  std::string first;
+  words >> first;
+  if (first == "LIST" || first == "SKIPLIST") {
+    std::string line;
+    while (std::getline(rest, line) && static_cast<int>(parts.size()) < kMost) {
+      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) {
+        line.pop_back();
+      }
+      if (line.empty()) continue;
+      NrrdPart part;
+      if (first == "SKIPLIST") {
+        std::istringstream pair(line);
+        long skip = 0;
+        pair >> skip >> std::ws;
+        if (!pair) throw VolumeError(file.string(), "the SKIPLIST is damaged", kCorrectNrrdHeader);
+        std::getline(pair, line);
+        part.skip = skip;
+      }
+      part.file = besides(line);
+      parts.push_back(part);
+    }
+  } else if (int lowest = 0, highest = 0, step = 0;
+             first.find('%') != std::string::npos && words >> lowest >> highest >> step) {
+    if (step == 0 || (highest - static_cast<double>(lowest)) / step > kMost) {
+      throw VolumeError(file.string(), "the header numbers more than 1000000 data files",
+                        kCorrectNrrdHeader);
+    }
+    for (long n = lowest; step > 0 ? n <= highest : n >= highest; n += step) {
+      parts.push_back({besides(numbered(first, static_cast<int>(n), file.string())), 0, {}});
+    }
+  } else {
+    parts.push_back({besides(field), 0, {}});  // may have spaces
+  }
+  if (parts.empty())
+    throw VolumeError(file.string(), "the header names no data file", kCorrectNrrdHeader);
+  return parts;
+}
+
+/// Stores a line of the header, unless it locates the data or is not needed.
+void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
+  if (line[0] == '#' || line.find(":=") < line.find(": ")) return;
+  std::string key = lowered(line.substr(0, line.find(':')));
+  std::erase(key, ' ');
+  if (key != "lineskip" && key != "byteskip") {
+    // Teem prints error messages into 1024 characters.
+    constexpr std::size_t kLongest = 800;
+    if (line.size() > kLongest && key == "content") line.resize(kLongest);
+    if (line.size() > kLongest) {
+      throw VolumeError(file.string(), "the header has a line of more than 800 characters",
+                        kCorrectNrrdHeader);
+    }
+    header.lines.push_back(std::move(line));
+    // Debian's teem knows this kind's name but not its size.
+    std::string& taken = header.lines.back();
+    const auto gradient = key == "kinds" ? taken.find("3-gradient") : std::string::npos;
+    if (gradient != std::string::npos) taken.replace(gradient, 10, "3-vector");
+    return;
+  }
+  std::istringstream value(line.substr(line.find(':') + 1));
+  long count = 0;
+  value >> count;
+  if (!value || (key == "lineskip" && (count < 0 || count > 1000000))) {
+    throw VolumeError(file.string(), fmt::format("the field {} is not a count", key),
+                      kCorrectNrrdHeader);
+  }
+  if (key == "lineskip") {
+    header.line_skip = static_cast<unsigned>(count);
+  } else {
+    header.byte_skip = count;
+  }
+}
+
+}  // namespace
+
+std::string lowered(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+NrrdHeader readNrrdHeader(const fs::path& file) {
+  constexpr std::size_t kLongest = 1U << 20U;
+  std::ifstream in(file, std::ios::binary);
+  NrrdHeader header;
+  std::string line;
+  std::size_t length = 0;
+  while (std::getline(in, line)) {
+    length += line.size();
+    if (length > kLongest)
+      throw VolumeError(file.string(), "the header is longer than 1 MiB", kNrrdDamaged);
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty()) {
+      header.parts.push_back({file, static_cast<long>(in.tellg()), {}});
+      return header;
+    }
+    const auto colon = line.find(':');
+    const std::string key = lowered(line.substr(0, colon));
+    if (colon != std::string::npos && (key == "data file" || key == "datafile")) {
+      const auto value = line.find_first_not_of(" \t", colon + 1);
+      const std::string field = value == std::string::npos ? "" : line.substr(value);
+      header.parts = partsOf(field, in, file);
+      if (field.rfind("LIST", 0) == 0 || field.rfind("SKIPLIST", 0) == 0) return header;
+      // The lines that follow belong to the header, until an empty line or the end.
+      while (std::getline(in, line)) {
+        if (!line.empty() && line.back() == '\r') line.pop_back();
+        if (line.empty() || header.lines.size() > 10000) break;
+        takeLine(header, line, file);
+      }
+      return header;
+    }
+    takeLine(header, line, file);
+  }
+  throw VolumeError(file.string(), "the file ends within its header", kNrrdDamaged);
+}
+
+}  // namespace palpate::importer

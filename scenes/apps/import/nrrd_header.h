@@ -1,0 +1,38 @@
+/// Private to the importer: the text of an NRRD header, apart from the fields that locate the data.
+/// Teem parses the text; this code decides which files are opened.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace palpate::importer {
+
+inline constexpr const char* kNrrdDamaged =
+    "the file may be truncated or damaged: copy or export it again";
+inline constexpr const char* kCorrectNrrdHeader = "correct the header";
+
+/// A file with a share of the data.
+struct NrrdPart {
+  std::filesystem::path file;
+  long offset = 0;           ///< End of an attached header.
+  std::optional<long> skip;  ///< Overrides the header's byte skip.
+};
+
+/// The header as text, without the fields that locate the data.
+struct NrrdHeader {
+  std::vector<std::string> lines;
+  std::vector<NrrdPart> parts;
+  unsigned line_skip = 0;
+  long byte_skip = 0;
+};
+
+/// Reads the header at the beginning of `file`. Throws VolumeError if it is damaged or names no
+/// data file. Does not check whether the data files exist.
+[[nodiscard]] NrrdHeader readNrrdHeader(const std::filesystem::path& file);
+
+/// Returns the text in lower case (ASCII).
+[[nodiscard]] std::string lowered(std::string text);
+
+}  // namespace palpate::importer

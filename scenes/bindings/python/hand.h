@@ -1,0 +1,43 @@
+/// A hand for scripts.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <tuple>
+
+#include "palpate/engine/loop/play_clock.h"
+#include "palpate/engine/safety/device.h"
+#include "palpate/engine/tick/step.h"
+#include "palpate/scenes/bindings/python/python_module.h"
+
+namespace palpate::python {
+
+/// Returns the limits of the device `path`, which all hands of scripts have.
+[[nodiscard]] DeviceInfo pathInfo();
+
+/// A script's own hand in a scene, one tick at a time.
+class Hand {
+ public:
+  Hand(std::shared_ptr<const Scene> scene, const PlayParams& play, double rate);
+
+  /// Runs one tick with the probe at x, y, z [m]; returns the force [N]. Throws DeviceError.
+  std::tuple<double, double, double> step(double x, double y, double z, std::optional<double> play);
+  void clear() { state_.clearFault(); }
+
+  [[nodiscard]] py::tuple proxy() const;
+  [[nodiscard]] std::string fault() const;
+  [[nodiscard]] py::dict report() const;
+
+ private:
+  std::shared_ptr<const Scene> scene_;
+  double dt_;
+  PlayClock clock_;    ///< For ticks without a time of their own.
+  PlayHead head_;      ///< Present state of `clock_`.
+  double play_ = 0.0;  ///< Play time of the last tick [s].
+  Reader reader_;
+  ProxyState state_;
+  StepReport report_;
+};
+
+}  // namespace palpate::python

@@ -1,0 +1,45 @@
+/// A run of a scene along a path: the given positions, and the rows of its result.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "palpate/devices/simulated/path_device.h"
+#include "palpate/engine/loop/haptic_loop.h"
+#include "palpate/scenes/bindings/python/python_module.h"
+
+namespace palpate::python {
+
+/// A row of a run: the columns of `palpate feel --trace`.
+struct TraceRow {
+  double t;
+  std::array<double, 3> probe;
+  std::array<double, 3> proxy;
+  std::array<double, 3> force;
+  double error_bound;
+  std::int64_t iterations;
+  std::int64_t substeps;
+  std::int64_t primitives;
+  std::int64_t tick_ns;
+  std::array<char32_t, 16> status;
+  bool limited;
+  double waiting;
+};
+
+/// Returns numpy's type of a TraceRow.
+[[nodiscard]] py::dtype traceType();
+
+/// Stores rows in memory that was reserved before the first tick.
+class Rows final : public TickSink {
+ public:
+  explicit Rows(std::size_t most) { rows.reserve(most); }
+  void take(const Telemetry& tick, const ProxyState& state) noexcept override;
+  std::vector<TraceRow> rows;
+};
+
+/// Reads positions, one a tick, or rows of t, x, y, z.
+[[nodiscard]] std::vector<PathPoint> pathOf(const Doubles& given, double rate);
+
+}  // namespace palpate::python

@@ -1,0 +1,198 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+
+#include "palpate/scenes/guess/analysis.h"
+#include "palpate/scenes/guess/sampling.h"
+
+namespace palpate::guess {
+namespace {
+
+/// Number of places at which grids are compared.
+constexpr std::size_t kPlaces = 20'000;
+
+/// Returns voxels spread over a box.
+std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
+  const std::uint64_t step = box.volume() / kPlaces + 1;
+  std::vector<openvdb::Coord> at;
+  for (std::uint64_t n = 0; n < box.volume(); n += step) {
+    at.push_back(voxelOf(box, n + hashOf(n) % std::min(step, box.volume() - n)));
+  }
+  return at;
+}
+
+/// Returns a lattice on the faces of a box.
+std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box) {
+  constexpr int kLines = 32;
+  std::vector<openvdb::Coord> at;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int b = (axis + 1) % 3;
+    const int c = (axis + 2) % 3;
+    const auto along = [&](int a, int i) {
+      return box.min()[a] +
+             static_cast<int>(static_cast<std::int64_t>(box.dim()[a] - 1) * i / (kLines - 1));
+    };
+    for (int i = 0; i < kLines; ++i) {
+      for (int j = 0; j < kLines; ++j) {
+        for (const int end : {box.min()[axis], box.max()[axis]}) {
+          openvdb::Coord p;
+          p[axis] = end;
+          p[b] = along(b, i);
+          p[c] = along(c, j);
+          at.push_back(p);
+        }
+      }
+    }
+  }
+  return at;
+}
+
+/// Statistics of several scalars at some places, over all of them or all but one.
+class Sums {
+ public:
+  Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<openvdb::Coord>& at) {
+    readings_.reserve(scalars.size());
+    for (const SuggestInput* scalar : scalars) readings_.push_back(readAt(*scalar, at));
+    const bool image = scalars.front()->inactive_is_data;
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      const auto active = [i](const Readings& read) { return bool{read.active[i]}; };
+      if (image || std::any_of(readings_.begin(), readings_.end(), active)) data_.push_back(i);
+    }
+  }
+
+  /// Returns the share of places where the scalars add up to 1, each within 0 and 1, without the
+  /// one at `without`.
+  [[nodiscard]] double ones(std::size_t without) {
+    if (totals_.empty()) addUp();
+    std::size_t count = 0;
+    for (std::size_t n = 0; n < data_.size(); ++n) {
+      Total total = totals_[n];
+      if (without < readings_.size()) {
+        const double value = readings_[without].values[data_[n]];
+        total.sum -= value;
+        total.beyond -= isFraction(value) ? 0 : 1;
+      }
+      count += total.beyond == 0 && std::abs(total.sum - 1.0) <= kNear ? 1 : 0;
+    }
+    return share(count);
+  }
+  /// Returns the share of places where a scalar other than that at `without` is nearly 1.
+  [[nodiscard]] double alone(std::size_t without) const {
+    constexpr double kAlone = 0.95;  // fraction of a place that one material fills
+    std::size_t count = 0;
+    for (const std::size_t i : data_) {
+      bool found = false;
+      for (std::size_t m = 0; m < readings_.size(); ++m) {
+        found = found || (m != without && readings_[m].values[i] > kAlone);
+      }
+      count += found ? 1 : 0;
+    }
+    return share(count);
+  }
+  /// Returns the mean of each scalar.
+  [[nodiscard]] std::vector<double> means() const {
+    std::vector<double> means;
+    means.reserve(readings_.size());
+    for (const Readings& read : readings_) {
+      double sum = 0.0;
+      for (const std::size_t i : data_) sum += read.values[i];
+      means.push_back(sum / std::max(1.0, static_cast<double>(data_.size())));
+    }
+    return means;
+  }
+
+ private:
+  struct Total {
+    double sum = 0.0;
+    int beyond = 0;  ///< Number of values that are not fractions.
+  };
+  static constexpr double kNear = 0.01;  // tolerance of a fraction and of the sum
+  static bool isFraction(double value) { return value >= -kNear && value <= 1.0 + kNear; }
+  [[nodiscard]] double share(std::size_t count) const {
+    return static_cast<double>(count) / std::max(1.0, static_cast<double>(data_.size()));
+  }
+  void addUp() {
+    totals_.resize(data_.size());
+    for (const Readings& read : readings_) {
+      for (std::size_t n = 0; n < data_.size(); ++n) {
+        const double value = read.values[data_[n]];
+        totals_[n].sum += value;
+        totals_[n].beyond += isFraction(value) ? 0 : 1;
+      }
+    }
+  }
+
+  std::vector<Readings> readings_;
+  std::vector<std::size_t> data_;  ///< Places with data.
+  std::vector<Total> totals_;
+};
+
+}  // namespace
+
+bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
+  constexpr double kAlike = 0.97;  // correlation
+  if (scalar.grid->transform() != other.grid->transform()) return false;
+  const std::vector<openvdb::Coord> at = placesOf(scalar, kPlaces);
+  const std::vector<float> own = readAt(scalar, at).values;
+  std::array<std::vector<double>, 4> theirs;
+  std::vector<double> ours;
+  if (other.isVector()) {
+    withVectors(other, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+      const R reader(other);
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        const openvdb::Vec3d v(reader.getValue(at[i]));
+        if (!std::isfinite(v.length()) || !std::isfinite(own[i])) continue;
+        for (int axis = 0; axis < 3; ++axis) {
+          theirs[static_cast<std::size_t>(axis)].push_back(v[axis]);
+        }
+        theirs[3].push_back(v.length());
+        ours.push_back(own[i]);
+      }
+    });
+  } else {
+    const std::vector<float> values = readAt(other, at).values;
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      if (!std::isfinite(values[i]) || !std::isfinite(own[i])) continue;
+      theirs[0].push_back(values[i]);
+      ours.push_back(own[i]);
+    }
+  }
+  return std::any_of(theirs.begin(), theirs.end(), [&](const std::vector<double>& their) {
+    return their.size() == ours.size() && correlation(ours, their) > kAlike;
+  });
+}
+
+SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars) {
+  SumAnalysis sum;
+  if (scalars.size() < 2) return sum;
+  openvdb::CoordBBox box;
+  std::vector<openvdb::Coord> within;
+  for (const SuggestInput* scalar : scalars) {
+    if (scalar->grid->transform() != scalars.front()->grid->transform()) return sum;
+    const auto some = placesOf(*scalar, std::max<std::size_t>(1, kPlaces / scalars.size()));
+    within.insert(within.end(), some.begin(), some.end());
+    box.expand(scalar->extent.empty() ? scalar->grid->evalActiveVoxelBoundingBox()
+                                      : scalar->extent);
+  }
+  constexpr double kNearlyEverywhere = 0.98;  // share of the places
+  constexpr double kMost = 0.5;               // share of the places: less is a mixture
+  Sums sums(scalars, within);
+  // Without one of two scalars, the other cannot be a sum.
+  const std::size_t most = scalars.size() > 2 ? scalars.size() : 0;
+  std::size_t without = scalars.size();
+  sum.is_one = sums.ones(without) >= kNearlyEverywhere;
+  for (std::size_t i = 0; !sum.is_one && i < most; ++i) {
+    sum.is_one = sums.ones(i) >= kNearlyEverywhere;
+    if (sum.is_one) without = i;
+  }
+  if (!sum.is_one) return sum;
+  if (without < scalars.size()) sum.other = without;
+  sum.at_faces = Sums(scalars, facesOf(box)).means();
+  const Sums throughout(scalars, spreadIn(box));
+  sum.throughout = throughout.means();
+  sum.apart = throughout.alone(without) > kMost;
+  return sum;
+}
+
+}  // namespace palpate::guess

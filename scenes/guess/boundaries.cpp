@@ -1,0 +1,238 @@
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+
+#include "palpate/scenes/guess/scalar_parts.h"
+
+namespace palpate::guess {
+namespace {
+
+/// Levels as values: each bin stands for its middle.
+struct Scale {
+  double low = 0.0;
+  double width = 0.0;  ///< of a bin
+
+  explicit Scale(const ScalarAnalysis& scalar)
+      : low(scalar.low), width(scalar.range() / static_cast<double>(kBins)) {}
+  [[nodiscard]] double valueAt(std::size_t bin) const {
+    return low + (static_cast<double>(bin) + 0.5) * width;
+  }
+};
+
+/// Returns true if the bin is a material without noise. Such a material gives no dip but a single
+/// full bin, with at least as many voxels as all bins near it.
+bool isConstantMaterial(const Bins& count, std::size_t bin) {
+  constexpr std::size_t kNear = 32;
+  double near = 0.0;
+  for (std::size_t i = bin > kNear ? bin - kNear : 0; i < std::min(kBins, bin + kNear + 1); ++i) {
+    if (i != bin) near += count[i];
+  }
+  return count[bin] > 0.0 && count[bin] >= near;
+}
+
+/// Smoothed integrals, and the mean gradient magnitude over each level's isosurface.
+struct GradientProfile {
+  Bins area{};
+  Bins gradient{};
+  Bins mean{};  ///< 0 at materials without noise.
+};
+
+GradientProfile profileOf(const LevelIntegrals& levels) {
+  GradientProfile profile;
+  profile.area = smoothed(levels.area);
+  profile.gradient = smoothed(levels.gradient);
+  const Bins& area = profile.area;
+  const Bins& gradient = profile.gradient;
+  Bins& mean = profile.mean;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    mean[i] = area[i] > 0.0 ? gradient[i] / area[i] : (i > 0 ? mean[i - 1] : 0.0);
+  }
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (isConstantMaterial(levels.count, i)) mean[i] = 0.0;
+  }
+  return profile;
+}
+
+/// A dip or a peak of the mean gradient magnitude.
+struct Turn {
+  std::size_t bin = 0;
+  bool peak = false;
+};
+
+/// Returns alternating dips and peaks, ascending by bin.
+std::vector<Turn> turnsOf(const Bins& mean) {
+  // A peak is higher than the dips beside it by this factor: noise alone gives up to 1.5.
+  constexpr double kContrast = 1.6;
+  std::vector<Turn> turns;
+  std::size_t highest = 0;
+  std::size_t lowest = 0;
+  enum class Course : std::uint8_t { kUnknown, kUp, kDown };
+  Course course = Course::kUnknown;
+  for (std::size_t i = 1; i < kBins; ++i) {
+    if (mean[i] > mean[highest]) highest = i;
+    if (mean[i] < mean[lowest]) lowest = i;
+    if (course != Course::kDown && kContrast * mean[i] <= mean[highest] && mean[highest] > 0.0) {
+      turns.push_back({highest, true});
+      course = Course::kDown;
+      lowest = i;
+    } else if (course != Course::kUp && mean[i] >= kContrast * mean[lowest] && mean[i] > 0.0) {
+      turns.push_back({lowest, false});
+      course = Course::kUp;
+      highest = i;
+    }
+  }
+  if (course == Course::kUp) turns.push_back({highest, true});
+  if (course == Course::kDown) turns.push_back({lowest, false});
+  return turns;
+}
+
+/// Returns the bin where the flank from a dip to a peak of slope `slope` has risen by a part.
+std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double slope, double part) {
+  const double level = mean[dip] + part * (slope - mean[dip]);
+  std::size_t i = dip;
+  while (i != peak && mean[i] < level) i < peak ? ++i : --i;
+  return i;
+}
+
+/// Sets the values at which the flanks of a boundary have risen. `from` and `to` are the bins of
+/// its dips.
+void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_t from,
+                   std::size_t peak, std::size_t to) {
+  // Two-sided boundaries rise to half the height. One-sided ones rise farther, because half the
+  // height is within the noise and texture of the material.
+  constexpr double kHalf = 0.5;
+  constexpr double kTwoThirds = 2.0 / 3.0;
+  const auto rise = [&](std::size_t dip, double part) {
+    return scale.valueAt(riseOf(mean, dip, peak, b.slope, part));
+  };
+  if (b.lower_known && b.upper_known) {
+    b.value = 0.5 * (rise(from, kHalf) + rise(to, kHalf));
+  } else {
+    b.value = b.lower_known ? rise(from, kTwoThirds) : rise(to, kTwoThirds);
+  }
+  b.foot = b.lower_known ? rise(from, kTwoThirds) : b.value;
+}
+
+/// Returns the boundary at the peak `turns[t]`, unless it is a field or encloses no object. Its
+/// `share` is the gradient integral.
+std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::vector<Turn>& turns,
+                                   std::size_t t, const ScalarAnalysis& scalar, double edge,
+                                   bool image) {
+  // Voxels from one material to the next. An image's boundaries are a few voxels wide, wider if
+  // smoothed. A mesh is resampled as finely as its cells, or finer: only steps count. A wider
+  // boundary is a field.
+  constexpr double kThickestOfImage = 15.0;
+  constexpr double kThickestOfMesh = 6.0;
+  // Least share of a mesh's voxels on either side. A surface that encloses almost no voxels is the
+  // tail of a field.
+  constexpr double kLeastOfMesh = 0.01;
+
+  Boundary b;
+  b.lower_known = t > 0;
+  b.upper_known = t + 1 < turns.size();
+  const bool closed = b.lower_known && b.upper_known;
+  if (!closed && (!image || (!b.lower_known && !b.upper_known))) return std::nullopt;
+  const std::size_t peak = turns[t].bin;
+  const std::size_t from = b.lower_known ? turns[t - 1].bin : 0;
+  const std::size_t to = b.upper_known ? turns[t + 1].bin : kBins - 1;
+  const Scale scale(scalar);
+  b.lower = b.lower_known ? scale.valueAt(from) : scalar.low;
+  b.upper = b.upper_known ? scale.valueAt(to) : scalar.high;
+  const auto sum = [&](const Bins& bins) {
+    return std::accumulate(bins.begin() + static_cast<std::ptrdiff_t>(from),
+                           bins.begin() + static_cast<std::ptrdiff_t>(to) + 1, 0.0);
+  };
+  b.share = sum(profile.gradient) * scale.width;
+  b.slope = sum(profile.gradient) / std::max(sum(profile.area), std::numeric_limits<double>::min());
+  if (b.upper - b.lower > (image ? kThickestOfImage : kThickestOfMesh) * edge * b.slope) {
+    return std::nullopt;
+  }
+  placeBoundary(b, profile.mean, scale, from, peak, to);
+  const double above = scalar.shareAbove(b.value);
+  if (!image && std::min(above, 1.0 - above) < kLeastOfMesh) return std::nullopt;
+  return b;
+}
+
+/// Keeps the greatest boundaries, ascending by value, with `share` relative to the greatest.
+void keepGreatest(std::vector<Boundary>& found) {
+  constexpr std::size_t kMost = 3;
+  // A boundary with a lesser share of the greatest one's gradient integral is not an object.
+  constexpr double kLeastShare = 0.05;
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Boundary& a, const Boundary& b) { return a.share > b.share; });
+  if (found.size() > kMost) found.resize(kMost);
+  for (std::size_t i = found.size(); i-- > 0;) found[i].share /= found[0].share;
+  while (!found.empty() && found.back().share < kLeastShare) found.pop_back();
+  std::sort(found.begin(), found.end(),
+            [](const Boundary& a, const Boundary& b) { return a.value < b.value; });
+}
+
+/// Bins from `from` to before `to`.
+struct BinRange {
+  std::size_t from = 0;
+  std::size_t to = 0;
+};
+
+/// Returns the widest range of levels whose isosurfaces are steep nearly wherever they run.
+BinRange widestSteepRange(const LevelIntegrals& levels) {
+  constexpr double kLeastSteep = 0.7;  // share of the isosurface's area
+  const Bins area = smoothed(levels.area);
+  const Bins steep = smoothed(levels.steep);
+  Bins score{};
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (area[i] > 0.0 && steep[i] >= kLeastSteep * area[i]) score[i] = steep[i] / area[i];
+  }
+  BinRange widest;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (score[i] <= 0.0) continue;
+    std::size_t end = i;
+    while (end < kBins && score[end] > 0.0) ++end;
+    if (end - i > widest.to - widest.from) widest = {i, end};
+    i = end;
+  }
+  return widest;
+}
+
+}  // namespace
+
+std::vector<Boundary> findBoundaries(const LevelIntegrals& levels, const ScalarAnalysis& scalar,
+                                     double edge, bool image) {
+  const GradientProfile profile = profileOf(levels);
+  const std::vector<Turn> turns = turnsOf(profile.mean);
+  std::vector<Boundary> found;
+  for (std::size_t t = 0; t < turns.size(); ++t) {
+    if (!turns[t].peak) continue;
+    if (const auto b = boundaryOf(profile, turns, t, scalar, edge, image)) found.push_back(*b);
+  }
+  keepGreatest(found);
+  return found;
+}
+
+std::optional<Boundary> findFront(const LevelIntegrals& levels, const ScalarAnalysis& scalar) {
+  // A field with a greater share of steep voxels is coarse, or noise.
+  constexpr double kMostlySteep = 0.2;
+  // Least share of the voxels on either side. Fewer voxels are the neighbourhood of a source, such
+  // as a concentration.
+  constexpr double kLeastBeside = 0.1;
+
+  if (levels.steep_share > kMostlySteep) return std::nullopt;
+  const auto [from, to] = widestSteepRange(levels);
+  // A narrower range is not a front: values change by more from one voxel to the next.
+  if (static_cast<double>(to - from) < kSteep * static_cast<double>(kBins)) return std::nullopt;
+  const Scale scale(scalar);
+  Boundary b;
+  b.front = true;
+  b.lower = scale.valueAt(from);
+  b.upper = scale.valueAt(to - 1);
+  b.value = b.foot = 0.5 * (b.lower + b.upper);
+  b.share = 1.0;
+  const auto bin = (from + to) / 2;
+  b.slope = levels.gradient[bin] / std::max(levels.area[bin], std::numeric_limits<double>::min());
+  const double above = scalar.shareAbove(b.value);
+  if (std::min(above, 1.0 - above) < kLeastBeside) return std::nullopt;
+  return b;
+}
+
+}  // namespace palpate::guess

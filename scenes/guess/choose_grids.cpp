@@ -1,0 +1,301 @@
+/// The rules that choose among the grids of a file, in the order of chooseGrids().
+#include "palpate/scenes/guess/choose_grids.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <initializer_list>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/scenes/guess/components.h"
+#include "palpate/scenes/guess/mode_rules.h"
+
+namespace palpate::guess {
+namespace {
+
+/// Returns true if a text contains one of the words.
+bool hasWord(const std::string& text, std::initializer_list<const char*> words) {
+  return std::any_of(words.begin(), words.end(),
+                     [&](const char* word) { return text.find(word) != std::string::npos; });
+}
+
+/// Leaves out three scalars that are the components of a vector. A scene cannot join grids to a
+/// vector; a file can, by their names.
+void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
+  std::vector<std::string> names;
+  std::vector<const Candidate*> scalars;
+  for (const Candidate& c : candidates) {
+    if (!c.input->isScalar() || c.kind == Kind::kLevelSet) continue;
+    names.push_back(c.grid);
+    scalars.push_back(&c);
+  }
+  for (const Components& found : findComponents(names)) {
+    std::array<const Candidate*, 3> parts{};
+    for (std::size_t i = 0; i < 3; ++i) parts[i] = scalars[found.parts[i]];
+    const auto fits = [&](const Candidate* part) {
+      return part->input->grid->transform() == parts[0]->input->grid->transform();
+    };
+    if (!std::all_of(parts.begin(), parts.end(), fits)) continue;
+    for (const Candidate* part : parts) draft.use(*part);
+    draft.leaveOut(fmt::format("{}, {}, {}", parts[0]->grid, parts[1]->grid, parts[2]->grid),
+                   "components of a vector, which a scene cannot join",
+                   fmt::format("name them {0}.x, {0}.y and {0}.z in the .vdb, or import the "
+                               "original file: palpate import joins them",
+                               found.name));
+  }
+}
+
+/// Adds level sets up to the limit.
+void addLevelSets(const std::vector<Candidate>& candidates, Draft& draft) {
+  for (const Candidate& c : candidates) {
+    if (!draft.isFree(c, Kind::kLevelSet)) continue;
+    if (draft.levelSets() == kMostLevelSets) {
+      draft.leaveOut(c);
+      continue;
+    }
+    draft.addVolume(c);
+    draft.addLevelSet(levelSetSurface(c));
+  }
+}
+
+/// Returns the anisotropy of directions, by its name: "tensor_anisotropy" or "tensor_fa" for
+/// "tensor_direction"; null if there is none.
+const Candidate* anisotropyOf(const std::vector<Candidate>& candidates, const Candidate& fibres) {
+  std::string prefix = lowerCase(fibres.input->name());
+  const std::string ending = "direction";
+  if (prefix.ends_with(ending)) {
+    prefix.resize(prefix.size() - ending.size());
+  } else {
+    prefix += "_";
+  }
+  for (const Candidate& c : candidates) {
+    const std::string name = lowerCase(c.input->name());
+    if (c.kind != Kind::kLevelSet && c.scalar.range() > 0.0 &&
+        (name == prefix + "anisotropy" || name == prefix + "fa" || name == "fa" ||
+         name == "anisotropy")) {
+      return &c;
+    }
+  }
+  return nullptr;
+}
+
+/// Adds the first directions that vary.
+void addFibres(const std::vector<Candidate>& candidates, Draft& draft) {
+  const Candidate* chosen = nullptr;
+  for (const Candidate& c : candidates) {
+    if (c.kind == Kind::kConstant && c.input->axial) draft.leaveOut(c, c.seen);
+    if (!draft.isFree(c, Kind::kDirections)) continue;
+    if (chosen != nullptr) {
+      draft.leaveOut(c);
+    } else {
+      chosen = &c;
+    }
+  }
+  if (chosen == nullptr) return;
+  draft.addVolume(*chosen);
+  if (const Candidate* by = anisotropyOf(candidates, *chosen)) {
+    draft.addVolume(*by);
+    draft.use(*by);
+    draft.addMode(followDirectionsBy(*by, *chosen));
+  } else {
+    draft.addMode(followDirections(*chosen));
+  }
+}
+
+bool isVelocity(const Candidate* c) {
+  const std::string name = lowerCase(c->input->name());
+  return name.rfind("vel", 0) == 0 || hasWord(name, {"velocity"}) || name == "v" || name == "u" ||
+         name.rfind("flow", 0) == 0 || name.rfind("wind", 0) == 0;
+}
+
+/// Vectors of a file.
+struct Vectors {
+  const Candidate* flow = nullptr;        ///< The flow in the scene; null: none.
+  std::vector<const Candidate*> uniform;  ///< Left out: the same everywhere.
+};
+
+/// Adds the first flow that is a velocity by its name, else the first flow.
+Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
+  Vectors vectors;
+  std::vector<const Candidate*> flows;
+  for (const Candidate& c : candidates) {
+    if (c.kind == Kind::kConstant && c.input->isVector() && !draft.isUsed(c)) {
+      vectors.uniform.push_back(&c);
+      draft.leaveOut(c, c.seen);
+    }
+    if (c.kind == Kind::kOther && c.input->isVector()) draft.leaveOut(c, c.seen);
+    if (draft.isFree(c, Kind::kFlow)) flows.push_back(&c);
+  }
+  if (flows.empty()) return vectors;
+  auto chosen = std::find_if(flows.begin(), flows.end(), isVelocity);
+  if (chosen == flows.end()) chosen = flows.begin();
+  const Candidate& flow = **chosen;
+  vectors.flow = &flow;
+  for (const Candidate* c : flows) {
+    if (c != &flow) draft.leaveOut(*c);
+  }
+  draft.addVolume(flow);
+  const std::string speed = draft.addField("speed", Json{{"magnitude", flow.name}});
+  draft.addMode(followFlow(flow, speed));
+  if (!hasVortices(flow.vector)) return vectors;
+  const std::string vorticity = draft.addField("vorticity", Json{{"curl", flow.name}});
+  draft.addMode(vortexDrag(flow.vector, vorticity));
+  return vectors;
+}
+
+/// Returns the scalars from 0 to 1 that may be fractions of materials.
+std::vector<Candidate*> fractionsOf(std::vector<Candidate>& candidates, const Draft& draft) {
+  constexpr double kTolerance = 0.01;  // interpolation may exceed 0 and 1
+  std::vector<Candidate*> fractions;
+  for (Candidate& c : candidates) {
+    if (draft.isFree(c, Kind::kScalar) && c.scalar.low >= -kTolerance &&
+        c.scalar.high <= 1.0 + kTolerance) {
+      fractions.push_back(&c);
+    }
+  }
+  return fractions;
+}
+
+/// Returns the index of the material that surrounds the others: a void by its name, else the one
+/// with the highest mean at the faces.
+std::size_t outermostOf(const std::vector<Candidate*>& fractions, const SumAnalysis& sum) {
+  const auto is_void = [](const Candidate* c) {
+    return hasWord(lowerCase(c->input->name()), {"void", "vacuum", "empty", "background"});
+  };
+  const auto named = std::find_if(fractions.begin(), fractions.end(), is_void);
+  if (named != fractions.end()) return static_cast<std::size_t>(named - fractions.begin());
+  const auto most = std::max_element(sum.at_faces.begin(), sum.at_faces.end());
+  return static_cast<std::size_t>(most - sum.at_faces.begin());
+}
+
+/// Adds materials: several scalars that add up to 1 everywhere, the composition of each place.
+/// The greatest materials come first. The hand moves in the outermost one.
+void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
+  std::vector<Candidate*> fractions = fractionsOf(candidates, draft);
+  std::vector<const SuggestInput*> inputs;
+  inputs.reserve(fractions.size());
+  for (const Candidate* c : fractions) inputs.push_back(c->input);
+  SumAnalysis sum = analyseSum(inputs);
+  if (sum.other) {
+    const auto other = static_cast<std::ptrdiff_t>(*sum.other);
+    fractions.erase(fractions.begin() + other);
+    sum.at_faces.erase(sum.at_faces.begin() + other);
+    sum.throughout.erase(sum.throughout.begin() + other);
+  }
+  // Mixed gases add up to 1 as well.
+  if (!sum.is_one || !sum.apart) return;
+  const std::size_t outermost = outermostOf(fractions, sum);
+  std::vector<std::pair<double, Candidate*>> materials;
+  for (std::size_t i = 0; i < fractions.size(); ++i) {
+    if (i != outermost) materials.emplace_back(sum.throughout[i], fractions[i]);
+  }
+  draft.leaveOut(*fractions[outermost], "the material around the others: the hand moves in it");
+  std::stable_sort(materials.begin(), materials.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  for (const auto& [share, c] : materials) {
+    if (draft.freeModes() == 0) {
+      draft.leaveOut(*c, "a smaller material");
+      continue;
+    }
+    draft.use(*c);
+    c->seen = fmt::format("the fraction of a material: {} grids from 0 to 1 add up to 1",
+                          fractions.size());
+    draft.addVolume(*c);
+    draft.addMode(materialSurface(*c, share));
+  }
+}
+
+/// Sets the order of scalars. Evenly spread values come before a few peaks; objects and familiar
+/// quantities come before others.
+double scoreOf(const Candidate& c) {
+  constexpr double kObject = 0.3;  // the entropy of evenly spread values is 1
+  constexpr double kFamiliar = 0.2;
+  const bool familiar = hasWord(lowerCase(c.input->name()), {"temp", "pres", "dens"});
+  return c.scalar.entropy + (c.scalar.boundaries.empty() ? 0.0 : kObject) +
+         (familiar ? kFamiliar : 0.0);
+}
+
+/// Returns the scalars that no other rule has used, the best scores first.
+std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates, Draft& draft) {
+  std::vector<const Candidate*> scalars;
+  for (Candidate& c : candidates) {
+    if (draft.isUsed(c) || c.kind == Kind::kLevelSet || c.input->isVector()) continue;
+    if (c.kind == Kind::kOther || c.kind == Kind::kConstant) {
+      draft.leaveOut(c, c.seen);
+      continue;
+    }
+    c.score = scoreOf(c);
+    scalars.push_back(&c);
+  }
+  std::stable_sort(scalars.begin(), scalars.end(),
+                   [](const Candidate* a, const Candidate* b) { return a->score > b->score; });
+  return scalars;
+}
+
+/// Records the labels that an isosurface cannot separate from all others.
+void leaveInnerLabels(const Candidate& c, Draft& draft) {
+  const std::vector<float>& all = c.scalar.distinct;
+  if (c.kind != Kind::kLabels || all.size() <= 3) return;
+  draft.leaveOut(fmt::format("labels {} to {} of {} as separate surfaces", shown(all[1]),
+                             shown(all[all.size() - 2]), c.shownName()),
+                 "an isosurface between two labels also encloses other labels",
+                 "write a grid for each label, 1 inside of the label and 0 elsewhere, and put an "
+                 "isosurface at 0.5");
+}
+
+/// Adds at most two scalars, the best scores first. Skips those like the flow or one before.
+void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
+  constexpr std::size_t kMost = 2;
+  constexpr std::size_t kMostModes = 4;  // of one scalar: three surfaces and a drag
+  std::vector<const Candidate*> chosen;
+  for (const Candidate* c : scalarsByScore(candidates, draft)) {
+    if (chosen.size() == std::min(kMost, draft.freeModes())) {
+      draft.leaveOut(*c);
+      continue;
+    }
+    const auto same = [&](const Candidate* o) { return isLike(*c->input, *o->input); };
+    const Candidate* like = flow != nullptr && same(flow) ? flow : nullptr;
+    const auto found = std::find_if(chosen.begin(), chosen.end(), same);
+    if (found != chosen.end()) like = *found;
+    if (like != nullptr) {
+      draft.leaveOut(*c, "much like " + like->name);
+    } else {
+      chosen.push_back(c);
+    }
+  }
+  // The first scalar gets all free modes except for one, which is for the second.
+  for (std::size_t i = 0; i < chosen.size(); ++i) {
+    const bool more = i + 1 < chosen.size();
+    draft.addVolume(*chosen[i]);
+    const std::size_t most = std::min(kMostModes, draft.freeModes() - (more ? 1 : 0));
+    for (const Json& mode : scalarModes(*chosen[i], most)) draft.addMode(mode);
+    leaveInnerLabels(*chosen[i], draft);
+  }
+}
+
+/// Adds a vector that is the same everywhere: it varies at no place, but the hand can follow it.
+void addUniform(const std::vector<const Candidate*>& uniform, Draft& draft) {
+  for (const Candidate* c : uniform) {
+    if (c->vector.speed.empty()) continue;
+    draft.takeBack(*c);
+    draft.addVolume(*c);
+    draft.addMode(followUniform(*c));
+    return;
+  }
+}
+
+}  // namespace
+
+void chooseGrids(std::vector<Candidate>& candidates, GuessFor stated, Draft& draft) {
+  leaveComponents(candidates, draft);
+  addLevelSets(candidates, draft);
+  addFibres(candidates, draft);
+  const Vectors vectors = addFlow(candidates, draft);
+  if (stated == GuessFor::kAnything || stated == GuessFor::kCfd) addMaterials(candidates, draft);
+  addScalars(candidates, vectors.flow, draft);
+  if (!draft.hasModes()) addUniform(vectors.uniform, draft);
+}
+
+}  // namespace palpate::guess

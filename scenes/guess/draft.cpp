@@ -1,0 +1,129 @@
+#include "palpate/scenes/guess/draft.h"
+
+#include <algorithm>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::guess {
+namespace {
+
+/// Returns a mode's name, kind and reason on one line.
+std::string lineOf(const Json& mode) {
+  std::string line = mode["name"].get<std::string>() + ": " + mode["mode"].get<std::string>() +
+                     " of " + mode["of"].get<std::string>();
+  if (mode.contains("value")) line += " at " + inlined(mode["value"]);
+  return line + ": " + mode["description"].get<std::string>();
+}
+
+}  // namespace
+
+std::string Draft::uniqueName(const std::string& name) {
+  std::string tried = names_.prefix + name;
+  for (int n = 2; !volume_names_.insert(tried).second; ++n) {
+    tried = fmt::format("{}{}_{}", names_.prefix, name, n);
+  }
+  return tried;
+}
+
+void Draft::addVolume(const Candidate& candidate) {
+  if (volumes_.contains(candidate.name)) return;
+  Json volume{{"file", names_.file}};
+  if (!candidate.grid.empty()) volume["grid"] = candidate.grid;
+  volume["description"] = candidate.seen;
+  if (candidate.kind == Kind::kDirections) volume["axial"] = true;
+  shown_.push_back(&candidate);
+  volume["place"] = first_.empty() ? Json{{"fit", 0.1}} : Json{{"like", first_}};
+  if (first_.empty()) first_ = candidate.name;
+  volumes_[candidate.name] = volume;
+}
+
+std::string Draft::addField(const std::string& name, const Json& field) {
+  std::string unique = uniqueName(name);
+  fields_[unique] = field;
+  return unique;
+}
+
+void Draft::addMode(Json mode) {
+  auto name = mode["name"].get<std::string>();
+  if (name.find(names_.prefix) == std::string::npos) name.insert(0, names_.prefix);
+  std::string tried = name;
+  for (int n = 2; !mode_names_.insert(tried).second; ++n) tried = fmt::format("{} {}", name, n);
+  mode["name"] = tried;
+  modes_.push_back(std::move(mode));
+}
+
+void Draft::addLevelSet(Json mode) {
+  addMode(std::move(mode));
+  ++level_sets_;
+}
+
+std::size_t Draft::freeModes() const {
+  constexpr std::size_t kMost = 5;             // level sets not counted
+  constexpr std::size_t kMostByLevelSets = 3;  // so that other grids get two modes at least
+  const std::size_t taken =
+      modes_.size() - level_sets_ + std::min<std::size_t>(level_sets_, kMostByLevelSets);
+  return kMost - std::min(kMost, taken);
+}
+
+void Draft::leaveOut(const Candidate& candidate, const std::string& why) {
+  leaveOut(candidate.shownName(), why, "");
+  use(candidate);
+}
+
+void Draft::leaveOut(const std::string& name, const std::string& why, const std::string& remedy) {
+  omissions_.push_back({name, why, remedy});
+}
+
+void Draft::takeBack(const Candidate& candidate) {
+  std::erase_if(omissions_,
+                [&](const Omission& left) { return left.name == candidate.shownName(); });
+}
+
+/// Returns the omissions with their reasons, separated by commas; empty if there are none.
+std::string Draft::omissions(const char* before, const char* after) const {
+  std::string all;
+  for (const Omission& left : omissions_) {
+    all += (all.empty() ? "" : ", ") + left.name;
+    if (!left.why.empty()) all += " (" + left.why + ")";
+  }
+  return all.empty() ? "" : before + all + after;
+}
+
+/// Returns the first remedy for an omission, or `otherwise`.
+std::string Draft::firstRemedy(const std::string& otherwise) const {
+  for (const Omission& left : omissions_) {
+    if (!left.remedy.empty()) return left.remedy;
+  }
+  return otherwise;
+}
+
+Guess Draft::write() const {
+  if (modes_.empty()) {
+    throw VolumeError(names_.file, "no grid can be used in a scene" + omissions(" (", ")"),
+                      firstRemedy("import an array that varies"));
+  }
+  Guess out;
+  std::string description =
+      "A first guess by palpate: adjust values and strengths to what you want to feel.";
+  description += omissions(" Left out: ", ".");
+  Json scene;
+  scene["description"] = description;
+  scene["palpate"] = 1;
+  scene["coupling"] = Json{{"stiffness", 500}, {"damping", 0.5}};
+  scene["volumes"] = volumes_;
+  if (!fields_.empty()) scene["fields"] = fields_;
+  scene["modes"] = modes_;
+  out.scene = indented(scene) + "\n";
+  for (const Candidate* c : shown_) out.seen.push_back(c->shownName() + ": " + c->seen);
+  for (const Json& mode : modes_) out.made.push_back(lineOf(mode));
+  for (const Omission& left : omissions_) {
+    const std::string why = left.why.empty() ? "other grids have priority" : left.why;
+    out.left.push_back(left.name + ": " + why + (left.remedy.empty() ? "" : ": " + left.remedy));
+  }
+  return out;
+}
+
+}  // namespace palpate::guess

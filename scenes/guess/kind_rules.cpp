@@ -1,0 +1,253 @@
+/// The rules that find a grid's kind. The modes of each kind are in mode_rules.cpp.
+#include <array>
+#include <cctype>
+#include <span>
+
+#include <fmt/format.h>
+
+#include "palpate/scenes/guess/candidate.h"
+
+namespace palpate::guess {
+namespace {
+
+/// Facts that the rules read.
+struct Evidence {
+  const SuggestInput& input;
+  const ScalarAnalysis& scalar;
+  const VectorAnalysis& vector;
+  GuessFor stated;
+};
+
+/// A rule: if `holds`, the grid is of a kind.
+struct KindRule {
+  bool (*holds)(const Evidence&);
+  Kind kind;
+  const char* why;  ///< Reason; explain() fills in the names in braces.
+};
+
+/// If this share of the values are whole numbers, all values count as whole.
+constexpr double kNearlyWhole = 0.95;
+
+bool always(const Evidence&) {
+  return true;
+}
+
+template <GuessFor kStated>
+bool isStated(const Evidence& e) {
+  return e.stated == kStated;
+}
+
+// Any grid, before its values are analysed.
+
+bool isLevelSet(const Evidence& e) {
+  return e.input.isScalar() && e.input.grid->getGridClass() == openvdb::GRID_LEVEL_SET;
+}
+bool hasOtherTransforms(const Evidence& e) {
+  return e.input.apart;
+}
+bool hasOtherType(const Evidence& e) {
+  return !e.input.isVector() && !e.input.isScalar();
+}
+
+constexpr std::array kGridRules{
+    KindRule{isLevelSet, Kind::kLevelSet, "a level set, by its grid class"},
+    KindRule{hasOtherTransforms, Kind::kOther, "components with different transforms"},
+    KindRule{hasOtherType, Kind::kOther, "values of type {type} are not supported"},
+};
+
+// Vectors.
+
+bool isConstantVector(const Evidence& e) {
+  return e.vector.constant;
+}
+bool isAxial(const Evidence& e) {
+  return e.input.axial;
+}
+bool hasLengthOne(const Evidence& e) {
+  constexpr double kNearlyAll = 0.99;  // share of the moving voxels
+  return e.vector.unit >= kNearlyAll && e.stated != GuessFor::kCfd;
+}
+
+constexpr std::array kVectorRules{
+    KindRule{isConstantVector, Kind::kConstant, "nearly all values are equal"},
+    KindRule{isStated<GuessFor::kFibres>, Kind::kDirections, "directions, by --for fibres"},
+    KindRule{isAxial, Kind::kDirections, "directions without a sign, by the file's metadata"},
+    KindRule{hasLengthOne, Kind::kDirections,
+             "vectors of length 1: directions without a sign (if this is a flow, use --for cfd)"},
+    KindRule{always, Kind::kFlow, "a flow: vectors with lengths from {slowest} to {fastest}{unit}"},
+};
+
+// Scalars.
+
+bool isConstantScalar(const Evidence& e) {
+  return !(e.scalar.range() > 0.0 && (!e.scalar.boundaries.empty() || hasSpread(e.scalar)));
+}
+bool isLabelsStated(const Evidence& e) {
+  return e.stated == GuessFor::kLabels && e.scalar.whole > kNearlyWhole &&
+         e.scalar.distinct.size() > 1;
+}
+
+/// Returns true if values are low enough for air in Hounsfield units: raw values of scanners are
+/// almost never below 0.
+bool hasAir(const ScalarAnalysis& scalar) {
+  return scalar.low < -20.0;
+}
+bool isHounsfieldStated(const Evidence& e) {
+  return e.stated == GuessFor::kCt && hasAir(e.scalar);
+}
+
+/// Returns true if the values decide on the kind of a scalar: --for fibres states vectors only.
+bool isOpen(const Evidence& e) {
+  return e.stated == GuessFor::kAnything || e.stated == GuessFor::kFibres;
+}
+bool isStatedAsCt(const Evidence& e) {
+  return e.stated == GuessFor::kCt || e.input.modality == Modality::kCt;
+}
+bool hasOtherUnit(const Evidence& e) {
+  const std::string unit = lowerCase(e.input.value_unit);
+  return !unit.empty() && unit != "hu" && unit != "hounsfield";
+}
+bool isHounsfieldByMetadata(const Evidence& e) {
+  // Without a unit, air identifies the scale.
+  return isOpen(e) && !hasOtherUnit(e) &&
+         (!e.input.value_unit.empty() || (isStatedAsCt(e) && hasAir(e.scalar)));
+}
+bool isMrByMetadata(const Evidence& e) {
+  return isOpen(e) && e.input.modality == Modality::kMr;
+}
+
+/// Returns true if air (-1000, and its padding) and tissue (0 to 100) are where Hounsfield's scale
+/// has them, with values up to bone.
+bool isHounsfieldByValues(const Evidence& e) {
+  constexpr double kBone = 800.0;        // reached by the highest value
+  constexpr double kHighest = 32768.0;   // of 16 bits
+  constexpr double kPadding = -3100.0;   // scanners pad with values down to -3024
+  constexpr double kLeastWhole = 0.005;  // share of the voxels with air, and with tissue
+  constexpr double kLeastSmooth = 0.05;  // as above, if values are resampled or smoothed
+  constexpr double kAir = -1000.0;
+  constexpr double kAboutAir = 100.0;
+  constexpr double kPeak = 2.0;  // tissue is this much more frequent than values on either side
+
+  const ScalarAnalysis& scalar = e.scalar;
+  if (!isOpen(e) || hasOtherUnit(e) || scalar.values.empty() || scalar.values.back() < kBone ||
+      percentile(scalar.values, 99.9) > kHighest || scalar.low < kPadding) {
+    return false;
+  }
+  const double least = scalar.whole > kNearlyWhole ? kLeastWhole : kLeastSmooth;
+  const bool air_outside =
+      scalar.outside && *scalar.outside > kAir - kAboutAir && *scalar.outside < kAir + kAboutAir;
+  const double tissue = scalar.shareWithin(0.0, 100.0);
+  return (air_outside || scalar.shareWithin(kAir - kAboutAir, kAir + kAboutAir) > least) &&
+         tissue > least && tissue > kPeak * scalar.shareWithin(150.0, 250.0) &&
+         tissue > kPeak * scalar.shareWithin(-500.0, -400.0);
+}
+bool isDistanceByValues(const Evidence& e) {
+  return isOpen(e) && e.scalar.distance;
+}
+
+/// Returns true for labels. Values of an image lie in order from one material to the next; labels
+/// do not. An isosurface between two labels thus also encloses others.
+bool isLabelsByValues(const Evidence& e) {
+  constexpr double kAllWhole = 0.999;      // share of the voxels
+  constexpr double kConstantPieces = 0.5;  // share of equal neighbours
+  constexpr double kAnyOrder = 0.1;        // share of unequal neighbours that skip a value
+  const ScalarAnalysis& scalar = e.scalar;
+  return isOpen(e) && scalar.whole > kAllWhole && scalar.distinct.size() > 2 &&
+         scalar.alike > kConstantPieces && scalar.skips > kAnyOrder;
+}
+bool hasNoBoundary(const Evidence& e) {
+  return e.scalar.boundaries.empty();
+}
+bool hasFront(const Evidence& e) {
+  return e.scalar.boundaries.front().front;
+}
+bool hasOneBoundary(const Evidence& e) {
+  return e.scalar.boundaries.size() == 1;
+}
+
+constexpr std::array kScalarRules{
+    KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
+    // The user's word comes first.
+    KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, by --for cfd"},
+    KindRule{isStated<GuessFor::kMri>, Kind::kMagnetic, "{values}: MR, by --for mri"},
+    KindRule{isLabelsStated, Kind::kLabels, "{values}: {labels} labels, by --for labels"},
+    KindRule{isHounsfieldStated, Kind::kHounsfield, "{values}: Hounsfield units, by --for ct"},
+    // Then the file's metadata.
+    KindRule{isHounsfieldByMetadata, Kind::kHounsfield,
+             "{values}: Hounsfield units, by the file's metadata"},
+    KindRule{isMrByMetadata, Kind::kMagnetic, "{values}: MR, by the file's metadata"},
+    // Then the values.
+    KindRule{isHounsfieldByValues, Kind::kHounsfield,
+             "{values}: air near -1000 and tissue at 0 to 100: Hounsfield units (if this is wrong, "
+             "use --for cfd)"},
+    KindRule{isDistanceByValues, Kind::kDistance,
+             "{values}: they change by 1 per unit or voxel nearly everywhere: the distance to a "
+             "surface"},
+    KindRule{isLabelsByValues, Kind::kLabels,
+             "{values}: {labels} values in constant pieces that touch in any order: labels"},
+    KindRule{isStatedAsCt, Kind::kScalar,
+             "{values}: CT without air at -1000: raw values of a scanner"},
+    KindRule{hasNoBoundary, Kind::kScalar, "{values}: no boundary was found"},
+    KindRule{hasFront, Kind::kScalar, "{values}: a sharp front"},
+    KindRule{hasOneBoundary, Kind::kScalar, "{values}: a boundary between materials"},
+    KindRule{always, Kind::kScalar, "{values}: {boundaries} boundaries between materials"},
+};
+
+/// Returns the range of the values: "whole numbers from 0 to 3", "values from 0.1 to 2.5 Pa".
+std::string rangeOf(const Candidate& c) {
+  const ScalarAnalysis& scalar = c.scalar;
+  const bool whole = scalar.whole > kNearlyWhole;
+  const auto end = [&](double value) { return whole ? value : scalar.round(value); };
+  const std::string no_data =
+      scalar.no_data ? fmt::format(", {} marks missing data", shown(*scalar.no_data)) : "";
+  return fmt::format("{} from {} to {}{}{}", whole ? "whole numbers" : "values", end(scalar.low),
+                     end(scalar.high), c.unit(), no_data);
+}
+
+/// Fills in a rule's reason.
+std::string explain(const char* why, const Candidate& c) {
+  const std::vector<float>& speed = c.vector.speed;
+  return fmt::format(fmt::runtime(why), fmt::arg("type", c.input->grid->valueType()),
+                     fmt::arg("unit", c.unit()), fmt::arg("values", rangeOf(c)),
+                     fmt::arg("labels", c.scalar.distinct.size()),
+                     fmt::arg("boundaries", c.scalar.boundaries.size()),
+                     fmt::arg("slowest", speed.empty() ? 0.0 : shown(speed.front())),
+                     fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
+}
+
+/// Applies the first rule that holds. Returns false if there is none.
+bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
+  const Evidence evidence{*c.input, c.scalar, c.vector, stated};
+  for (const KindRule& rule : rules) {
+    if (!rule.holds(evidence)) continue;
+    c.kind = rule.kind;
+    c.seen = explain(rule.why, c);
+    return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::string lowerCase(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+bool hasSpread(const ScalarAnalysis& scalar) {
+  return scalar.round(percentile(scalar.values, 95.0)) >
+         scalar.round(percentile(scalar.values, 5.0));
+}
+
+void classify(Candidate& candidate, GuessFor stated) {
+  if (decide(kGridRules, stated, candidate)) return;
+  if (candidate.input->isVector()) {
+    candidate.vector = analyseVector(*candidate.input);
+    decide(kVectorRules, stated, candidate);
+  } else {
+    candidate.scalar = analyseScalar(*candidate.input);
+    decide(kScalarRules, stated, candidate);
+  }
+}
+
+}  // namespace palpate::guess

@@ -1,0 +1,390 @@
+/// The rules that make the modes of each kind of grid. Strengths are in N, at most 3.5 N.
+#include "palpate/scenes/guess/mode_rules.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <iterator>
+#include <optional>
+#include <utility>
+
+#include <fmt/format.h>
+
+namespace palpate::guess {
+namespace {
+
+/// Strength of a surface without another one inside.
+constexpr double kFirm = 3.0;
+/// Strength of a surface that yields to a firm push, so that the hand reaches the surface inside.
+constexpr double kYielding = 1.5;
+/// Strength of bone, and of the innermost of three surfaces.
+constexpr double kInnermost = 3.5;
+
+// Hounsfield's scale: air -1000, lung -700 to -500, fat -100, water 0, muscle 50, bone from 300.
+
+/// A part of a body has more than this share of the voxels.
+constexpr double kFewVoxels = 1e-4;
+
+/// Returns true if more voxels than a few are above lung and fat.
+bool hasFlesh(const ScalarAnalysis& scalar) {
+  return scalar.shareAbove(-200.0) > kFewVoxels;
+}
+
+/// Adds the skin if there is air and flesh.
+void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
+  constexpr double kSkin = -300.0;  // between air and fat
+  constexpr double kAir = -500.0;
+  if (!(c.scalar.low < kAir && hasFlesh(c.scalar))) return;
+  modes.push_back(isosurface("skin", c.name, kSkin, true, kYielding,
+                             "Between air (-1000 HU) and skin (about 0 HU). It yields to a firm "
+                             "push."));
+}
+
+/// Adds bone at the first boundary of the values near bone's lower end, else at that end.
+void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
+  constexpr double kBone = 300.0;
+  constexpr double kWithin = 100.0;  // bone has voxels that exceed kBone by this
+  constexpr double kLowest = 150.0;  // a boundary from here to kHighest is that of bone
+  constexpr double kHighest = 500.0;
+  const ScalarAnalysis& scalar = c.scalar;
+  if (!(scalar.shareAbove(kBone + kWithin) > kFewVoxels)) return;
+  double bone = kBone;
+  std::string how = "Bone and contrast agent are above 300 HU.";
+  for (const Boundary& b : scalar.boundaries) {
+    if (b.value < kLowest || b.value > kHighest) continue;
+    bone = b.value;
+    how = fmt::format("Bone: values change fastest near {} HU. A first guess.", scalar.round(bone));
+    break;
+  }
+  modes.push_back(isosurface("bone", c.name, scalar.round(bone), true, kInnermost, how));
+}
+
+/// Adds a drag in soft tissue.
+void addHounsfieldTissue(const Candidate& c, std::vector<Json>& modes) {
+  constexpr double kFat = -100.0;
+  if (!(hasFlesh(c.scalar) && c.scalar.low < kFat)) return;
+  modes.push_back(drag("soft tissue", c.name, {{-300, 0}, {-100, 0.1}, {50, 0.2}, {300, 0.3}},
+                       "A drag that grows from lung through fat (-100 HU) and muscle (50 HU) to "
+                       "bone."));
+}
+
+// MR: the signal has no scale.
+
+/// Values of an MR image.
+struct SignalLevels {
+  double skin = 0.0;
+  double middle = 0.0;  ///< Median within the skin.
+  double bright = 0.0;  ///< 95th percentile within the skin.
+};
+
+/// Returns the levels at the first boundary above the surroundings; no value if there is none.
+std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
+  // Noise in air has Rayleigh's distribution: all but a thousandth of it is below this factor times
+  // its median. (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995)
+  constexpr double kNoise = 3.2;
+  const double outside = scalar.outside.value_or(scalar.low);
+  for (const Boundary& b : scalar.boundaries) {
+    if (b.value <= outside) continue;
+    const std::vector<float> inside(
+        std::upper_bound(scalar.values.begin(), scalar.values.end(), static_cast<float>(b.foot)),
+        scalar.values.end());
+    const std::vector<float> air(
+        scalar.values.begin(),
+        std::lower_bound(scalar.values.begin(), scalar.values.end(), static_cast<float>(b.foot)));
+    const double zero = scalar.low < 0.0 ? outside : 0.0;
+    const double noise = std::max(0.0, percentile(air, 50.0) - zero);
+    const double foot = std::clamp(zero + kNoise * noise, b.foot, b.value);
+    return SignalLevels{scalar.round(foot), scalar.round(percentile(inside, 50.0)),
+                        scalar.round(percentile(inside, 95.0))};
+  }
+  return std::nullopt;
+}
+
+/// Adds the skin, above the noise of the air.
+void addSignalSkin(const Candidate& c, std::vector<Json>& modes) {
+  const std::optional<SignalLevels> levels = signalLevelsOf(c.scalar);
+  if (!levels) return;
+  modes.push_back(isosurface("skin", c.name, levels->skin, true, kYielding,
+                             fmt::format("The signal rises above the noise of the air at {}. This "
+                                         "value is low, so that dark tissue is inside. A first "
+                                         "guess.",
+                                         levels->skin)));
+}
+
+/// Adds a drag by the signal. Tissue gets no surface: a bright place is not a hard place.
+void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
+  const std::optional<SignalLevels> levels = signalLevelsOf(c.scalar);
+  if (!levels) return;
+  modes.push_back(
+      drag("tissue", c.name, {{levels->skin, 0}, {levels->middle, 0.15}, {levels->bright, 0.3}},
+           "A drag that grows with the signal, up to its median and its 95th percentile "
+           "inside the skin."));
+}
+
+// Labels: an isosurface separates all labels below it from all above it. So only the lowest and the
+// highest label can be separated from all others.
+
+double betweenLabels(const Candidate& c, std::size_t i) {
+  return 0.5 * (double{c.scalar.distinct[i - 1]} + c.scalar.distinct[i]);
+}
+
+/// Adds all labels as one body if the lowest label surrounds them, else the lowest label.
+void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
+  constexpr double kOneBody = 2.0;
+  const std::vector<float>& all = c.scalar.distinct;
+  const bool two = all.size() == 2;
+  const bool lowest_is_outside = !c.scalar.outside || *c.scalar.outside <= double{all[0]};
+  if (!lowest_is_outside) {
+    modes.push_back(isosurface(fmt::format("{} label {}", c.name, shown(all[0])), c.name,
+                               betweenLabels(c, 1), false, kFirm,
+                               "The lowest label alone: no other label is below it."));
+  } else if (two) {
+    modes.push_back(isosurface(c.name, c.name, betweenLabels(c, 1), true, kOneBody,
+                               "Half way between the two labels."));
+  } else {
+    // This surface yields, so that the hand reaches the highest label.
+    modes.push_back(isosurface(
+        c.name + " all labels", c.name, betweenLabels(c, 1), true, kYielding,
+        fmt::format("All labels as one body, except {0}, which surrounds them: half way between "
+                    "{0} and the next label. The boundaries within the body are not felt.",
+                    shown(all[0]))));
+  }
+}
+
+/// Adds the highest of more than two labels.
+void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
+  const std::vector<float>& all = c.scalar.distinct;
+  const std::size_t last = all.size() - 1;
+  if (last < 2) return;
+  modes.push_back(isosurface(fmt::format("{} label {}", c.name, shown(all[last])), c.name,
+                             betweenLabels(c, last), true, kFirm,
+                             "The highest label alone: no other label is above it."));
+}
+
+/// Adds the surface of a distance field.
+void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
+  modes.push_back(isosurface(c.name, c.name, 0.0, false, kFirm,
+                             "The surface at distance 0, solid where the values are below 0."));
+}
+
+/// A rule: what a scalar of a kind gets, if its values allow it.
+struct ModeRule {
+  Kind kind;
+  void (*add)(const Candidate&, std::vector<Json>&);
+};
+
+/// Important modes first. A kind without a row, or without a mode, gets its boundaries.
+constexpr std::array kModeRules{
+    ModeRule{Kind::kHounsfield, addHounsfieldSkin},
+    ModeRule{Kind::kHounsfield, addHounsfieldBone},
+    ModeRule{Kind::kHounsfield, addHounsfieldTissue},
+    ModeRule{Kind::kMagnetic, addSignalSkin},
+    ModeRule{Kind::kMagnetic, addSignalTissue},
+    ModeRule{Kind::kLabels, addLowestLabel},
+    ModeRule{Kind::kLabels, addHighestLabel},
+    ModeRule{Kind::kDistance, addDistanceSurface},
+};
+
+// Other scalars: the boundaries between materials.
+
+/// Layers for one, two or three nested surfaces. The outer ones yield, so that the hand reaches the
+/// inner ones.
+struct Layer {
+  const char* word = "";
+  double strength = 0.0;  ///< [N]
+};
+constexpr std::array<std::array<Layer, 3>, 3> kLayers{{
+    {{{"surface", 2.0}, {}, {}}},
+    {{{"outer", kYielding}, {"inner", kFirm}, {}}},
+    {{{"outer", 1.0}, {"middle", 2.0}, {"inner", kInnermost}}},
+}};
+
+/// Returns the reason for a boundary's isovalue.
+std::string reasonOf(const Boundary& b, const Candidate& c) {
+  const auto value = [&](double v) { return fmt::format("{}{}", c.scalar.round(v), c.unit()); };
+  if (b.front) {
+    return fmt::format(
+        "A front, such as a shock: values from {} to {} change within a few voxels wherever they "
+        "occur. The isovalue is the middle, {}. A first guess.",
+        value(b.lower), value(b.upper), value(b.value));
+  }
+  if (b.lower_known && b.upper_known) {
+    return fmt::format(
+        "Values change fastest between {} and {}. The isovalue is the middle, {}. A first guess.",
+        value(b.lower), value(b.upper), value(b.value));
+  }
+  return fmt::format(
+      "At {} the values leave those of a material, {}. From there they change fast and reach no "
+      "other material. A first guess.",
+      value(b.value), value(b.lower_known ? b.lower : b.upper));
+}
+
+/// Returns at most `most` boundaries, the greatest ones.
+std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most) {
+  std::vector<Boundary> found = scalar.boundaries;
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Boundary& a, const Boundary& b) { return a.share > b.share; });
+  if (found.size() > most) found.resize(most);
+  return found;
+}
+
+/// Adds a drag from the outermost to the innermost of the boundaries on one side of the
+/// surroundings. With one boundary, the drag ends at the value of the enclosed material. Adds no
+/// mode if the ends are equal.
+void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool above,
+                   std::vector<Json>& modes) {
+  constexpr double kMost = 0.2;  // weaker than any surface
+  const Boundary& outer = side.front();
+  const Boundary& inner = side.back();
+  const double edge = c.scalar.round(outer.value);
+  const double end = c.scalar.round(side.size() > 1 ? inner.value
+                                    : above         ? inner.upper
+                                                    : inner.lower);
+  if (edge == end) return;
+  Knots knots{{edge, 0}, {end, kMost}};
+  if (!above) std::swap(knots[0], knots[1]);
+  const char* within = side.size() > 1 ? "Between the surfaces" : "Within the surface";
+  modes.push_back(drag(c.name + " drag", c.name, knots,
+                       std::string(within) + ": a drag that grows from one material to the next."));
+}
+
+/// Returns isosurfaces at the boundaries, from outside to inside, then a drag on the side of the
+/// greatest boundary. Returns an empty list if there are no boundaries.
+std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
+  std::vector<Boundary> found = greatestOf(c.scalar, most);
+  if (found.empty()) return {};
+  const double outside = c.scalar.outside.value_or(c.scalar.low);
+  const bool main_above = found.front().value > outside;
+  std::stable_sort(found.begin(), found.end(), [outside](const auto& a, const auto& b) {
+    return std::abs(a.value - outside) < std::abs(b.value - outside);
+  });
+
+  std::vector<Json> modes;
+  std::vector<Json> between;
+  for (const bool above : {main_above, !main_above}) {
+    std::vector<Boundary> side;
+    std::copy_if(found.begin(), found.end(), std::back_inserter(side),
+                 [&](const Boundary& b) { return (b.value > outside) == above; });
+    if (side.empty()) continue;
+    for (std::size_t i = 0; i < side.size(); ++i) {
+      const Layer layer = kLayers.at(side.size() - 1).at(i);
+      const char* dark = !above && side.size() < found.size() ? " dark " : " ";
+      modes.push_back(isosurface(c.name + dark + layer.word, c.name, c.scalar.round(side[i].value),
+                                 above, layer.strength, reasonOf(side[i], c)));
+    }
+    if (above == main_above) addDragWithin(c, side, above, between);
+  }
+  modes.insert(modes.end(), between.begin(), between.end());
+  return modes;
+}
+
+/// Returns a drag by the value, for a scalar without a boundary.
+Json dragByValue(const Candidate& c) {
+  const double low = c.scalar.round(percentile(c.scalar.values, 5.0));
+  const double high = c.scalar.round(percentile(c.scalar.values, 95.0));
+  // Stronger than the drags beside surfaces: this is the only mode of the grid.
+  return drag(c.name + " drag", c.name, {{low, 0}, {high, 0.4}},
+              fmt::format("A drag that grows with the value, from its 5th to its 95th "
+                          "percentile ({} to {}{}): no clear boundary was found.",
+                          low, high, c.unit()));
+}
+
+/// Returns a curve of the speed: 0 at the 10th percentile, 1 N at the median, 2 N at the 95th;
+/// still voxels do not count.
+Json strengthBySpeed(const VectorAnalysis& flow) {
+  constexpr double kOneSpeed = 1.05;  // fastest to slowest: below this all speeds are equal
+  const double slow = percentile(flow.speed, 10.0);
+  const double middle = percentile(flow.speed, 50.0);
+  const double fast = percentile(flow.speed, 95.0);
+  // If all speeds are equal, separate only still places from moving ones.
+  if (fast < kOneSpeed * slow) {
+    return curve({{rounded(0.5 * middle, middle), 0}, {rounded(0.9 * middle, middle), 1.5}});
+  }
+  return curve({{rounded(slow, fast), 0}, {rounded(middle, fast), 1}, {rounded(fast, fast), 2}});
+}
+
+}  // namespace
+
+std::vector<Json> scalarModes(const Candidate& c, std::size_t most) {
+  std::vector<Json> modes;
+  for (const ModeRule& rule : kModeRules) {
+    if (rule.kind == c.kind) rule.add(c, modes);
+  }
+  if (modes.empty()) modes = boundaryModes(c, most);
+  if (modes.empty()) modes.push_back(dragByValue(c));
+  if (modes.size() > most) modes.resize(most);
+  return modes;
+}
+
+Json levelSetSurface(const Candidate& c) {
+  return isosurface(c.name, c.name, 0.0, false, kFirm, "The surface of the level set.");
+}
+
+Json materialSurface(const Candidate& c, double share) {
+  constexpr double kHalf = 0.5;
+  return isosurface(c.name, c.name, kHalf, true, kFirm,
+                    fmt::format("The material's surface, where its fraction is one half. It is {} "
+                                "% of the volume.",
+                                shown(100.0 * share)));
+}
+
+Json followDirections(const Candidate& directions) {
+  return makeMode("along " + directions.name, "follow", directions.name, Json::object(),
+                  strengthBySpeed(directions.vector),
+                  "Free along the direction, both ways, and held across it. The strength grows "
+                  "with the length of the vectors. A first guess.");
+}
+
+Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions) {
+  const std::string name = "along " + directions.name;
+  const std::string free =
+      "Free along the fibres and held across them. The strength grows with the anisotropy. ";
+  const ScalarAnalysis& scalar = anisotropy.scalar;
+  // Fractional anisotropy is between 0 and 1, to within rounding. A range that ends below the
+  // middle of the curve is that of another measure.
+  constexpr double kHighest = 1.001;
+  constexpr double kMiddle = 0.4;
+  if (scalar.low >= 0.0 && scalar.high <= kHighest && scalar.high > kMiddle) {
+    return makeMode(name, "follow", directions.name, {{"by", anisotropy.name}},
+                    curve({{0.15, 0}, {kMiddle, 1}, {0.7, 2}}),
+                    free + "Below an anisotropy of 0.15 it is zero.");
+  }
+  const auto at = [&](double percent) { return scalar.round(percentile(scalar.values, percent)); };
+  return makeMode(name, "follow", directions.name, {{"by", anisotropy.name}},
+                  curve({{at(25.0), 0}, {at(60.0), 1}, {at(95.0), 2}}),
+                  free + fmt::format("It begins at the 25th percentile of {}, which does not have "
+                                     "the usual range of fractional anisotropy.",
+                                     anisotropy.name));
+}
+
+Json followFlow(const Candidate& flow, const std::string& speed) {
+  const double median = percentile(flow.vector.speed, 50.0);
+  return makeMode("along " + flow.name, "follow", flow.name, {{"by", speed}},
+                  strengthBySpeed(flow.vector),
+                  fmt::format("Free along the stream and held across it. The strength grows with "
+                              "the speed. The median speed is {}{}. A first guess.",
+                              rounded(median, median), flow.unit()));
+}
+
+Json followUniform(const Candidate& vector) {
+  return makeMode("along " + vector.name, "follow", vector.name, Json::object(), 1.0,
+                  "Free along the common direction of all vectors and held across it.");
+}
+
+bool hasVortices(const VectorAnalysis& flow) {
+  constexpr double kTurning = 0.1;  // 0.5 in shear and 1 in a vortex: below this there is no curl
+  const double middle = percentile(flow.curl, 50.0);
+  const double most = percentile(flow.curl, 95.0);
+  return !(flow.turning < kTurning) && rounded(most, most) > rounded(middle, most);
+}
+
+Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {
+  const double middle = percentile(flow.curl, 50.0);
+  const double most = percentile(flow.curl, 95.0);
+  return drag(
+      "vortices", vorticity, {{rounded(middle, most), 0}, {rounded(most, most), 0.3}},
+      "A drag where the stream turns or shears, from the median of the vorticity up. At "
+      "the edge of the data the vorticity is not accurate: it uses values beyond the edge.");
+}
+
+}  // namespace palpate::guess

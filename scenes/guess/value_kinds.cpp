@@ -1,0 +1,122 @@
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "palpate/scenes/guess/scalar_parts.h"
+
+namespace palpate::guess {
+
+void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
+  const auto share = [](double part, double all) { return all > 0.0 ? part / all : 0.0; };
+  double whole = 0.0;
+  std::vector<float> distinct;
+  for (const float value : scalar.values) {
+    // Beyond 2^24 every float is whole.
+    whole += value == std::round(value) && std::abs(value) <= 0x1p24F ? 1.0 : 0.0;
+    if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
+      distinct.push_back(value);
+    }
+  }
+  scalar.whole =
+      scalar.range() >= 1.0 ? share(whole, static_cast<double>(scalar.values.size())) : 0.0;
+  if (distinct.size() > kMostDistinct) return;
+  // Skip the most frequent value: it surrounds the others in any order.
+  float common = scalar.values.front();
+  std::ptrdiff_t most = 0;
+  for (const float value : distinct) {
+    const auto [from, to] = std::equal_range(scalar.values.begin(), scalar.values.end(), value);
+    if (to - from > most) {
+      most = to - from;
+      common = value;
+    }
+  }
+  double pairs = 0.0;
+  double alike = 0.0;
+  double others = 0.0;
+  double skips = 0.0;
+  for (const ScalarSample& sample : samples) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (!sample.known[axis]) continue;
+      for (const float near : {sample.before[axis], sample.after[axis]}) {
+        if (near != common && sample.value != common) {
+          pairs += 1.0;
+          alike += near == sample.value ? 1.0 : 0.0;
+        }
+        if (near == sample.value) continue;
+        others += 1.0;
+        const auto [less, more] = std::minmax(near, sample.value);
+        const auto next = std::upper_bound(distinct.begin(), distinct.end(), less);
+        if (next != distinct.end() && *next < more) skips += 1.0;
+      }
+    }
+  }
+  scalar.alike = share(alike, pairs);
+  scalar.skips = share(skips, others);
+  if (scalar.outside && std::find(distinct.begin(), distinct.end(),
+                                  static_cast<float>(*scalar.outside)) == distinct.end()) {
+    const auto edge = [](const ScalarSample& sample) { return sample.at_edge; };
+    if (std::any_of(samples.begin(), samples.end(), edge)) {
+      distinct.push_back(static_cast<float>(*scalar.outside));
+      std::sort(distinct.begin(), distinct.end());
+    }
+  }
+  scalar.distinct = std::move(distinct);
+}
+
+std::optional<float> noDataOf(const std::vector<float>& sorted) {
+  constexpr double kMany = 1e-3;    // share of the samples: fewer are outliers
+  constexpr double kFar = 10.0;     // in ranges of the others: air is nearer to flesh than this
+  constexpr std::size_t kFew = 64;  // values: a grid with no more may hold labels
+  std::size_t distinct = 1;
+  for (std::size_t i = 1; i < sorted.size() && distinct <= kFew; ++i) {
+    distinct += sorted[i] != sorted[i - 1] ? 1 : 0;
+  }
+  if (distinct <= kFew) return std::nullopt;
+  const auto far_from = [&](float value, double low, double high) {
+    return std::max(low - value, value - high) > kFar * (high - low) && high > low;
+  };
+  for (const float value : {sorted.front(), sorted.back()}) {
+    const auto [from, to] = std::equal_range(sorted.begin(), sorted.end(), value);
+    const auto count = static_cast<double>(to - from);
+    if (count < kMany * static_cast<double>(sorted.size())) continue;
+    const bool lowest = from == sorted.begin();
+    if (lowest ? to == sorted.end() : from == sorted.begin()) continue;
+    const double low = lowest ? *to : sorted.front();
+    const double high = lowest ? sorted.back() : *(from - 1);
+    if (far_from(value, low, high)) return value;
+  }
+  return std::nullopt;
+}
+
+bool isDistance(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
+                double edge) {
+  constexpr double kNearlyAll = 0.8;   // share of the voxels: the ends of a narrow band are cut
+  constexpr double kTolerance = 0.05;  // of a slope of 1
+  constexpr double kCommon = 0.5;      // length of the mean direction: a ramp has 1
+  std::size_t count = 0;
+  std::size_t per_unit = 0;
+  std::size_t per_voxel = 0;
+  std::size_t below = 0;
+  openvdb::Vec3d mean(0.0);
+  for (const ScalarSample& s : samples) {
+    if (!s.known[0] || !s.known[1] || !s.known[2]) continue;
+    openvdb::Vec3d slope;
+    for (std::size_t a = 0; a < 3; ++a) {
+      slope[static_cast<int>(a)] =
+          (static_cast<double>(s.after[a]) - s.before[a]) / (2.0 * edges[a]);
+    }
+    const double length = slope.length();
+    ++count;
+    per_unit += std::abs(length - 1.0) < kTolerance ? 1 : 0;
+    per_voxel += std::abs(length * edge - 1.0) < kTolerance ? 1 : 0;
+    below += s.value < 0.0F ? 1 : 0;
+    if (length > 0.0) mean += slope / length;
+  }
+  const auto all = static_cast<double>(count);
+  const auto share = [all](std::size_t n) { return static_cast<double>(n) / std::max(1.0, all); };
+  return std::max(share(per_unit), share(per_voxel)) > kNearlyAll && share(below) > 0.01 &&
+         share(below) < 0.99 && mean.length() < kCommon * all;
+}
+
+}  // namespace palpate::guess
