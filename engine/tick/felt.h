@@ -41,16 +41,16 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   });
 }
 
-/// Adds the primitives of mode i at the evaluation point `stand`. If properties were read there,
-/// also computes the turn of the mode's plane. Returns false if the set was full. RT: no
-/// allocation.
+/// Adds the primitives of mode i, whose contact is `touch`, at the evaluation point `stand`. If
+/// properties were read there, also computes the turn of the mode's plane. Returns false if the set
+/// was full. RT: no allocation.
 [[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const EvaluationPoint& stand,
-                                    std::span<const Body> bodies, PrimitiveSet& set) noexcept {
+                                    const ContactReference& touch, std::span<const Body> bodies,
+                                    PrimitiveSet& set) noexcept {
   const Mode& mode = felt.graph().modes[i];
   ModeMemory& memory = felt.memories[i];
   const bool room = addPrimitives(mode, *felt.properties, stand, memory, set);
   if (stand.foreseen) return room;
-  const ContactReference touch = touchOf(mode, memory);
   if (touch.skin == nullptr || !touch.contact->placed) return room;
   touch.contact->turn.setZero();
   if (touch.contact->seen) {

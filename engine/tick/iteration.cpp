@@ -42,16 +42,16 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
     const Vec3& p = body == nullptr ? tick.proxy.position : body->carried;
     const Pose* pose = body == nullptr ? nullptr : &body->pose;
     const Vec3& x = foreseen ? p : now.read_at;
+    const ContactReference touch = touchOf(mode, memory);
     std::optional<Seam> seam;
-    if (!foreseen) seam = seamOf(tick, mode, memory, felt, x);
+    if (!foreseen && touch.skin != nullptr) seam = seamOf(tick, mode, memory, felt, x);
     const EvaluationPoint stand{p, x, tick.probe, pose, foreseen, seam ? &*seam : nullptr};
     const std::size_t before = balance.primitives.varying().size();
-    if (!placeMode(felt, i, stand, tick.around.bodies.items(), balance.primitives)) {
+    if (!placeMode(felt, i, stand, touch, tick.around.bodies.items(), balance.primitives)) {
       worsen(tick.report, StepStatus::kDropped);
     }
     const std::span<Varying> varying = balance.primitives.varying();
     const bool varies = varying.size() > before;
-    const ContactReference touch = touchOf(mode, memory);
     if (touch.skin == nullptr) {
       const double voxel = felt.graph().mode_voxels[i];
       const bool follows = felt.graph().mode_follows[i] != 0 && memory.emitted > 0;

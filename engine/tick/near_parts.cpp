@@ -109,7 +109,8 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
     scratch.clear();
     for (std::size_t i = 0; i < modes.size(); ++i) {
       fresh.memories[i] = memoryFor(modes[i]);
-      (void)placeMode(felt, i, stand, {}, scratch);
+      const ContactReference touch = touchOf(modes[i], fresh.memories[i]);
+      (void)placeMode(felt, i, stand, touch, {}, scratch);
     }
   });
 }

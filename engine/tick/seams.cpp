@@ -19,14 +19,14 @@ constexpr double kNearSteps = 2.0;
 /// If the gradient is below this share of the cell's own slope, it gives no scale.
 constexpr double kFlat = 0.1;
 
-/// A surface, and the point of its volume that is at x in W.
+/// A surface, and the point of its volume that is at x in W. surfaceOf initialises all members.
 struct Surface {
-  const SurfaceSource* skin = nullptr;
-  const Felt* felt = nullptr;
-  double level = 0.0;
-  const Pose* pose = nullptr;  ///< Null if the volume stands still.
-  Vec3 seen = Vec3::Zero();    ///< The point x in the resting frame [m].
-  double scale = 1.0;          ///< Factor from its unit to the unit of the surface that is filled.
+  const SurfaceSource* skin;
+  const Felt* felt;
+  double level;
+  const Pose* pose;  ///< Null if the volume stands still.
+  Vec3 seen;         ///< The point x in the resting frame [m].
+  double scale;      ///< Factor from its unit to the unit of the surface that is filled.
 
   [[nodiscard]] const ScalarField& field() const noexcept {
     return *felt->graph().scalar_fields[static_cast<std::size_t>(skin->field)];
@@ -66,6 +66,7 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
   surface.level = ahead.level;
   surface.pose = body == nullptr ? nullptr : &body->pose;
   surface.seen = body == nullptr ? x : body->seen;
+  surface.scale = 1.0;
   return true;
 }
 
@@ -168,13 +169,14 @@ std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memor
   std::array<Surface, kMostOthers> others;
   std::size_t count = 0;
   eachMode(tick.felt(), [&](const Mode& one, ModeMemory& of, const Felt& in, std::size_t) {
-    Surface other;
     if (&of == &memory || count == others.size()) return;
-    if (!surfaceOf(tick, surfaceAhead(one, of), in, x, other)) return;
-    if (&in == &felt && other.skin->field == self.skin->field) return;
-    const SurfaceReading sight = look(*other.skin, other.level, *in.properties);
+    const SurfaceAhead by = surfaceAhead(one, of);
+    if (by.skin == nullptr || (&in == &felt && by.skin->field == self.skin->field)) return;
+    const SurfaceReading sight = look(*by.skin, by.level, *in.properties);
     const double longest = reach.colwise().norm().maxCoeff();
-    if (!sight.data || !(sight.off * other.skin->voxel <= kNearSteps * longest)) return;
+    if (!sight.data || !(sight.off * by.skin->voxel <= kNearSteps * longest)) return;
+    Surface other;
+    if (!surfaceOf(tick, by, in, x, other)) return;
     const double norm = gradientOf(other).norm() / other.skin->metres_per_unit;
     if (!(norm > kFlat * other.slope(Vec3::Zero()).norm())) return;
     other.scale = gradientOf(self).norm() / self.skin->metres_per_unit / norm;
