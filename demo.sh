@@ -1,24 +1,25 @@
 #!/usr/bin/env bash
 # The demo: installs missing packages, builds, imports an MRI of a head that Debian ships (mricron-data), feels its skin
 # and then its brain, and reports each step. Output: out/.
-# demo.sh --all also builds the window, the importer with VTK (DICOM, meshes), and the Python module.
+# demo.sh --all also builds the window, the importer with VTK (DICOM, meshes), the Python module, and what needs a
+# network: volumes from web servers and Ceph, hands at several sites, imports by several processes.
 set -euo pipefail
 cd "$(dirname "$0")"
 
-groups=(build demo)
+groups=(core demo)
 targets=(palpate palpate-import-light)
 case "${1:-}" in
     "") ;;
     --all)
-        groups+=(vtk python)
+        groups+=(network vtk python)
         targets+=(palpate-import palpate-view palpate_python) ;;
     *)
-        echo "demo: $1 is nothing it knows: use ./demo.sh, or ./demo.sh --all" >&2
+        echo "demo: unknown option $1: use ./demo.sh, or ./demo.sh --all" >&2
         exit 2 ;;
 esac
 log=build/demo.log
 echo "demo: imports an MRI of a head and has a simulated hand feel it, into out/: half a minute."
-echo "      Before it, once: what is missing is installed, and the program built."
+echo "      The first run installs missing packages and builds the program."
 echo "      Log: $log"
 .ci/install "${groups[@]}"
 . .ci/watched
