@@ -32,7 +32,7 @@ if [ -z "$install_only" ]; then
     echo "test.sh: builds three presets and runs every test: some 45 minutes on two cores where the compiler cache"
     echo "         knows the sources, else some 110. Logs: build/PRESET/build.log, build/PRESET/runs/*/console.log"
 fi
-.ci/install build vtk python test
+.ci/install core network vtk python test
 [ -z "$install_only" ] || exit 0
 . .ci/minutes
 . .ci/watched

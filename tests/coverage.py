@@ -4,7 +4,8 @@
     cmake --preset coverage && cmake --build build/coverage
     tests/coverage.py run build/coverage OUT [SUITE...]    runs the Catch2 tests and the Python suites (default: all)
     tests/coverage.py report build/coverage OUT            prints, for each file, the functions that only the Python
-                                                           suites reach, and which tests would reach these
+                                                           suites and the Catch2 cases with [release] reach, and
+                                                           which tests would reach these
 
 The script reads gcov's counters from .gcda files, a folder for each test. A function has run if one of its
 arcs has run. Names come from the .gcno files of the build. A process that ends by a signal or by _exit() writes no
@@ -89,6 +90,12 @@ def reached(folder, known):
     return found
 
 
+def cases_of(program, tags):
+    """Returns the names of a Catch2 program's cases with these tags, as its command line takes them."""
+    done = subprocess.run([program, "--list-test-names-only", tags], capture_output=True, text=True, check=False)
+    return [line.replace("\\", "\\\\").replace(",", "\\,").replace("[", "\\[") for line in done.stdout.splitlines() if line]
+
+
 def run(build, out, suites):
     build, out = build.resolve(), out.resolve()
     environment = dict(os.environ, PALPATE_CASES="1%", PALPATE_COVERAGE=str(out), PALPATE_ROOM="scenes")
@@ -96,6 +103,10 @@ def run(build, out, suites):
         inside = dict(environment, GCOV_PREFIX=str(out / "sanitized" / "all"))
         subprocess.run(["ctest", "--test-dir", build, "-j2", "-R", "_tests|hostile|samplers.data|headsq", "-LE", "host"],
                        env=inside, check=False)
+        for program in sorted((build / "tests").rglob("palpate_*_tests")):
+            for case in cases_of(program, "[release]"):
+                subprocess.run([program, case], check=False,
+                               env=dict(environment, GCOV_PREFIX=str(out / "release" / case.replace("/", " "))))
     words = {"volumes": build / "tests/palpate_make_volumes", "relay": build / "tests/palpate_relay",
              "series": build / "tests/palpate_import_make_series"}
     for suite, arguments in SUITES.items():

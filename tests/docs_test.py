@@ -178,7 +178,7 @@ class Paper(unittest.TestCase):
 class Checker(unittest.TestCase):
     """The checks find errors."""
 
-    def test_names(self):
+    def test_references_to_missing_names_are_found(self):
         right = "`solver.h:solveProxy` `engine/balance/solver.h:solveProxy` `engine/balance/solver.cpp`"
         self.assertEqual(broken_references(right), [])
         for wrong in ("`solver.h:solveProx`", "`solve.h:solveProxy`", "`devices/solver.h:Vec3`",
@@ -190,11 +190,11 @@ class Checker(unittest.TestCase):
         self.assertEqual(broken_references(below + "beyond it`"),
                          [":fig. 5: a plane balances the spring by a force beyond it"])
 
-    def test_tags_and_keys(self):
+    def test_unknown_tags_and_keys_are_found(self):
         self.assertEqual(broken_tags("`[eq9]` `[eq99]`"), ["[eq99]"])
         self.assertEqual(broken_keys("A1 A2 `B1`\n- **A1** this\n- **A3** that\n"), ["A2", "A3"])
 
-    def test_links(self):
+    def test_broken_links_are_found(self):
         text = ("[a](paper.md#x) [b](nowhere.md) [c](https://example.org) [d][e] [f][]\n"
                 "```\n[g](no.md)\n```\n[f]: ../README.md\n")
         self.assertEqual(broken_links(text, ROOT / "docs"), ["e", "nowhere.md"])

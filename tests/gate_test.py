@@ -25,6 +25,25 @@ CONSOLE = {
     "skipped": "  1/4 Test  #1: {} .................***Skipped   0.12 sec\n"}
 
 
+class Rooms(unittest.TestCase):
+    def test_a_room_changes_with_its_code_and_not_with_its_comments(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for name, value in (("ROOT", Path(folder)), ("ROOMS", {"room": ("room",)})):
+                self.addCleanup(setattr, gate, name, getattr(gate, name))
+                setattr(gate, name, value)
+            source = Path(folder) / "room" / "a.cpp"
+            source.parent.mkdir()
+
+            def hash_with(text):
+                source.write_text(text)
+                return gate.hash_of("room")
+
+            before = hash_with("/// One.\nint a = 1;\n")
+            self.assertEqual(hash_with("/// Another one.\n  // And more.\nint a = 1;\n"), before)
+            self.assertNotEqual(hash_with("/// One.\nint a = 2;\n"), before)
+            self.assertNotEqual(hash_with("/// One.\nint a = 1;  // a\n"), before)
+
+
 class Report(unittest.TestCase):
     def setUp(self):
         holder = tempfile.TemporaryDirectory()

@@ -101,14 +101,14 @@ class Sections(unittest.TestCase):
         blocks = [block.split("\n") for block in HELP.split("\n\n")]
         self.assertEqual(interfaces.options(blocks, "More."), ("feel SCENE", SECTION.split("\n")))
 
-    def test_anchors(self):
+    def test_headings_get_the_anchors_of_github(self):
         for heading, anchor in (("scene FILE.vdb", "scene-filevdb"), ("plot TRACE...", "plot-trace"),
                                 ("solve [FILE]", "solve-file")):
             self.assertEqual(interfaces.slug(heading), anchor)
 
 
 class Keys(unittest.TestCase):
-    def test_types_and_ranges(self):
+    def test_describes_types_and_ranges_in_words(self):
         number = {"type": "number"}
         for node, words in (
                 ({**number, "exclusiveMinimum": 0, "maximum": 2.0}, ("number", "> 0, ≤ 2")),

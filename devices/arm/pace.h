@@ -6,10 +6,10 @@
 
 namespace palpate {
 
-/// Computes when the next force may go: one period after the last one could have gone. If the last
-/// one went later than that, the next may go at once. So in a time T at most T rate + 2 forces go.
-/// Forces that come once a period or less often never wait, if each is late by less than the time
-/// to the next: a late force delays no other.
+/// Computes when the next force may go: one period after the last force was allowed to go. If the
+/// last force went a period late, the next may go at once. So in a time T at most T rate + 2 forces
+/// go. Forces that come once a period or less often never wait, if each is late by less than the
+/// time to the next: a late force delays no other.
 class Pace {
  public:
   /// @param rate  [Hz], > 0.

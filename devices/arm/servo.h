@@ -26,7 +26,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// Runs one tick. The servo sends the returned force unchanged. In a cycle without this call the
   /// servo sends zero.
   ///
-  /// @param hand  In W, in metres, as HandState: usually the position alone. A fault that the arm
+  /// @param hand  Reading in W [m], as HandState; usually only the position. A fault that the arm
   ///              reports goes into HandState::fault, the age of the position into HandState::age.
   ///              If the same position comes again, bit by bit, HandState::still counts from the
   ///              first: a driver that has stopped reading its arm loses its force (StillFade).

@@ -28,7 +28,7 @@ class ArmWatch {
 
   /// Returns lines of text: each report with its bytes, its rate since the last picture and its
   /// age; every field, raw and as a value; joints, tip and flags. A report that has stopped is
-  /// shown with the time since its last one.
+  /// shown with the time since it last came.
   [[nodiscard]] std::string picture(std::int64_t now);
 
  private:

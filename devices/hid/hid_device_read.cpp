@@ -129,8 +129,8 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
   for (std::size_t r = 0; r < flags_at_.size(); ++r) {
     if (input_.came(r) && !paused) flags_at_[r] = now;
   }
-  // A puck that is held off its rest sends reports repeatedly. If they stop, the last one is
-  // valid until it is stale.
+  // A puck that is held off its rest sends reports repeatedly. If they stop, the last report
+  // is valid until it is stale.
   const double since = 1e-9 * static_cast<double>(now - heard_at_);
   const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
   if (got == ReadStatus::kReport || (got == ReadStatus::kNothing && silent())) follow(moves);

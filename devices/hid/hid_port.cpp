@@ -199,10 +199,10 @@ int openNode(const std::string& path, int access) {
   const int error = errno;
   if (error == EACCES || error == EPERM) {
     throw DeviceError(path, "permission is denied",
-                      "install palpate's udev rules, with a line for this arm (palpate devices "
-                      "prints it), and plug it in again");
+                      "install palpate's udev rules with the line for this arm (printed by "
+                      "`palpate devices`), then plug the arm in again");
   }
-  throw DeviceError(path, std::strerror(error), "plug it in again");
+  throw DeviceError(path, std::strerror(error), "plug the arm in again");
 }
 
 /// Reads from the kernel's ring for one more reader.

@@ -32,8 +32,8 @@ struct HidReportSpec {
   std::optional<std::uint8_t> id;   ///< Number, if the device numbers its reports.
   std::size_t size = 0;             ///< Bytes without the number.
   std::vector<ReportField> fields;  ///< In the order of their names.
-  /// Input: the field that counts reports. A report with the same count is the last one, sent
-  /// again.
+  /// Input: the field that counts reports. A report with the count of the previous report is a
+  /// repetition of it.
   std::optional<std::size_t> sequence;
   double stale = 0.0;  ///< Input: longest age of its flags [s]; 0: HidLimits::stale.
 };

@@ -293,7 +293,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   }
   Arm* arm = new (std::nothrow) Arm;
   if (arm == nullptr) {
-    tell(error, room, "dhd: no memory is left; close other programs");
+    tell(error, room, "dhd: no memory is left; end other programs to free memory");
     dhdClose(own);
     return nullptr;
   }

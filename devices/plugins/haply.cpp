@@ -258,7 +258,7 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
   palpate_plugin_force all{};
   std::memcpy(&all, force, std::min<std::size_t>(force->size, sizeof(all)));
   const Triple wanted{all.force[0], all.force[1], all.force[2]};
-  // std::hypot of three numbers takes NaN for 0 in libstdc++.
+  // In libstdc++, std::hypot of three numbers treats NaN as 0.
   const double strength =
       std::sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1] + wanted[2] * wanted[2]);
   const bool good = std::isfinite(strength);

@@ -1,5 +1,5 @@
-/// Private to devices: lock-free exchange between an SDK's thread and palpate's: the newest reading
-/// one way, the force the other. For plug-ins in C++; needs only the standard library.
+/// Private to devices: lock-free exchange between an SDK's thread and palpate's thread. The newest
+/// reading goes to palpate, the force to the SDK. For plug-ins in C++; standard library only.
 #pragma once
 
 #include <atomic>
@@ -29,8 +29,8 @@ class Newest {
     turn_.store(turn + 2, std::memory_order_release);
   }
 
-  /// Returns false, with `value` as it was, if no value has come since the last one taken, or if
-  /// the writer is just writing one.
+  /// Returns false, and leaves `value` unchanged, if no value has come since the last take(), or if
+  /// the writer is writing a value.
   [[nodiscard]] bool take(T& value) noexcept {
     std::uint64_t words[kWords];
     for (int tries = 0; tries < 1000; ++tries) {
@@ -115,7 +115,7 @@ class Orders {
   }
 
   /// Returns the order to send now; called on the SDK's thread. The order is zero after a stop, and
-  /// if the last one is older than kHolds.
+  /// if the last order is older than kHolds.
   [[nodiscard]] Order now(std::int64_t now) noexcept {
     const std::uint32_t stops = stops_.load(std::memory_order_acquire);
     // Reads the latch before the force: a thread that sees the stop ended by a zero also sees that

@@ -122,7 +122,8 @@ void turnsOf(Arm& arm) {
     r.buttons = arm.falcon.getFalconGrip()->getDigitalInputs() & 0xfU;
     arm.readings.put(r);
   }
-  // A force goes out one exchange late, the zero of setForce in the first: two, to be sure.
+  // The library sends a force one exchange late, but sends the zero of setForce() in the first
+  // exchange. The loop does two exchanges for safety.
   constexpr int kTries = 20;
   int sent = 0;
   for (int i = 0; i < kTries && sent < 2; ++i) {

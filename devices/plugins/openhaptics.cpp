@@ -330,7 +330,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   }
   Arm* arm = new (std::nothrow) Arm;
   if (arm == nullptr) {
-    tell(error, room, "openhaptics: no memory is left; close other programs");
+    tell(error, room, "openhaptics: no memory is left; end other programs to free memory");
     return nullptr;
   }
   HDerror why = HD_SUCCESS;

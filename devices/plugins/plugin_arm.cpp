@@ -213,7 +213,7 @@ void PluginArm::take(std::int64_t now, HandState& hand) noexcept {
     double squared = 0.0;
     for (const double q : reading.orientation) squared += q * q;
     const double length = std::sqrt(squared);
-    // An invalid quaternion leaves the last one.
+    // An invalid quaternion leaves the previous orientation.
     if (length > 0.5 && length < 2.0) {
       for (std::size_t i = 0; i < 4; ++i) handle.orientation[i] = reading.orientation[i] / length;
     }

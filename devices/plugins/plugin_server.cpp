@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -316,7 +317,11 @@ PluginLink& mapLink() {
   const auto orders = static_cast<std::size_t>(reinterpret_cast<const char*>(&link.news) -
                                                static_cast<const char*>(memory));
   if (mprotect(memory, orders / page * page, PROT_READ) != 0) {
-    throw DeviceError("palpate-plugin", "its memory cannot be protected", "use another kernel");
+    throw DeviceError(
+        "palpate-plugin",
+        std::string("memory shared with palpate cannot be made read-only (mprotect: ") +
+            std::strerror(errno) + ")",
+        "report this message and the output of `uname -r`");
   }
   close(kPluginMemory);
   return link;

@@ -68,7 +68,7 @@ class PluginServer {
   /// `late`.
   [[nodiscard]] Look look(std::int64_t now) noexcept;
   static constexpr double kHung = 0.2;  ///< [s]
-  /// Sets zero force until the program has asked for zero. Any thread.
+  /// Keeps the force at zero until the program sends an order of zero force. For any thread.
   void stop() noexcept;
 
  private:

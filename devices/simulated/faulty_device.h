@@ -12,7 +12,7 @@ namespace palpate {
 
 /// The kinds of trouble.
 enum class Trouble : std::uint8_t {
-  kLate,       ///< No new positions: the last one, with rising age.
+  kLate,       ///< No new positions: the last position repeats, with rising age.
   kEarly,      ///< Positions with time stamps in the future.
   kRepeated,   ///< Each position four times, as from a slower arm.
   kFrozen,     ///< The last position repeatedly, as if new; no counter moves.
@@ -72,7 +72,7 @@ class FaultyDevice final : public Device {
   std::int64_t tick_ = 0;
   std::int64_t since_ = 0;     ///< Readings since the trouble began.
   Vec3 force_ = Vec3::Zero();  ///< The last force sent.
-  HandState whole_;            ///< The last reading before the trouble, or the last one passed on.
+  HandState whole_;            ///< The last reading before the trouble, or the last that was sent.
 };
 
 }  // namespace palpate

@@ -25,7 +25,7 @@ class LengthRate {
  public:
   /// @param time  Age of the reading to compare with [s]; 0 selects the previous reading.
   explicit LengthRate(double time = kRateTime) noexcept : time_(time) {}
-  /// Adds a length [m], `dt` [s] after the last one, and returns the rate [m/s]. The rate of the
+  /// Adds a length [m], `dt` [s] after the previous, and returns the rate [m/s]. The rate of the
   /// first length is 0. If dt is not above 0, the length is ignored and the rate is 0. At most
   /// kMost readings are kept. RT: no allocation.
   [[nodiscard]] double next(double length, double dt) noexcept PALPATE_NONBLOCKING;

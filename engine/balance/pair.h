@@ -62,7 +62,7 @@ class Pair {
         } else if (held(left) > 0.0) {
           evaluations += slide(low, left, left, enough, s);
         } else {
-          // If both kinks coincide, a point holds for any force of the plane.
+          // If slope_ is 0, the point lies on the plane and holds for every s in the range.
           s = slope_ > kEpsilon ? std::clamp(s0_ - h0_ / slope_, left, right) : left;
         }
       }

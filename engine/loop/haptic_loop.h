@@ -139,7 +139,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
   /// Allocates the memory for warmUp(). Call it before the first warmUp().
   void prepareWarmup() { warmup_ = std::make_unique<CacheWarmup>(hand_.state().limits()); }
-  /// Warms up the caches for the tick that comes in `lead` [s], about `dt` [s] after the last one
+  /// Warms up the caches for the tick that comes in `lead` [s], about `dt` [s] after the last tick
   /// (cache_warmup.h). Does not run if the last tick took more than a quarter of `lead`, because
   /// the warm-up would end too late. The warm-up sends, reports and stores no result. Returns true
   /// if the warm-up ran. RT: no allocation, no lock, no system call except those of the clock.

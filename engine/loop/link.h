@@ -77,8 +77,8 @@ struct LinkWord {
 /// One end of the spring.
 class Link {
  public:
-  /// @param life  Number of this life: not 0, and greater than that of each earlier end in the same
-  ///              place.
+  /// @param life  First life of this end (see LinkWord): not 0, and greater than every life of the
+  ///              ends that it replaces.
   explicit Link(std::uint64_t life, const LinkParams& params = {}) noexcept
       : params_(params), life_(life), energy_(params.start) {}
 

@@ -10,12 +10,12 @@ namespace palpate {
 /// How sequences are played.
 struct PlayParams {
   double speed = 1.0;   ///< Seconds of play per second of time; below 0 for backwards.
-  bool paused = false;  ///< True if play stands still.
-  double from = 0.0;    ///< Lower end of play [s]; may be infinite.
-  double to = std::numeric_limits<double>::infinity();  ///< Upper end of play [s]; may be infinite.
+  bool paused = false;  ///< True if the position stays.
+  double from = 0.0;    ///< Lower end of the range [s]; may be infinite.
+  double to = std::numeric_limits<double>::infinity();  ///< Its upper end [s]; may be infinite.
   bool repeat = false;  ///< If true, play continues at the other end when it reaches an end. Needs
                         ///< two finite ends.
-  double begin = 0.0;   ///< Start of play [s].
+  double begin = 0.0;   ///< First play position [s].
 
   /// Returns true if all parameters are equal.
   [[nodiscard]] bool operator==(const PlayParams&) const = default;
@@ -47,7 +47,7 @@ class PlayClock {
   void pause(bool paused) noexcept { paused_.store(paused, std::memory_order_relaxed); }
   /// Sets the speed, in seconds of play per second. Ignores a number that is not finite.
   void setSpeed(double speed) noexcept;
-  /// Sets whether play repeats: at an end it then continues at the other end; else it stands still.
+  /// Sets whether playback continues at the other end when it reaches an end. Otherwise it stops.
   void repeat(bool repeat) noexcept { repeat_.store(repeat, std::memory_order_relaxed); }
   /// Moves play to a position [s]. Ignores a number that is not finite.
   void seek(double time) noexcept;
@@ -55,7 +55,7 @@ class PlayClock {
   void nudge(double by) noexcept;
 
   // Function for a loop.
-  /// Returns the play position in a tick, `dt` [s] after the last one. RT: no allocation, no lock;
+  /// Returns the play position in a tick, `dt` [s] after the last tick. RT: no allocation, no lock;
   /// atomic loads only.
   [[nodiscard]] double next(PlayHead& head, double dt) const noexcept;
 

@@ -316,8 +316,8 @@ struct Curve {
 /// infinite. RT: no allocation.
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns true if a force of this mode depends on a value, so that a reading may be invalid at
-/// another place. Returns false for surfaces and streams, which handle this in other ways.
+/// Returns true if a force of this mode varies with a property's value, so that its primitives are
+/// valid only near their reading. False for surfaces and streams: their Varying limits the steps.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
 /// Updates a mode's memory from the last balance. `forces` are the forces of all `primitives` on

@@ -105,7 +105,7 @@ struct LimitedForce {
 ///                  not grow.
 /// @param state     State of this device, for one call in each tick. If `sent` is not finite, it
 ///                  counts as zero.
-/// @param fresh     False if the hand's position is only a repetition of the last one.
+/// @param fresh     False if the hand's position only repeats the previous position.
 /// RT: no allocation.
 [[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt,
                                       const ForceLimits& limits, LimiterState& state,

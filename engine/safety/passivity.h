@@ -122,7 +122,7 @@ class Tank {
   void elapse(double dt, const ArmDissipation& arm) noexcept;
   /// Counts the forces that may begin to act within `dt` [s], because of the doubt in their delays.
   void elapseDoubt(double dt, const ArmDissipation& arm) noexcept;
-  /// Processes a new position, and counts the energy since the last one.
+  /// Processes a new position, and counts the energy since the previous position.
   void arrive(const Vec3& hand, const ArmDissipation& arm) noexcept;
   /// Returns the certain part of the energy at a reading at this moment [J].
   [[nodiscard]] double certain(const ArmDissipation& arm) const noexcept;

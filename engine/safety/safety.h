@@ -115,7 +115,7 @@ class HandWatch {
   /// [m]: a smaller step is harmless, and may come from uneven time stamps
   static constexpr double kLeastJump = 1e-3;
   static constexpr double kSmooth = 0.005;  ///< [s]: time constant of the velocity
-  /// [s]: the force is cut if a braked hand stays too fast for longer
+  /// [s]: longest time that a braked hand may exceed `max_speed`; after that the force is cut
   static constexpr double kBraked = 0.05;
 
   WatchLimits limits_;

@@ -22,9 +22,9 @@ constexpr double kFree = 1e-9;  ///< [m]: a proxy this near to the probe counts 
 /// the tick.
 constexpr double kStalls = 0.1;
 
-/// Returns true if a reading that is displaced by `way` [m] from the last one made no progress on a
-/// stream. This happens where axes point into a face from both sides: the stream ends there,
-/// although the hand pulls along it.
+/// Returns true if a reading that is displaced by `way` [m] from the previous reading made no
+/// progress on a stream. This happens where axes point into a face from both sides: the stream ends
+/// there, although the hand pulls along it.
 bool stalls(const Tick& tick, const Iteration& now, const Vec3& way) noexcept {
   const double least = kStalls * tick.scene.step.tolerance_voxels * now.voxel;
   return now.rail.of != nullptr && tick.balance.surfaces == 0 && way.norm() <= least;
@@ -170,8 +170,8 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   return arrived ? Slice::kArrived : Slice::kWaiting;
 }
 
-/// Moves a proxy that no primitive holds to the hand. Sets Proxy::lost if the path was not
-/// completely swept.
+/// Moves the proxy to the hand if no primitive holds it. Sets Proxy::lost if the path was not swept
+/// completely.
 Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   tick.proxy.lost = tick.proxy.lost || !trial.complete || !trial.swept;
   const Trial there{now.to.target};

@@ -20,8 +20,8 @@ namespace palpate {
 /// hand feels neither holes nor walls that the data do not have at some level. Readings that use a
 /// coarser level are marked (ScalarSample::coarse).
 ///
-/// `slope_reach`: see Sampling. RT: no lock, no allocation. A reading of
-/// another cell than the last one copies 64 values per level.
+/// `slope_reach`: see Sampling. RT: no lock, no allocation. A reading in another cell than the
+/// previous reading copies 64 values per level.
 [[nodiscard]] FieldPtr makeBrickField(std::shared_ptr<const BrickWindow> window,
                                       const Placement& placement, double slope_reach = 0.5);
 

@@ -92,8 +92,8 @@ class BrickWindow {
 
     Entry() = default;
     explicit Entry(std::uint64_t bits) noexcept : bits_(bits) {}  ///< From bits().
-    /// @param index       Below 2^30.
-    /// @param generation  Of a slot, else 0.
+    /// @param index       Index of the slot or of the constant brick, below 2^30.
+    /// @param generation  Generation of the slot; 0 for other kinds.
     Entry(Kind kind, std::uint32_t index, std::uint32_t generation) noexcept
         : bits_(std::uint64_t{generation} << 32U | std::uint64_t{index} << 2U | kind) {}
     /// Returns whether the brick is missing, of one value, or in a slot.
@@ -145,10 +145,10 @@ class BrickWindow {
   /// Returns the errors since the last call: one line for each brick and kind of error, at most 8
   /// of a kind. One more line reports that the whole volume is lost, and one that it is back.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
-  /// Waits until every requested brick has arrived or failed; returns false if this takes longer
-  /// [s]. Call it before each tick in virtual time, which does not wait for a disk. While it waits,
-  /// a followed hand stays followed although it does not report. Cost: two loads if no request
-  /// changed.
+  /// Waits until every requested brick has arrived or failed. Returns false if that takes more than
+  /// `seconds` [s]. In virtual time the loop does not wait for disks: call this before each tick.
+  /// During the wait the window keeps following its hands, even if they do not report. Cost: two
+  /// loads if no request changed.
   [[nodiscard]] bool settle(double seconds) const;
 
  private:

@@ -14,7 +14,7 @@ namespace palpate::detail {
 /// the box.
 /// @param p      A point in the brick [voxels].
 /// @param first  The brick's first voxel [voxels].
-/// @param fade   At most half a brick [voxels].
+/// @param fade   Distance to missing bricks, at most half a brick [voxels].
 /// @param there  there(std::array<int, 3> off) of a neighbour, by -1 to 1 along each axis.
 /// @return       The box includes its lower faces, not its upper ones [voxels].
 template <class There>

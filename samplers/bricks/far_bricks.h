@@ -90,8 +90,8 @@ class ObjectStore {
 /// checked as files are.
 class FarBricks final : public BrickSource {
  public:
-  /// Fetches the manifest. Throws VolumeError without an answer or a manifest.
-  /// @param address  Of the folder, for messages.
+  /// Fetches the manifest. Throws VolumeError if the store does not answer or has no manifest.
+  /// @param address  Address of the folder, for messages.
   FarBricks(const std::string& address, std::unique_ptr<ObjectStore> store,
             const StoreParams& params = {});
   ~FarBricks() override;  ///< Stops transfers in progress.

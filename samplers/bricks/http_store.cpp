@@ -142,7 +142,7 @@ class HttpStore final : public ObjectStore {
  public:
   HttpStore(std::string address, const StoreParams& params)
       : address_(std::move(address)), params_(params), multi_(curl_multi_init()) {
-    if (!multi_) throw VolumeError("libcurl", kNoMemory, "close other programs");
+    if (!multi_) throw VolumeError("libcurl", kNoMemory, "end other programs to free memory");
     // One more connection checks whether the volume exists.
     const long most = std::clamp(params.connections, 1, 32) + 1L;
     curl_multi_setopt(multi_.get(), CURLMOPT_MAX_TOTAL_CONNECTIONS, most);
@@ -151,7 +151,8 @@ class HttpStore final : public ObjectStore {
   std::unique_ptr<ObjectRequest> make() override {
     auto request = std::make_unique<HttpRequest>();
     request->easy.reset(curl_easy_init());
-    if (!request->easy) throw VolumeError("libcurl", kNoMemory, "close other programs");
+    if (!request->easy)
+      throw VolumeError("libcurl", kNoMemory, "end other programs to free memory");
     CURL* const of = request->easy.get();
     curl_easy_setopt(of, CURLOPT_PROTOCOLS_STR, "http,https");
     curl_easy_setopt(of, CURLOPT_FOLLOWLOCATION, 0L);

@@ -396,7 +396,7 @@ class Writer {
   }
 
   /// Reports progress, unless another thread is reporting.
-  /// @param part  Of the level.
+  /// @param part  Finished part of the level, 0 to 1.
   void told(double part) {
     if (!options_.progress) return;
     const std::unique_lock lock(telling_, std::try_to_lock);

@@ -1,5 +1,5 @@
-/// Makes a volume that can be felt from values on a regular lattice in a program's memory. Includes
-/// no header of OpenVDB.
+/// Copies an array in memory (values on a regular lattice) into a volume that a hand can feel. Does
+/// not include OpenVDB headers.
 #pragma once
 
 #include <array>

@@ -23,8 +23,8 @@ namespace palpate {
 using Cubic = std::array<double, 4>;
 
 /// Returns where a cubic first falls below zero for s from 0 to 1, or 2 if it does not.
-/// @param above  In: whether the cubic was above zero before. Set to whether it has been above zero
-///               by the end.
+/// @param above  On entry, true if a value before this cubic was above zero. On return, also true
+///               if the cubic was above zero.
 /// @param first  If true, a cubic that begins at or below zero and falls counts as a fall at 0.
 inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };

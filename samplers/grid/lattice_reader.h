@@ -119,8 +119,8 @@ struct IndexMap {
   }
 };
 
-/// Reads one lattice through a kernel. It finds the cell that contains a position, and loads the
-/// cell if it is not the last one. The reader is const; changing state is in a Cache.
+/// Reads one lattice through a kernel. Finds the cell that contains a position, and loads it unless
+/// the previous reading was in this cell. The reader is const; a Cache holds all mutable state.
 ///
 /// A Source provides the voxels. `Source::Cache` is the state that reading changes.
 /// `Source::Block<W, Edges>` is made from a Source, its cache and the lowest corner, and gives W^3
@@ -290,7 +290,7 @@ class LatticeReader {
     return out;
   }
 
-  /// See VectorField::trace; goes cell by cell. Trilinear vectors in one grid only.
+  /// See VectorField::trace. Traces cell by cell. Only for trilinear vectors in one grid.
   [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order, double voxel,
                             Cache& cache) const noexcept {
     Flow flow{*this, cache, {}, voxel};

@@ -1,5 +1,5 @@
-/// Makes a volume that can be felt from a grid that a program already has. This is the only public
-/// header that includes OpenVDB's.
+/// Copies an OpenVDB grid in memory into a volume that a hand can feel. This is the only public
+/// header that includes OpenVDB headers.
 #pragma once
 
 #include <memory>

@@ -266,7 +266,7 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // At the end everything has been read; kept() still records when no program was waiting.
+      // After the last part a waiting writer is not an error. kept() still records the time.
       if (!steady_->kept() && done < 1.0) throwTaken();
       // Small grids alone do not cause this call: it makes the system search the whole file.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);

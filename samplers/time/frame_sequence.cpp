@@ -26,10 +26,10 @@ constexpr std::uint32_t kClosed = 1U << 31U;
 /// The loader keeps a frame that a reader held within this time, because the reader may hold it
 /// again. A loop that is later than this has cut its force.
 constexpr std::chrono::milliseconds kKept{50};
-/// Least number of frames in memory: two around the moment of play, two that a jump fades from, and
-/// the first one.
+/// Least number of frames in memory: two around the play position, two from which a jump fades, and
+/// the first frame of the sequence.
 constexpr std::uint64_t kLeastFrames = 5;
-/// How often the thread checks where play is.
+/// Period at which the thread checks the play position.
 constexpr std::chrono::milliseconds kPoll{2};
 /// Most error lines in the sequence's life.
 constexpr int kMostTroubles = 8;

@@ -21,7 +21,7 @@ namespace palpate {
 struct FrameTimes {
   std::vector<double> times;  ///< Times of the frames, ascending [s]. With `repeat` one more, at
                               ///< which the first frame returns.
-  bool repeat = false;        ///< The first frame follows the last; else the last one stays.
+  bool repeat = false;        ///< The first frame follows the last; else the last frame stays.
 
   [[nodiscard]] bool operator==(const FrameTimes&) const = default;  ///< True for the same times.
 };
@@ -88,8 +88,8 @@ class FrameSequence {
   [[nodiscard]] const FrameTimes& times() const noexcept { return when_; }   ///< Frame times.
   [[nodiscard]] bool waits() const noexcept { return params_.waits; }        ///< Waits in attend().
 
-  /// Returns the moment of play at a time [s], between frames that can be loaded. RT: no
-  /// allocation. Cost: a search.
+  /// Returns the blend of loadable frames that is played at a time [s]. RT: no allocation. Cost: a
+  /// search.
   [[nodiscard]] PlayMoment at(double play) const noexcept PALPATE_NONBLOCKING;
   /// Returns how far b is after a [frames], by the shorter way round if the sequence repeats. RT.
   [[nodiscard]] double way(const PlayMoment& a, const PlayMoment& b) const noexcept;
@@ -121,7 +121,7 @@ class FrameSequence {
   /// Holds a frame; the result is empty if the frame is not in memory. RT: no lock, no allocation.
   [[nodiscard]] Hold hold(int frame) const noexcept PALPATE_NONBLOCKING;
 
-  /// Sets where play is, and its rate [s/s], so that the next frames are loaded. RT: stores.
+  /// Sets the play position and its rate [s/s], by which the thread loads frames. RT: stores.
   void tell(const PlayMoment& at, double rate) const noexcept PALPATE_NONBLOCKING;
   /// Waits until each frame of these moments is in memory or known to be unavailable. Returns
   /// false if that takes longer than `seconds` [s]. Not RT.

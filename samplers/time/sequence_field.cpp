@@ -19,16 +19,16 @@ using Hold = FrameSequence::Hold;
 
 /// Duration of a jump's fade [s].
 constexpr double kJump = 0.05;
-/// Largest distance between the place that play comes from and the shown place, weighted by the
-/// share of the shown place [frames]. At larger distances play has jumped.
+/// Largest distance between the shown moment and the moment one tick ago by the rate, weighted by
+/// the share of the shown moment [frames]. A larger distance counts as a jump.
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
 /// Largest number of tries if frames leave memory before the reader holds them.
 constexpr int kTries = 1000;
-/// Largest number of frames in a reading: two around the moment of play, two that it fades from.
+/// Largest number of frames in a reading: two around the play position, two from which it fades.
 constexpr std::size_t kFrames = 4;
-/// Largest number of readers in ticks at the same time.
+/// Largest number of readers that can be inside a tick at the same time.
 constexpr std::size_t kSeats = 16;
 constexpr std::size_t kNoSeat = kSeats;
 
@@ -52,7 +52,7 @@ struct Seat {
 /// The blend that is read.
 struct Blend {
   PlayMoment shown;      ///< Moment that is played.
-  PlayMoment left;       ///< Moment that play fades from while `arrived` is below 1.
+  PlayMoment left;       ///< Moment from which the reading fades while `arrived` is below 1.
   double arrived = 1.0;  ///< Share of `shown`.
 
   bool operator==(const Blend&) const = default;
@@ -195,8 +195,8 @@ class SequenceField : public Base {
     sit(of, take(of.shown), {});
   }
 
-  /// Sets the moment to show in a tick: continued play, the begin of a jump, or the moment shown
-  /// before. `there`: the frames of `asked` are in memory.
+  /// Sets the moment that a tick shows: `asked`, the start of a fade to it, or the moment shown
+  /// before. `there` is true if the frames of `asked` are in memory.
   void goOn(Reading& of, const PlayMoment& asked, bool there, const Attention& at) const noexcept {
     const double dt = at.dt > 0.0 ? at.dt : 0.0;
     of.arrived = std::min(of.arrived + dt / kJump, 1.0);

@@ -12,9 +12,9 @@ namespace palpate {
 /// weighted mean of both frames, each interpolated in space. So all readings are continuous in time
 /// while play continues, at any speed, back or forth.
 ///
-/// If play jumps (a seek, the end of a loop, frames that arrived late), the last played
-/// moment fades over 50 ms into the current one. If frames do not arrive in time, play stands
-/// still. Both are continuous in time for any change of play.
+/// After a jump (a seek, the end of a loop, frames that arrived late), the reading fades over 50 ms
+/// from the last played moment to the current moment. If frames do not arrive in time, the shown
+/// moment stays. Both are continuous in time for any change of the play position.
 ///
 /// The field has data where one of the blended frames has data. Surfaces across a blend are
 /// searched as ScalarField::firstFall does without cells. A reading outside a tick (without

@@ -20,7 +20,7 @@ struct Metadata {
   bool axial = false;       ///< Vectors without a sign.
   bool mesh = false;        ///< Imported from a mesh: no data outside of its voxels.
 };
-/// Returns the metadata of a volume; for a vector by components those of the first one.
+/// Returns the metadata of a volume; for a vector of three grids, those of the first grid.
 [[nodiscard]] Metadata metadataOf(const Volume& volume);
 
 }  // namespace palpate

@@ -9,7 +9,8 @@
 namespace palpate {
 namespace {
 
-/// Returns the volume that sets a volume's instances; empty if the volume stands once.
+/// Returns the name of the volume whose `instances` place this volume: itself, or the volume at the
+/// end of its chain of `like`. Returns "" if that volume has no instances.
 std::string leaderOf(const SceneSpec& spec, const std::string& name) {
   const std::string* leader = &name;
   while (spec.volumes.at(*leader).place.kind == PlaceSpec::Kind::kLike) {

@@ -71,11 +71,12 @@ void checkGradients(const SceneSpec& spec) {
       continue;
     }
     if (mode.kind != ModeKind::kSurface && mode.kind != ModeKind::kIsosurface) continue;
-    throw SceneError(pathIn(spec, fmt::format("/modes/{}/of", i)),
-                     fmt::format("mode {} needs a gradient, but \"{}\" has the interpolation "
-                                 "\"nearest\", which has no gradient",
-                                 wordFor(mode.kind), mode.of),
-                     "use another interpolation for this volume");
+    throw SceneError(
+        pathIn(spec, fmt::format("/modes/{}/of", i)),
+        fmt::format("mode {} needs a gradient, but \"{}\" has the interpolation "
+                    "\"nearest\", which has no gradient",
+                    wordFor(mode.kind), mode.of),
+        "set the volume's \"interpolation\" to \"trilinear\", \"quadratic\" or \"cubic\"");
   }
 }
 

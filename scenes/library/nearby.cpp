@@ -83,9 +83,10 @@ class Copy {
     throw SceneError(
         fmt::format("{}/volumes/{}/instances/{}", spec_.source.empty() ? "" : spec_.source + ": ",
                     group_.leader, instance_),
-        fmt::format("the report names the instance \"{}\", but the scene already has this name",
+        fmt::format("instance names of this volume are generated, and \"{}\" is also a volume or "
+                    "field of the scene",
                     name),
-        "rename the other volume or field");
+        "rename that volume or field");
   }
 
   const SceneSpec& spec_;

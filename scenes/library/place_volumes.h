@@ -13,7 +13,7 @@ namespace palpate {
 /// Largest distance of any place from the origin of W [m].
 inline constexpr double kFarthestPlace = 1e6;
 
-/// Resolves the places of all volumes; a volume with "like" takes the place of the other one.
+/// Resolves the places of all volumes. A volume with "like" takes the place of the named volume.
 class Placer {
  public:
   /// Both arguments have to outlive the placer. `volumes` holds the grid of each volume, by name.
@@ -23,7 +23,7 @@ class Placer {
   /// Returns an instance's placement, for the volume with the instances and those placed like it.
   /// Throws SceneError.
   Placement placementOf(const std::string& leader, std::size_t instance);
-  /// Returns the placement of a volume; with instances the first one. Throws SceneError.
+  /// Returns the placement of a volume, or of its first instance. Throws SceneError.
   Placement placementOf(const std::string& name);
 
  private:

@@ -180,7 +180,7 @@ Division divide(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   return division;
 }
 
-/// Throws if a thing with instances includes something that stands once.
+/// Throws SceneError if a thing with instances includes a volume that these instances do not place.
 void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
                     const std::map<std::string, PlanVolume>& volumes) {
   const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));

@@ -25,18 +25,18 @@ struct ScenePlan {
 
 /// Placement of a volume, as planParts needs it.
 struct PlanVolume {
-  std::string leader;       ///< The volume with the instances that place it; empty: it stands once.
+  std::string leader;       ///< The volume whose instances place this one; empty: no instances.
   bool may_be_part = true;  ///< Static, and its place is known.
 };
 
-/// Divides a scene into parts. A scene of few things (kFewThings) that stand once stays one graph.
-/// With more, each thing that may be a part becomes one. A thing with instances always becomes a
-/// part. Throws SceneError (/modes/0) if a mode reads a volume with instances together with
-/// something else. In a scene with parts, it also throws if a mode reads an unknown name.
+/// Divides a scene into parts. Things without instances stay in one graph if the scene has few
+/// things (kFewThings). Else each thing that may be a part becomes one. A thing with instances
+/// always becomes a part. Throws SceneError (/modes/0) if a mode reads a volume with instances
+/// together with something else, or in a scene with parts, if a mode reads an unknown name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 
-/// Up to this many things that stand once are one graph.
+/// Up to this many things without instances are one graph.
 inline constexpr std::size_t kFewThings = 8;
 
 }  // namespace palpate

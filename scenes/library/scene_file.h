@@ -10,8 +10,8 @@
 
 namespace palpate {
 
-/// Reads a scene file. Checks the syntax, then every key and value by path, with the table of the
-/// JSON Schema that ships with the project. Relative paths start at the file. Throws SceneError.
+/// Reads a scene file and checks it against the project's JSON Schema. Relative paths start at its
+/// folder. If `text` is not null, it receives the file's text. Throws SceneError.
 [[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file,
                                       std::string* text = nullptr);
 

@@ -260,9 +260,10 @@ JsonType<VolumeSpec> volumeType() {
   return JsonObject<VolumeSpec>()
       .remark("description")
       .need("file",
-            jsonName().says("A .vdb file, or a folder of bricks (palpate brick), which are loaded "
-                            "as the hand moves. For frames in several files, the name has %04d in "
-                            "the place of the frame's number."),
+            jsonName().says(
+                "A .vdb file, or a folder of bricks (made by `palpate brick`), which are "
+                "loaded as the hand moves. For frames in several files, the name has %04d in "
+                "the place of the frame's number."),
             [](VolumeSpec& to, const std::string& name) { to.file = name; })
       .may("grid", jsonName(), &VolumeSpec::grid)
       .may("interpolation",
@@ -289,8 +290,8 @@ JsonType<VolumeSpec> volumeType() {
       .may("window",
            JsonObject<double>()
                .need("budget_mb",
-                     jsonPositive().says(
-                         "Memory for the bricks near the hands [MB]. The default is 256."),
+                     jsonPositive().says("Memory for the bricks near the hands [MB]. Without the "
+                                         "key \"window\": 256."),
                      [](double& to, double budget) { to = budget; })
                .type()
                .says("The bricks of a volume that are in memory."),

@@ -70,7 +70,7 @@ class Reading(unittest.TestCase):
                 with self.assertRaises(figures.Unmeasured, msg=number):
                     read(text)
 
-    def test_two_digits(self):
+    def test_figures_have_two_digits(self):
         for x, words in ((1.02, "1"), (0.803, "0.8"), (12.7, "13"), (141, "140"), (0.00194, "0.0019")):
             self.assertEqual(figures.two(x), words)
         ways = recorded(9).replace("15.92", "16.05")
@@ -112,7 +112,7 @@ class Writing(unittest.TestCase):
         self.assertEqual(self.page.read_text(), self.before)
         self.assertEqual([p.name for p in self.dir.glob("page*")], ["page.md"])
 
-    def test_all_of_it(self):
+    def test_writes_all_figures_to_the_page(self):
         self.run_it("--write", self.page)
         page = figures.Page(self.page)
         self.assertEqual(page.cells, CELLS)
@@ -121,7 +121,7 @@ class Writing(unittest.TestCase):
         self.assertEqual(page.part, figures.part(page.head, page.cells))
         self.assertEqual((page.above, page.below), ("# above\n\n", "\n\nbelow\n"))
 
-    def test_a_command_that_fails(self):
+    def test_a_failed_command_keeps_the_other_figures(self):
         self.assertIn("figure 8: PALPATE_CASES=100000000 palpate_loop_tests",
                       self.run_it("--write", self.page, fails="8", status=1))
         self.untouched()
@@ -130,7 +130,7 @@ class Writing(unittest.TestCase):
         self.assertEqual([n for n in CELLS if f"\n{n}: " in told], [8, 9, 10])
         self.assertEqual(figures.Page(self.page).cells, CELLS)
 
-    def test_in_parts_and_never_of_two_commits(self):
+    def test_measures_figures_in_parts_but_never_of_two_commits(self):
         self.assertIn("figures 1, 4, 5, 6, 7, 8, 9, 10 are not measured",
                       self.run_it("--write", self.page, "--only", "2,3", status=1))
         self.assertIn("figures 2, 3 are not", self.run_it(

@@ -53,7 +53,7 @@ TEST_CASE("regime: steep and noisy data", "[stability]") {
   judge(steepAndNoisy());
 }
 
-TEST_CASE("regime: stiff, late and coarse", "[stability]") {
+TEST_CASE("regime: stiff, late and coarse", "[stability][release]") {
   judge(stiffAndLate());
 }
 
@@ -61,7 +61,7 @@ TEST_CASE("regime: scenes that change under the hand", "[stability]") {
   judge(scenesThatChange());
 }
 
-TEST_CASE("regime: devices that are broken", "[stability]") {
+TEST_CASE("regime: devices that are broken", "[stability][release]") {
   judge(brokenDevices());
 }
 

@@ -218,7 +218,7 @@ Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
 }  // namespace
 
 TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensation",
-          "[hid][gravity]") {
+          "[hid][gravity][release]") {
   const Run light = tried(woody(), {});
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());

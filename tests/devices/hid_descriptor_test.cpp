@@ -214,7 +214,7 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
         "\"id\": 1");
   arm.input[0] = report(4, 40);
   CHECK(complaint(arm, virtualArm()) ==
-        "/input/0: the device has input report 1 of 40 bytes, and none 4: write \"id\": 1");
+        "/input/0: the device has input report 1 of 40 bytes, but no report 4: write \"id\": 1");
   arm.input[0] = report(1, 41);
   CHECK(complaint(arm, virtualArm()) ==
         "/input/0: the device's input report 1 has 40 bytes after its number, not 41: write "
@@ -224,11 +224,12 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   CHECK_THAT(complaint(arm, virtualArm()), Contains("/output: ") && Contains("\"size\": 24"));
   arm.output = report(1, 24);
   CHECK_THAT(complaint(arm, virtualArm()),
-             Contains("output report 2 of 24 bytes, and none 1: write \"id\": 2"));
+             Contains("output report 2 of 24 bytes, but no report 1: write \"id\": 2"));
   arm.output = report(2, 24);
   arm.open = {feature(bytes({5, 0, 1}))};
-  CHECK_THAT(complaint(arm, virtualArm()),
-             Contains("/open/0/feature: the device has feature report 3 of 8 bytes, and none 5"));
+  CHECK_THAT(
+      complaint(arm, virtualArm()),
+      Contains("/open/0/feature: the device has feature report 3 of 8 bytes, but no report 5"));
   arm.open = {feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8, 9}))};
   CHECK_THAT(complaint(arm, virtualArm()),
              Contains("8 bytes after its number, not 9: send at most 8 bytes"));

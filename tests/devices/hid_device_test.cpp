@@ -1178,7 +1178,7 @@ TEST_CASE("a joint that does not move the tip does not count as motion", "[hid][
 }
 
 TEST_CASE("a fading force moves a held arm by at most its friction and one encoder count",
-          "[hid][safety]") {
+          "[hid][safety][release]") {
   // Friction holds the arm while the force fades, and the hand feels no less. Once the arm moves by
   // a count the force comes back.
   const FieldPtr ball = test::ballField();

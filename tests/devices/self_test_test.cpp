@@ -69,7 +69,7 @@ void expectWords(const Run& run, const std::string& words) {
 
 }  // namespace
 
-TEST_CASE("the self-test measures an arm's friction with at most 0.5 N", "[hid]") {
+TEST_CASE("the self-test measures an arm's friction with at most 0.5 N", "[hid][release]") {
   for (const double mass : {0.05, 0.1, 0.3}) {
     for (const double viscous : {0.1, 0.5, 1.5}) {
       for (const double coulomb : {0.02, 0.1, 0.25}) {

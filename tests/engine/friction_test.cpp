@@ -451,7 +451,7 @@ TEST_CASE("the solver finds the next balance where one ends at a fold", "[modes]
 }
 
 TEST_CASE("a converged tick at a yielding skin over bone has an error bound of at most 3 um",
-          "[modes][friction]") {
+          "[modes][friction][release]") {
   // A skin that yields, a drag under the skin, and bone behind. With the state kept from the last
   // tick, a place was once reported as balanced. Without that state, the place missed the balance
   // by up to 2.5 N (33 of 1,000,000 ticks).

@@ -521,7 +521,8 @@ TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps
                                         Catch::Contains("did you mean \"ball\""));
 }
 
-TEST_CASE("pairs and triples of modes balance like the reference solver", "[modes][eq14][eq15]") {
+TEST_CASE("pairs and triples of modes balance like the reference solver",
+          "[modes][eq14][eq15][release]") {
   const std::vector<Named> modes = allModes();
   Random random(71);
   long compared = 0;
@@ -697,7 +698,7 @@ TEST_CASE("a motion that stands still leaves the result the same bit for bit", "
 }
 
 TEST_CASE("work from moving volumes is at most the injected and held energy, without allocations",
-          "[modes][moving][passivity][realtime]") {
+          "[modes][moving][passivity][realtime][release]") {
   std::vector<std::vector<ModeSpec>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode.mode});
   std::vector<ModeSpec> all;
@@ -746,7 +747,8 @@ TEST_CASE("work from moving volumes is at most the injected and held energy, wit
   CHECK(injected_sum > 0.0);
 }
 
-TEST_CASE("the work on a closed path is at most the counted injection", "[modes][passivity]") {
+TEST_CASE("the work on a closed path is at most the counted injection",
+          "[modes][passivity][release]") {
   std::vector<std::vector<Named>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode});
   constexpr double kVoxel = 1e-3;  // voxel size of the fields
@@ -935,7 +937,7 @@ TEST_CASE("a tick with all modes allocates no memory", "[modes][realtime]") {
 }
 
 TEST_CASE("a varying stiffness is passive and changes at a limited rate",
-          "[coupling][modes][passivity]") {
+          "[coupling][modes][passivity][release]") {
   GraphSpec spec;
   const auto all = allModes();
   spec.modes = {all[9].mode, all[3].mode};

@@ -76,7 +76,7 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy, then pulls",
           "[paper][fig1][eq3]") {
-  // The ground is felt as a surface with a drag. The field records where it is read.
+  // The mode of the ground is a surface with a drag. The field records where it is read.
   std::vector<Vec3> read;
   const FieldPtr ground = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {

@@ -127,14 +127,16 @@ void onlyWhereTold(long count, Doubt doubt) {
 
 }  // namespace
 
-TEST_CASE("an uncertain delay gives no energy if the tank knows the uncertainty", "[passivity]") {
+TEST_CASE("an uncertain delay gives no energy if the tank knows the uncertainty",
+          "[passivity][release]") {
   onlyWhereTold(240, [](PassivityRun& run) {
     bench::doubtDelay(run);
     run.every = run.seed % 16 == 1 ? 3 : 1;
   });
 }
 
-TEST_CASE("jittered reading times give no energy if the tank knows the jitter", "[passivity]") {
+TEST_CASE("jittered reading times give no energy if the tank knows the jitter",
+          "[passivity][release]") {
   onlyWhereTold(160, [](PassivityRun& run) {
     bench::shakeReadings(run);
     run.doubt = run.seed % 3 == 0 ? 0.0 : std::min(run.delay, 0.4 * run.period);
@@ -454,8 +456,10 @@ TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
   CHECK(rubbed.energy() == Approx(paid + 0.5 * std::sqrt(3.0) * 0.2 * surely));
 }
 
-TEST_CASE("a force that varies between two positions costs the energy that a hand can gain from it",
-          "[passivity]") {
+TEST_CASE(
+    "the tank is charged for a force that changes between two position readings, by the energy "
+    "that the hand can gain",
+    "[passivity]") {
   const double b = 0.5;
   const double period = 1e-3;
   const TankParams params = acting(b);

@@ -313,7 +313,8 @@ TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
   CHECK(swapped.force.norm() < 1e-9);
 }
 
-TEST_CASE("a scene swapped while the proxy rests on its surface keeps the surface", "[step]") {
+TEST_CASE("a scene swapped while the proxy rests on its surface keeps the surface",
+          "[step][release]") {
   Random random(12);
   for (int i = 0; i < 300; ++i) {
     const Vec3 d = random.direction();
@@ -381,7 +382,7 @@ TEST_CASE("damping does not pull inwards as the hand enters or leaves a surface"
 }
 
 TEST_CASE("the force on a hand that is too fast only brakes, along the driven directions",
-          "[step][safety]") {
+          "[step][safety][release]") {
   Random random(23);
   for (int i = 0; i < 500; ++i) {
     Bench bench = sphere(3.0);

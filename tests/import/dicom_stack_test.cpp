@@ -96,7 +96,7 @@ TEST_CASE("a tilted gantry shears the volume, and is reported", "[dicom]") {
   CHECK_THAT(trouble([](std::vector<File>& f) {
                for (int k = 0; k < kImages; ++k) at(f, k).position.y() += 12.0 * k;
              }),
-             Contains("shifted by 81 degrees"));
+             Contains("sheared by 81 degrees"));
 }
 
 TEST_CASE("images that do not form a volume are refused with the reason", "[dicom]") {

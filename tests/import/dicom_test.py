@@ -246,7 +246,7 @@ class Case(unittest.TestCase):
 
 class Places(Case):
     @suite.smoke
-    def test_an_axial_series(self):
+    def test_imports_an_axial_series_and_ignores_other_files(self):
         volume = Volume()
         folder = volume.write(self.dir / "ct")
         (folder / "readme.txt").write_text("no image")
@@ -256,7 +256,7 @@ class Places(Case):
         self.same(volume)
         self.assertIn(b"space\6\0\0\0string\3\0\0\0RAS", self.out.read_bytes())
 
-    def test_a_sagittal_series_of_oblique_orientation(self):
+    def test_imports_an_oblique_sagittal_series(self):
         rotation = turned(0.2, -0.15, 0.1)
         axes = [[sum(rotation[a][b] * v[b] for b in range(3)) for a in range(3)]
                 for v in ((0, 1, 0), (0, 0, -1))]
@@ -266,7 +266,7 @@ class Places(Case):
             # Directions are written with 12 digits.
             self.same(volume, places=3)
 
-    def test_a_coronal_series_in_reverse_order(self):
+    def test_imports_a_coronal_series_in_reverse_order(self):
         volume = Volume(row=(-1, 0, 0), column=(0, 0, -1), step=[0, 1.25, 0])
         self.imported(volume.write(self.dir / "mr"))
         self.same(volume)
@@ -344,7 +344,7 @@ class Places(Case):
 
 class Values(Case):
     @suite.smoke
-    def test_units_and_types(self):
+    def test_reads_every_type_with_slope_and_intercept(self):
         # Integer and fractional, signed and unsigned, beyond 16 bits, different in each slice.
         for slope, intercept in (1, 0), (2, -5), (0.25, 3.5), (100, -7), (-1, 0):
             volume = Volume()

@@ -436,7 +436,7 @@ class Meshes(Case):
         self.assertGreater(report["grids"][0]["active_voxels"], 1000)
 
     @suite.smoke
-    def test_plot3d_with_blanked_points(self):
+    def test_blanked_points_of_plot3d_have_no_data(self):
         n = 5
         grid, blank, flow = [], [], [[], [], [], [], []]
         points = [(float(i), float(j) * 1.1, float(k) + 0.01 * i * i)
@@ -614,7 +614,7 @@ class Raw(Case):
         return json.dumps({k: v for k, v in layout.items() if v is not None})
 
     @suite.smoke
-    def test_every_type_and_byte_order(self):
+    def test_reads_every_type_and_byte_order(self):
         values = [i - 3 if i > 2 else i for i in range(24)]
         for name, code in (("int8", "b"), ("uint8", "B"), ("int16", "h"), ("uint16", "H"),
                            ("int32", "i"), ("uint32", "I"), ("int64", "q"), ("uint64", "Q"),
@@ -625,7 +625,7 @@ class Raw(Case):
                 row = self.sample("density", [(3, 2, 0), (1, 4, 3)])
                 self.assertEqual([r["value"] for r in row], [values[7], values[21]], name)
 
-    def test_bytes_before_the_values_and_axes_of_any_direction(self):
+    def test_skips_bytes_before_the_values_and_reads_axes_of_any_direction(self):
         values = list(range(24))
         data = struct.pack("<24h", *values)
         for skip, content in ((5, b"12345" + data), (-1, b"any header" + data),
@@ -637,7 +637,7 @@ class Raw(Case):
         self.imported(self.write("a.raw", data), "--raw", self.write("layout.json", layout))
         self.assertEqual(self.sample("here", [(1 + 3, 1 + 6, 1 + 2)])[0]["value"], 23)
 
-    def test_vectors_interleaved_and_planar(self):
+    def test_reads_interleaved_and_planar_vectors(self):
         flow = [(i, 2 * i, -i) for i in range(24)]
         inter = struct.pack("<72f", *(c for v in flow for c in v))
         planar = struct.pack("<72f", *(v[a] for a in range(3) for v in flow))
@@ -775,7 +775,7 @@ class Scenes(Case):
         # On request, standard output gets only data.
         json.loads(run("import", source, out, "--scene", "-").stdout)
         json.loads(run("import", source, out, "--scene", scene, "--json").stdout)
-        # If a volume cannot be felt as it is, the output does not suggest to feel it.
+        # If a volume has no guessed scene, the output does not suggest `palpate feel`.
         flat = self.write("b.vti", vti(8, 8, 8, [("s", 1, image_values(
             8, 8, 8, lambda i, j, k: float(k == 4)))]))
         *_, last = run("import", flat, out, "--scene", self.dir / "none.json").stdout.splitlines()

@@ -164,7 +164,7 @@ class Sizes(Case):
                          '{"size": [3, 3, 3], "type": "uint8"}')
         return json.loads(done.stdout)["memory"]["peak"]
 
-    def test_memory_and_size_of_a_ct_of_half_a_millimetre(self):
+    def test_a_ct_of_half_a_millimetre_needs_at_most_twice_its_size(self):
         n = 256
         rng = random.Random(1)
         plane = struct.pack(f"<{n * n}h", *(rng.randrange(-1024, 2000) for _ in range(n * n)))
@@ -182,7 +182,7 @@ class Sizes(Case):
         self.of_at_most_twice(report, source.stat().st_size)
 
     @suite.smoke
-    def test_a_plot3d_grid_with_a_boundary_layer(self):
+    def test_a_plot3d_boundary_layer_imports_with_at_most_16_voxels_a_point(self):
         points = self.points()
         grid, solution = self.dir / "g.xyz", self.dir / "g.q"
         numbers = [p[a] for a in range(3) for p in points]
@@ -254,7 +254,7 @@ class Netcdf(Case):
             variables, "made by a test", form, form != netcdf.CLASSIC)
 
     @suite.smoke
-    def test_weather_on_pressure_levels(self):
+    def test_imports_weather_on_pressure_levels(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             report = self.imported(self.weather(form=form))
             self.assertEqual(set(report["grid"]), {"wind", "w", "t"})
@@ -312,7 +312,7 @@ class Netcdf(Case):
         self.holds("wind", [at], lambda *_: (3.0, 4.0, 10.0), 1e-4)
 
     @suite.smoke
-    def test_an_ocean_by_depth(self):
+    def test_depths_of_an_ocean_become_negative_heights(self):
         """Longitudes across the date line, a level's number, depth downwards."""
         size = (6, 5, 4)
         lons, lats, depths = [178, 179, 180, -179, -178, -177], [-2, -1, 0, 1, 2], [0, 10, 20, 30]
@@ -418,7 +418,7 @@ class Netcdf(Case):
         self.refused(self.grid(first="number", z_is={"standard_name": "realization"}),
                      "fewer than three dimensions of space")
 
-    def test_unsigned_numbers_of_the_classic_format(self):
+    def test_reads_unsigned_numbers_of_the_classic_format(self):
         raw = [(i * 1800) % 65536 for i in range(36)]
         signed = [v - 65536 if v > 32767 else v for v in raw]
         attributes = {"_Unsigned": "true", "scale_factor": (netcdf.DOUBLE, [0.5]),
@@ -521,7 +521,7 @@ class Cgns(Case):
              "VelocityY": lambda x, y, z: z, "VelocityZ": lambda x, y, z: x})
 
     @suite.smoke
-    def test_a_structured_zone(self):
+    def test_a_structured_zone_keeps_its_values(self):
         report = self.imported(self.zone())
         self.assertEqual({n: g["type"] for n, g in report["grid"].items()},
                          {"Pressure": "float", "Velocity": "vec3s"})

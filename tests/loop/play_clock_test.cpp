@@ -41,12 +41,12 @@ TEST_CASE("play advances with ticks and follows pause, speed, seek and repeat", 
   clock.setSpeed(-2.0);
   CHECK(after(clock, head, 250) == Approx(2.5));
   CHECK(head.rate == Approx(-2.0));
-  CHECK(after(clock, head, 1000) == 2.0);  // play stands at its start
+  CHECK(after(clock, head, 1000) == 2.0);  // stops at the start of the range
   CHECK(head.rate == 0.0);
   clock.setSpeed(1.0);
   clock.seek(4.9);
   CHECK(after(clock, head, 1) == 4.9);
-  CHECK(after(clock, head, 1000) == 5.0);  // play stands at its end
+  CHECK(after(clock, head, 1000) == 5.0);  // stops at the end of the range
   clock.repeat(true);
   CHECK(after(clock, head, 500) == Approx(2.5));
   clock.setSpeed(-1.0);

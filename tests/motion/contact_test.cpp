@@ -38,7 +38,8 @@ void checkTheorem(const std::string& row, const ContactResult& r) {
 
 }  // namespace
 
-TEST_CASE("grooves of any opening hold the proxy, and few ticks do not converge", "[motion]") {
+TEST_CASE("grooves of any opening hold the proxy, and few ticks do not converge",
+          "[motion][release]") {
   struct Groove {
     double opening;  // [degrees]
     double capped;   // share of ticks
@@ -60,7 +61,8 @@ TEST_CASE("grooves of any opening hold the proxy, and few ticks do not converge"
   }
 }
 
-TEST_CASE("cubes and rough volumes hold the proxy, and few ticks do not converge", "[motion]") {
+TEST_CASE("cubes and rough volumes hold the proxy, and few ticks do not converge",
+          "[motion][release]") {
   const ContactResult hollow = feelCubes(true, runs(32));
   checkTheorem("hollow cube", hollow);
   CHECK(hollow.cappedShare() <= 5e-4);
@@ -93,7 +95,7 @@ TEST_CASE("on a ball one reading a tick is enough", "[motion]") {
   }
 }
 
-TEST_CASE("no surface holds more than its strength", "[motion]") {
+TEST_CASE("no surface holds more than its strength", "[motion][release]") {
   for (const double grain : {1.0, 2.0, 4.0}) {
     const ContactResult r = pressNoise(grain, runs(36));
     CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());

@@ -270,7 +270,7 @@ std::function<Vec3(int)> inRoom(int ticks_a_leg, std::uint64_t seed) {
   return Wander(Vec3(0.6, 0.3, 0.4) * kMetres, Vec3::Constant(0.6 * kMetres), ticks_a_leg, seed);
 }
 
-/// Returns a take of a grid that is felt as an isosurface.
+/// Returns a take of an isosurface of a grid.
 Take skin(const char* name, const FieldPtr& field, double strength, int ticks_a_leg,
           double half = 18.0, double friction = 0.0, double viscosity = 0.0) {
   return take(
@@ -406,7 +406,7 @@ std::vector<Take> takes() {
     constexpr std::array kSpans{1e-3, 0.7e-3, 1.4e-3, 1e-3, 0.0, 3e-3};
     now.in.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
     now.in.hand.ready = now.tick % 500 < 450;
-    // Every third position repeats the last one.
+    // Every third position repeats the previous position.
     if (now.tick % 3 == 1) {
       now.in.hand.position = last;
       now.in.hand.age = 1e-3;

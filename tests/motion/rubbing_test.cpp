@@ -80,7 +80,7 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
         std::tuple{"held", BuzzHand::kHeld, 30.0}}) {
     for (const double speed : {0.01, 0.02, 0.05, 0.1, 0.2}) {
 #ifdef __SANITIZE_ADDRESS__
-      if (hand != BuzzHand::kHeld || speed > 0.01) continue;  // takes minutes, shows the same
+      if (hand != BuzzHand::kHeld || speed > 0.01) continue;  // takes minutes, tests the same code
 #endif
       Buzzes quiet;
       Buzzes clicking;

@@ -101,7 +101,7 @@ Slide slide(const Scene& scene, double depth, const Mat3& turn, const Vec3& orig
 
 }  // namespace
 
-TEST_CASE("a hand slides over a flush seam of two volumes as over one", "[motion][seam]") {
+TEST_CASE("a hand slides over a flush seam of two volumes as over one", "[motion][seam][release]") {
   // Without filled data the hand was held back by up to 4.5 voxels, then released with a step of
   // 1.7 N.
   for (const double overlap : {0.0, 0.2, 1.0, 2.0, 3.0}) {

@@ -374,7 +374,7 @@ TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion
 }
 
 TEST_CASE("a moving slab pushes the proxy out of a weaker groove, not out of a stronger one",
-          "[motion]") {
+          "[motion][release]") {
   const long runs = std::max(test::share(4), 2L);
   for (const double degrees : {40.0, 90.0, 180.0}) {
     for (const double pace : {0.05, 0.3, 0.6, 1.2}) {  // voxels a tick

@@ -38,7 +38,8 @@ std::function<double(const Vec3&)> roughness(int side, double grain, double bias
 
 }  // namespace
 
-TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions", "[motion]") {
+TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions",
+          "[motion][release]") {
   // The requirement is a load of 0.6 of the strength, the goal is 0.9.
   const long count = test::cases(1000);
   long strokes = 0;
@@ -65,7 +66,7 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
   std::cout << "crossed: " << crossed << " of " << strokes << " strokes\n";
 }
 
-TEST_CASE("solids of one voxel are crossed no more often than their limits", "[motion]") {
+TEST_CASE("solids of one voxel are crossed no more often than their limits", "[motion][release]") {
   // The study left these cases open. At load 0.6, 43 to 60 of 1,000 strokes crossed. Of the fog,
   // 240 to 273 crossed. Of voxels that are full or empty, felt where they are a quarter full, 378
   // to 523 crossed. The surface of full voxels is a relief of steps, and strokes along it press on
@@ -151,7 +152,8 @@ TEST_CASE("a hand beyond the walls of a box does not pull the proxy out", "[moti
   }
 }
 
-TEST_CASE("no rough, thin solid holds a pressing hand with more than its strength", "[motion]") {
+TEST_CASE("no rough, thin solid holds a pressing hand with more than its strength",
+          "[motion][release]") {
   // The proxy must never stop for good, and the surface must never hold more than its strength.
   // Once 61 of 144 settings like these stuck, with up to 16 times the strength.
   constexpr double kStrength = 1.0;  // [N]

@@ -18,7 +18,8 @@ namespace palpate::stream_test {
 using namespace palpate::bench;
 using palpate::test::Random;
 
-TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxel", "[motion]") {
+TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxel",
+          "[motion][release]") {
   // The requirement: the sum of one-tick departures is at most 0.02 voxel (goal 0.01), with at most
   // 20 samples a tick. A Taylor-Green stream takes 25.9. It goes round in 12 ticks, and the place
   // nearest to the hand is found on each of its bends.
@@ -39,7 +40,7 @@ TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxe
   }
 }
 
-TEST_CASE("a stream is followed within the tolerance at any speed", "[motion]") {
+TEST_CASE("a stream is followed within the tolerance at any speed", "[motion][release]") {
   const auto count = static_cast<std::size_t>(palpate::test::share(6));
   for (const double tolerance : {1e-2, 1e-3}) {
     for (const double speed : {0.05, 0.5, 1.0, 2.0}) {
@@ -155,7 +156,7 @@ TEST_CASE("a stream on a spline is followed within its reading budget", "[motion
 }
 
 TEST_CASE("the status reports a hairpin, and a force step is at most strength plus hand motion",
-          "[motion]") {
+          "[motion][release]") {
   // If the hand is beyond the stream's centre of curvature, the stream has no place nearest to it.
   // With 1 N the stream sometimes releases a hand 2.2 voxels aside. With 3 N it never releases a
   // hand one voxel aside.

@@ -35,7 +35,7 @@ std::string words(const SurfaceMotion& motion, const MotionResult& r) {
 
 }  // namespace
 
-TEST_CASE("after 100 laps the proxy is still on its surface", "[motion]") {
+TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]") {
   // The requirement: 0.01 voxel at every tick, at most 2 readings on average at 40 voxels, and a
   // mean radius within 1e-4 from lap 1 to lap 100.
   struct Case {
@@ -64,7 +64,7 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion]") {
   }
 }
 
-TEST_CASE("a surface mode stays on the value where it began to hold", "[motion]") {
+TEST_CASE("a surface mode stays on the value where it began to hold", "[motion][release]") {
   // The reference is the value of the first tick that held. It is kept outside the engine.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
@@ -80,7 +80,8 @@ TEST_CASE("a surface mode stays on the value where it began to hold", "[motion]"
   }
 }
 
-TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed", "[motion]") {
+TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed",
+          "[motion][release]") {
   const std::vector<SurfaceMotion> motions{sphereMotion("level set", 40, 2.56),
                                            sphereMotion("fog 6", 40, 2.56),
                                            sphereMotion("fog 3", 40, 2.56),
@@ -197,7 +198,7 @@ TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
   }
 }
 
-TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion]") {
+TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion][release]") {
   // At the cap of readings a proxy can be behind a wall that was just placed. This is not a yield.
   for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
     for (const int cap : {2, 8, 16}) {

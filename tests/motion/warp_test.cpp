@@ -166,7 +166,8 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
 
 }  // namespace
 
-TEST_CASE("a breathing and a growing body carry the proxy on their surface", "[motion][warp]") {
+TEST_CASE("a breathing and a growing body carry the proxy on their surface",
+          "[motion][warp][release]") {
   // The requirement is 0.05 voxel at 0.2 m/s.
   const auto ball = std::get<0>(sphereMotion("level set", kRadius, 2.56).field);
   const auto still = [](double depth, const Vec3& d) {
@@ -258,7 +259,7 @@ TEST_CASE("a rigid warp gives the same forces as keyframes", "[motion][warp]") {
 }
 
 TEST_CASE("a sticking proxy stays on its material point while the body bends or breathes",
-          "[motion][warp]") {
+          "[motion][warp][release]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const auto breath = [](double t) { return 1.0 + 0.05 * std::sin(2.0 * kPi * 5.0 * t); };
   struct Case {
@@ -292,7 +293,7 @@ TEST_CASE("a sticking proxy stays on its material point while the body bends or 
   }
 }
 
-TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp]") {
+TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp][release]") {
   constexpr double kStrength = 2.34375;  // [N]: 6 voxels of spring
   constexpr double kSpring = 6.0;
   const Shell shell = makeShell("level set", 2.0);
@@ -487,7 +488,7 @@ TEST_CASE("invalid displacements are refused with their JSON path", "[motion][wa
   using Catch::Matchers::Contains;
   CHECK(message([](auto&, auto&) {}) == "taken");
   CHECK_THAT(message([](auto&, WarpTimes& t) { t.times.pop_back(); }),
-             Contains("/volumes/ct/warp/times: 2 times of 3"));
+             Contains("/volumes/ct/warp/times: 2 times are given for 3"));
   CHECK_THAT(message([](auto&, WarpTimes& t) { std::swap(t.times[0], t.times[1]); }),
              Contains("/times/1: the times do not ascend"));
   CHECK_THAT(
@@ -523,7 +524,7 @@ TEST_CASE("invalid displacements are refused with their JSON path", "[motion][wa
 }
 
 TEST_CASE("a warp that folds space or is not finite leaves the force finite and limited",
-          "[motion][warp]") {
+          "[motion][warp][release]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   Random random(5);
   for (const int kind : {0, 1, 2}) {
@@ -563,7 +564,7 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
   }
 }
 
-TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp]") {
+TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp][release]") {
   // At a turning point the prediction says that the body does not move.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const auto breath = [](double t) { return 1.0 + 0.2 * std::sin(2.0 * kPi * 5.0 * t); };
@@ -599,7 +600,7 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 
 }  // namespace
 
-TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
+TEST_CASE("a stream is followed in a bent volume", "[motion][warp][release]") {
   // The lines are straight at rest. A bent line consists of the places with a rest position on one
   // line.
   const FieldPtr flow =
@@ -634,7 +635,8 @@ TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
   }
 }
 
-TEST_CASE("the Jacobian of a bent flow matches differences of its vectors", "[motion][warp]") {
+TEST_CASE("the Jacobian of a warped vector field matches finite differences",
+          "[motion][warp][release]") {
   const FieldPtr flow = vectorGrid(Vec3::Constant(105.0), [](const Vec3& p) {
     return Vec3(std::sin(0.1 * p.y()), std::cos(0.07 * p.z()), std::sin(0.09 * p.x()));
   });

@@ -290,7 +290,7 @@ ScalarPtr ballInDust(double voxel, bool ball) {
 }
 
 TEST_CASE("a free proxy is at the hand, however far the hand moves in a tick",
-          "[scale][motion][safety]") {
+          "[scale][motion][safety][release]") {
   constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz 100 voxels a tick
   const ScalarPtr dust = ballInDust(kFine, false);
   for (const bool parts : {false, true}) {

@@ -1,4 +1,4 @@
-/// Tests cut and damaged copies of .vdb files, felt as a user would. Each must end in finite,
+/// Loads and feels cut and damaged copies of .vdb files, as a user would. Each must end in finite,
 /// bounded output or in one line of error, within 10 s and four times the memory of the file's
 /// grids.
 ///

@@ -226,7 +226,7 @@ TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kind
   }
   CHECK(worstAngle(false) > 45.0);
   CHECK_THROWS_WITH(makeVdbField(volume, {}, {Interpolation::kCubic, true}),
-                    Contains("no cubic interpolation"));
+                    Contains("do not support cubic interpolation"));
   CHECK_THROWS_WITH(makeVdbField(reload({makeBall(1.0, 0.1)}, ""), {}, {{}, true}),
                     Contains("only a vector"));
 }

@@ -72,7 +72,7 @@ TEST_CASE("the cells where a surface leaves its data are counted, with the first
   CHECK(find(*cut, 0.0, Solid::kBelow).count == 0);
 }
 
-TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers]") {
+TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][release]") {
   openvdb::initialize();
   Random random(3);
   auto grid = openvdb::FloatGrid::create(0.25F);

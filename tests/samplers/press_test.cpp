@@ -93,7 +93,7 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
 }  // namespace
 
 TEST_CASE("a level-set sphere pressed along 1,000 directions answers k times depth, radially",
-          "[press][fig6]") {
+          "[press][fig6][release]") {
   openvdb::initialize();
   const auto sphere = makeBall(3.0, 0.05);
   const TemporaryFolder folder;

@@ -144,7 +144,8 @@ TEST_CASE("a process group gathers values and lists in the order of its ranks", 
         }) == 0);
 }
 
-TEST_CASE("bricks have the same bytes for any number of ranks", "[bricks][process_group]") {
+TEST_CASE("bricks have the same bytes for any number of ranks",
+          "[bricks][process_group][release]") {
   const TemporaryFolder folder;
   const BrickReport alone = writeBricks(folder / "alone", ball());
   const auto whole = allIn(folder / "alone");
@@ -166,7 +167,7 @@ TEST_CASE("bricks have the same bytes for any number of ranks", "[bricks][proces
 }
 
 TEST_CASE("a grid split among ranks gives the same bricks as the whole grid",
-          "[bricks][process_group]") {
+          "[bricks][process_group][release]") {
   const TemporaryFolder folder;
   const auto grid = scattered();
   (void)writeBricks(folder / "alone", brickInput(makeVolume(*grid)));

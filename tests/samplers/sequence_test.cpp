@@ -68,7 +68,7 @@ std::shared_ptr<const FrameSequence> sequenceOf(const std::vector<VolumeRequest>
                                                placed(), Sampling{}, params);
 }
 
-/// Waits for the frames about a time of play.
+/// Waits for the frames around a play position [s].
 bool arrives(const FrameSequence& sequence, double play) {
   const PlayMoment at = sequence.at(play);
   return sequence.wait(std::span(&at, 1), 20.0);
@@ -80,14 +80,14 @@ struct Player {
       : sequence(of), field(std::get<0>(makeSequenceField(of))) {
     field->reset(*cache);
   }
-  /// Returns the reading at p in a tick at a time of play.
+  /// Returns the reading at p in a tick at a play position [s].
   ScalarSample at(double play, const Vec3& p, double rate = 0.0) const {
     field->attend({p, p, kTick, play, rate}, *cache);
     const ScalarSample out = field->sample(p, *cache);
     field->leave(*cache);
     return out;
   }
-  /// Returns the same after play has stood there for a while.
+  /// Returns the reading after 60 ticks at the play position, when a fade has ended.
   ScalarSample settled(double play, const Vec3& p) const {
     ScalarSample out;
     REQUIRE(arrives(*sequence, play));
@@ -134,7 +134,7 @@ TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
     CHECK(at.inside);
     CHECK_FALSE(at.coarse);
   }
-  // Before the first frame and after the last one play stands.
+  // Before the first frame, the first frame is read; after the last frame, the last frame.
   CHECK(of.settled(-5.0, p).value == of.settled(0.0, p).value);
   CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
   // Outside ticks the field is its first frame.
@@ -375,7 +375,8 @@ TEST_CASE("a hand that comes and goes in play feels the same force as without pl
   CHECK(off < 0.02);
 }
 
-TEST_CASE("an edit of the scene does not interrupt a fade of play", "[sequence]") {
+TEST_CASE("an edit of the scene does not interrupt the fade after a jump of the playback",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 4, ramp);
   const auto field = makeSequenceField(sequenceOf(frames, 10.0));
@@ -600,7 +601,7 @@ TEST_CASE("the memory budget holds for frames of different sizes", "[sequence]")
 }
 
 TEST_CASE("a reader that waits reads the same each time, despite gaps and other readers",
-          "[sequence]") {
+          "[sequence][release]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 16, ramp);
   SequenceParams little = budgetOf(frames, 5.5);

@@ -120,7 +120,7 @@ class Said {
 
 }  // namespace
 
-TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dial]") {
+TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dial][release]") {
   struct Kind {
     ModeKind kind;
     std::string of;

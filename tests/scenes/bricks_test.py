@@ -137,7 +137,7 @@ class Others(Case):
         self.assertEqual(sum(len(t) for t in tables), stored + sum(
             level["constant"] for level in said["levels"]))
 
-    def test_neighbours_share_their_rims_and_levels_are_means(self):
+    def test_bricks_repeat_their_neighbours_aprons_and_coarse_voxels_are_means_of_fine_ones(self):
         out, _ = self.brick("rims", "bodies.vdb", "--grid", "cloud")
         fine, coarse = ZarrArray(out / "0"), ZarrArray(out / "1")
         for i, j, k in fine.chunks():

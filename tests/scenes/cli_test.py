@@ -259,7 +259,7 @@ class Parts(Case):
 
 
 class Sample(Case):
-    def test_columns_and_values(self):
+    def test_sample_prints_values_and_gradients(self):
         done = run("sample", self.dir / "linear.vdb", "--grid", "density", "--points", "-",
                    stdin="x,y,z\n1,2,0.5\n-9,0,0\n")
         rows = list(csv.DictReader(io.StringIO(done.stdout)))
@@ -269,7 +269,7 @@ class Sample(Case):
         self.assertEqual((rows[0]["inside"], rows[1]["inside"]), ("1", "0"))
 
     @suite.smoke
-    def test_derived_columns(self):
+    def test_sample_prints_curl_divergence_and_jacobian(self):
         done = run("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
                    "--derive", "curl,divergence,jacobian", stdin="x,y,z\n1,1,1\n")
         row = next(csv.DictReader(io.StringIO(done.stdout)))
@@ -281,7 +281,7 @@ class Sample(Case):
         self.assertEqual((float(row["j_xy"]), float(row["j_yx"])), (-1, 1))
 
     @suite.smoke
-    def test_derived_values_of_vortices_and_directions(self):
+    def test_sample_prints_vortex_criteria_and_directions(self):
         done = run("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
                    "--derive", "q,lambda2,unit,magnitude", stdin="x,y,z\n1,1,1\n2,1.5,0.5\n")
         rows = list(csv.DictReader(io.StringIO(done.stdout)))
@@ -557,7 +557,7 @@ class Feel(Case):
         return f"path:{file}"
 
     @suite.smoke
-    def test_a_ball_pressed_by_a_path(self):
+    def test_a_path_presses_a_ball(self):
         # A ball of 2 units, scaled so that its narrow band's bounds are 0.1 m.
         low, high = json.loads(run("info", self.dir / "ball.vdb", "--json").stdout)["grids"][0][
             "bounds"]
@@ -1130,7 +1130,7 @@ class Interrupted(Case):
 
 
 class Stability(Case):
-    def test_maps_of_planes_and_of_a_scene(self):
+    def test_stability_maps_planes_and_a_scene(self):
         # 250 ticks a second: four times faster to compute.
         planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
                                 "--json").stdout)

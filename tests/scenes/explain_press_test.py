@@ -555,7 +555,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]], ["skin 5"])
         self.assertEqual(out["modes"][0]["primitives"][0]["state"], "holds")
 
-    def test_no_parts_and_too_many_parts_near_the_hand(self):
+    def test_refuses_no_parts_and_too_many_parts_near_the_hand(self):
         balls = {"b": {"file": "ball.vdb", "instances": [self.place(i) for i in range(5)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         far = self.scene(skin, volumes=balls)
@@ -583,7 +583,7 @@ class NearParts(Touch):
                    "b[0]": {**ball, "place": {"scale": 0.01, "translate": [0, 0, 0.001]}}}
         own = {**skin, "name": "own", "of": "b[0]"}
         self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
-                     says='/volumes/b/instances/0: the report names the instance "b[0]"')
+                     says='/volumes/b/instances/0: instance names of this volume are generated, and "b[0]"')
         # A volume in many places that no mode reads, beside parts that are reported.
         del volumes["b[0]"]
         volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
@@ -632,7 +632,7 @@ class NearParts(Touch):
                          says="it is an input of this run")
             self.assertEqual(scene.read_text(), before)
 
-    def test_a_map_of_one_part(self):
+    def test_a_map_of_one_part_equals_the_map_of_a_single_graph(self):
         balls = {"b": {"file": "ball.vdb",
                        "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
                                      for i in range(8)]}}

@@ -215,9 +215,9 @@ class Wrong(Case):
         for none in ("http://", "http:///bowl", "http://a:b@127.0.0.1:1/bowl", "http://127.0.0.1:1/bowl?a=b"):
             self.refused(none, "it is not an address")
         self.refused(self.served_badly(lambda path: None).replace("/bowl", "/nothing"), "not a volume in bricks")
-        self.refused(self.served_badly(lambda path: lambda of: of.give(b"", 503)), "answers 503")
+        self.refused(self.served_badly(lambda path: lambda of: of.give(b"", 503)), "answers with status 503")
         self.refused(self.served_badly(
-            lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers 302")
+            lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers with status 302")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
 
     @suite.smoke
@@ -291,7 +291,7 @@ class Wrong(Case):
         self.of_brick(changed, "checksum")
 
     def test_a_brick_of_wrong_length_is_replaced_by_coarser_data(self):
-        self.of_brick(lambda of: of.give(b"y" * 10), "it has 10 bytes, not the ")
+        self.of_brick(lambda of: of.give(b"y" * 10), "it has 10 bytes instead of the ")
         self.of_brick(lambda of: of.give(b"y" * 2_000_000), "longer than the manifest states")
 
     def test_a_brick_that_was_damaged_once_is_loaded_again(self):

@@ -541,8 +541,8 @@ class IgtlTest(unittest.TestCase):
         refused("feel", scene, "--device", "igtl", "--realtime", says="add --igtl")
         for place in ("", "x", "65536", "-1", ":5", "1.2.3.4:", "18944 "):
             if place:
-                refused("feel", scene, "--realtime", "--igtl", place, says="no port")
-        refused("feel", scene, "--realtime", "--igtl", "nowhere:5", says="no address")
+                refused("feel", scene, "--realtime", "--igtl", place, says="is not a port")
+        refused("feel", scene, "--realtime", "--igtl", "nowhere:5", says="not a numeric address")
         refused("feel", scene, "--realtime", "--igtl", "5", "--igtl-rate", "101", says="1 to 100")
         with socket.socket() as taken:
             taken.bind(("127.0.0.1", 0))

@@ -22,7 +22,7 @@ def script(path, folder, *words):
     return done.stdout
 
 
-def test_the_session_of_the_page(tmp_path):
+def test_the_session_prints_what_the_page_shows(tmp_path):
     said = script("scenes/bindings/python/session.py", tmp_path)
     shown = re.findall(r"^```text\n(.*?)^```$", (ROOT / "docs/notebook.md").read_text(), flags=re.S | re.M)
     assert len(shown) == 3
@@ -33,7 +33,7 @@ def test_the_session_of_the_page(tmp_path):
     assert ("750 has " in said) == (importlib.util.find_spec("vtk") is not None)
 
 
-def test_speed_and_accuracy_from_python(tmp_path):
+def test_the_python_benchmark_measures_speed_and_accuracy(tmp_path):
     """Tests errors, not times."""
     said = script("bench/speed_accuracy_from_python.py", tmp_path, "--ticks", 300, "--rounds", 1, "--out",
                   tmp_path / "chart.png")

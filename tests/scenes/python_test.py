@@ -232,7 +232,7 @@ def deep(levels=100000):
     ('{"modes": [], "modes": []}', "occurs twice"),
 ])
 @pytest.mark.parametrize("with_volume", [False, True])
-def test_why_a_scene_is_none(wrong, why, with_volume):
+def test_an_invalid_scene_is_refused_with_its_reason(wrong, why, with_volume):
     with pytest.raises(palpate.SceneError) as caught:
         palpate.Scene.parse(wrong, {"ball": ball(9)} if with_volume else {})
     error = caught.value

@@ -191,7 +191,7 @@ class Served(Stored, Server):
             self.assertIn(says, said)
             self.assertGreater(max(float(row["force_z"]) for row in rows), 0.1)
         self.addCleanup(self.cluster.copy, self.dir / "bowl")
-        of_bricks(lambda body: body[:100], "it has 100 bytes, not the ")
+        of_bricks(lambda body: body[:100], "it has 100 bytes instead of the ")
         of_bricks(lambda body: body + b"y", "longer than the manifest states")
         of_bricks(lambda body: body[:50] + bytes([body[50] ^ 1]) + body[51:], "checksum")
         of_bricks(lambda body: None, "it is missing")

@@ -343,7 +343,8 @@ TEST_CASE("each instance is felt at its own place, and all share one volume", "[
                   SceneError);
 }
 
-TEST_CASE("a folder of many volumes gives a scene with a part for each volume", "[scene][scale]") {
+TEST_CASE("a folder of many volumes gives a scene with a part for each volume",
+          "[scene][scale][release]") {
   const TemporaryFolder folder;
   constexpr int kFiles = 80;  // more than one graph reads
   for (int i = 0; i < kFiles; ++i) {

@@ -109,13 +109,18 @@ TEST_CASE("a scene's play settings are read, checked and completed with defaults
   CHECK(built(scene, folder.path()).play.begin == 0.5);
   // A note reports too little memory for a fast play.
   scene["play"] = {{"speed", 20}};
-  scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000;
+  scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000.0;
   CHECK(built(scene, folder.path()).notes.empty());
   CHECK(built(scene, folder.path()).sequences.at("ball")->neededFor(20.0) == 16);
-  double budget = 0.1;
-  do {
-    scene["volumes"]["ball"]["frames"]["budget_mb"] = budget *= 1.05;
-  } while (refusal(scene, folder.path()) != "taken" && budget < 1000.0);
+  // The smallest budget that is accepted, within 5 %.
+  double& budget = scene["volumes"]["ball"]["frames"]["budget_mb"].get_ref<double&>();
+  double refused = 0.1;
+  double accepted = 1000.0;
+  while (accepted > 1.05 * refused) {
+    budget = std::sqrt(refused * accepted);
+    (refusal(scene, folder.path()) == "taken" ? accepted : refused) = budget;
+  }
+  budget = accepted;
   const BuiltScene little = built(scene, folder.path());
   CHECK(little.sequences.at("ball")->state().slots == 5);
   REQUIRE(little.notes.size() == 1);

@@ -322,7 +322,7 @@ TEST_CASE("a local edit changes only the parts that differ in the file", "[site]
   CHECK(late.hear("uppsala", echo).empty());
   CHECK(strengths(late) == std::vector<double>{4, 9, 2});
 
-  // An edit that is too long to send is not felt at home either.
+  // A site does not apply an edit of its own that is too long to send.
   Json large = mine;
   large["modes"][0]["strength"] = {{"piecewise", Json::array()}};
   for (int i = 0; i < 10000; ++i) {
@@ -334,7 +334,7 @@ TEST_CASE("a local edit changes only the parts that differ in the file", "[site]
   CHECK_FALSE(boston.takeTold());
 }
 
-TEST_CASE("the total size of all sites' edits is bounded", "[site]") {
+TEST_CASE("the total size of all sites' edits is bounded", "[site][release]") {
   SharedScene site("uppsala", scene().dump());
   int said = 0;
   for (int n = 0; n < 400; ++n) {

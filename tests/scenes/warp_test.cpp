@@ -106,7 +106,7 @@ TEST_CASE("an invalid warp is rejected with its path", "[scene][warp]") {
   CHECK_THAT(with([](Json& w, Json&) { w["field"] = "uu"; }),
              Contains(at + "/field: there is no volume \"uu\": did you mean \"u\"?"));
   CHECK_THAT(with([](Json& w, Json&) { w["times"].erase(0); }),
-             Contains(at + "/times: 16 times of 17 displacement fields"));
+             Contains(at + "/times: 16 times are given for 17 displacement fields"));
   CHECK_THAT(with([](Json& w, Json&) { w["times"][3] = 0.1; }),
              Contains(at + "/times/3: the times do not ascend"));
   CHECK_THAT(with([](Json& w, Json&) { w.erase("field"); }), Contains("/warp"));

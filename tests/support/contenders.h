@@ -26,7 +26,7 @@ struct Contender {
   /// Solves a problem. The primitives are the problem's, in memory that was just written, as in a
   /// tick.
   std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
-  /// Called before a balance that does not follow from the last one.
+  /// Called before a balance that does not follow from the previous balance.
   std::function<void()> forget = [] {};
 };
 

@@ -14,8 +14,8 @@ namespace palpate::methods {
 class PassivityObserver {
  public:
   /// @param wanted  Force on the hand [N].
-  /// @param hand    As read [m].
-  /// @param dt      Since the last call [s], > 0.
+  /// @param hand    Reading of the hand [m].
+  /// @param dt      Time since the last call [s], > 0.
   /// @param peak    The device's largest force [N].
   [[nodiscard]] Vec3 control(const Vec3& wanted, const Vec3& hand, double dt, double peak) noexcept;
 

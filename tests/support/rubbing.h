@@ -1,6 +1,6 @@
 /// A hand that slides along the skin of a scan. Real data are noisy, so newly placed planes move
-/// the proxy to and fro, which may be felt as a buzz. They may also move the proxy away from the
-/// hand, which adds energy. The measurement shows whether it helps to hold the proxy back: the
+/// the proxy to and fro, which a hand may feel as a buzz. They may also move the proxy away from
+/// the hand, which adds energy. The measurement shows whether it helps to hold the proxy back: the
 /// proxy could move away only while the hand moves.
 #pragma once
 

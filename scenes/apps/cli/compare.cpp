@@ -239,7 +239,7 @@ void addCompare(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
       "compare", "Compares two recordings tick by tick, and prints where they differ");
   auto options = std::make_shared<CompareOptions>();
-  verb->add_option("A", options->a, "A recording (palpate feel --record)")->required();
+  verb->add_option("A", options->a, "A recording (made by `palpate feel --record`)")->required();
   verb->add_option("B", options->b, "The second recording")->required();
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(

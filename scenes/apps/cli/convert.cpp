@@ -99,7 +99,7 @@ void addConvert(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
       app.add_subcommand("convert", "Writes a recording as CSV or HDF5, one row a tick");
   auto options = std::make_shared<ConvertOptions>();
-  verb->add_option("IN", options->in, "A recording (palpate feel --record)")->required();
+  verb->add_option("IN", options->in, "A recording (made by `palpate feel --record`)")->required();
   verb->add_option("OUT", options->out, "A .csv or .h5 file; - writes CSV to standard output")
       ->required();
   verb->footer("Example:\n  palpate convert hand.rec hand.h5");

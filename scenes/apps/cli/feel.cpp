@@ -253,7 +253,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--device", options->devices,
                    "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics), path:FILE.csv "
                    "(header t,x,y,z), replay:FILE[@SECONDS] (a file from --record), "
-                   "hid[:PROFILE[@SERIAL]], plugin:NAME[@SERIAL] (listed by palpate devices) or "
+                   "hid[:PROFILE[@SERIAL]], plugin:NAME[@SERIAL] (listed by `palpate devices`) or "
                    "igtl (moved by 3D Slicer); repeat for several hands")
       ->take_all()
       ->type_name("D");

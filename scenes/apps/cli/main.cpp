@@ -167,7 +167,8 @@ int main(int argc, char** argv) {
                     e.code().message()));
     return cli::kEndedEarly;
   } catch (const std::exception& e) {
-    cli::complain(fmt::format("internal error: {}: report this message and the command", e.what()));
+    cli::complain(fmt::format(
+        "internal error: {}: please report this message and your command line", e.what()));
     return cli::kInternal;
   }
 }

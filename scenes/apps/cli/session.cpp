@@ -39,7 +39,8 @@ class OnTime {
   [[nodiscard]] HapticThread& thread() { return *thread_; }
   /// Returns the state at the last look().
   [[nodiscard]] const IgtlHand& shown() const { return shown_; }
-  /// Returns false once the hand has ended.
+  /// Prints new faults and warnings of this hand and updates shown(). Returns false if its loop has
+  /// stopped or has run all its ticks.
   bool look() {
     hand_.drain();
     hand_.tellUnwritten(name_);

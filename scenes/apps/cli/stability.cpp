@@ -375,8 +375,8 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--planes", o->planes,
                    "Two planes instead of a wall; the angle between them [degrees]");
   verb->add_option("--device", o->device,
-                   "hid:PROFILE of an arm that has passed palpate devices --test: uses its rate, "
-                   "mass, friction, encoder step and delay");
+                   "hid:PROFILE: uses the measured rate, mass, friction, encoder step and delay of "
+                   "this arm, which must have passed `palpate devices --test`");
   verb->add_option(
       "--map", o->map,
       "Writes the map: a name for .json, .png and .svg files, or a file with one of these endings");

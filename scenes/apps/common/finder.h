@@ -27,7 +27,7 @@ struct Search {
 ///
 /// The same scene gives the same path for any `seconds`; after a minute the path begins again.
 /// @param bounds   Box about all that can be felt [m].
-/// @param radius   Of the arm's workspace about W's origin; the path stays within it [m].
+/// @param radius   Radius of the arm's workspace about W's origin [m]. The path stays within it.
 /// @param seconds  Duration of the path [s].
 /// Bounded: at most kMostRays rays and kMostReads reads of fields. In a moving scene each visit has
 /// a share of both limits.

@@ -43,7 +43,7 @@ struct Gridded {
 /// image's faces, as the object's surroundings; the background of a vector is zero. Works leaf by
 /// leaf in parallel, and takes no memory beyond the grid's. Throws VolumeError, with `file`, if the
 /// map is singular or the values are not numbers.
-/// @param tolerance  In the array's unit, >= 0.
+/// @param tolerance  Tolerance about the background, in the array's unit, >= 0.
 /// @param shared     Each of several ranks gets the grid of its own bricks with their aprons. All
 ///                   other results describe the whole image.
 [[nodiscard]] Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
@@ -66,7 +66,7 @@ struct Gridded {
 /// Returns the number of cubes along each axis that fill a box with these sides. Throws
 /// VolumeError, with `file`, if there are more than kMostVoxels or 1e6 along an axis, or only one
 /// along each axis.
-/// @param sides  In the unit of `voxel`, the edge of a cube.
+/// @param sides  Lengths of the sides, in the unit of `voxel` (the edge of a cube).
 /// @param slack  Part of an edge by which the last voxel may be outside the box.
 [[nodiscard]] std::array<int, 3> countCubes(const std::array<double, 3>& sides, double voxel,
                                             double slack, const std::string& file);

@@ -71,7 +71,8 @@ bool writeAll(int file, const char* data, std::size_t count) {
     complain("memory ran out: choose fewer arrays with --field or a larger --voxel");
     status = cli::kEndedEarly;
   } catch (const std::exception& e) {
-    complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    complain(fmt::format("internal error: {}: please report this message and your command line",
+                         e.what()));
     status = cli::kInternal;
   }
   _exit(status);
@@ -184,7 +185,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
   int ends[2];
   if (pipe(ends) != 0) {
     throw Error("import", fmt::format("a pipe cannot be opened ({})", std::strerror(errno)),
-                "close other programs");
+                "end other programs, or raise the limit of open files (ulimit -n)");
   }
   struct sigaction action {};
   action.sa_handler = passOn;
@@ -192,7 +193,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
   const pid_t child = fork();
   if (child < 0) {
     throw Error("import", fmt::format("a process cannot be started ({})", std::strerror(errno)),
-                "close other programs");
+                "end other programs, or raise the limit of processes (ulimit -u)");
   }
   if (child == 0) {
     close(ends[0]);

@@ -24,7 +24,7 @@ struct LevelSet {
 /// object, is outside. Uses OpenVDB's surface extraction and its distance from a surface. The signs
 /// come from the values, so that cavities stay hollow. Throws VolumeError if no surface has this
 /// value, if all of it is thinner than the voxels, or if the voxels are too many.
-/// @param voxel  In the file's unit.
+/// @param voxel  Edge of the cubes, in the file's unit, or 0.
 [[nodiscard]] LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                                   const std::string& file, const Progress& progress);
 

@@ -342,7 +342,8 @@ int main(int argc, char** argv) {
     if (quiet) return cli::kDone;
     cli::complain(e.what());
   } catch (const std::exception& e) {
-    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    cli::complain(fmt::format(
+        "internal error: {}: please report this message and your command line", e.what()));
     return cli::kInternal;
   }
   return cli::kBadInput;

@@ -330,7 +330,7 @@ class NetcdfReader final : public Reader {
         unknown.push_back(i);
       }
     }
-    // If no dimension is marked as x, the last one, which is the fastest, is x.
+    // If no dimension is marked as x, the last dimension, which is the fastest, is x.
     for (std::optional<std::size_t>& axis : axes) {
       if (axis || unknown.empty()) continue;
       axis = unknown.back();

@@ -192,7 +192,8 @@ int main(int argc, char** argv) {
   } catch (const std::bad_alloc&) {
     endWithoutMemory();
   } catch (const std::exception& e) {
-    cli::complain(fmt::format("internal error: {}: report it together with the command", e.what()));
+    cli::complain(fmt::format(
+        "internal error: {}: please report this message and your command line", e.what()));
     return cli::kInternal;
   }
 }

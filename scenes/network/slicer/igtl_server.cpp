@@ -101,10 +101,11 @@ IgtlServer::IgtlServer(const IgtlPlace& place, double rate, bool images)
   const int yes = 1;
   if (listener_ < 0 || setsockopt(listener_, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
       bind(listener_, found->ai_addr, found->ai_addrlen) != 0 || listen(listener_, kBacklog) != 0) {
-    const std::string why = std::strerror(errno);
+    const int error = errno;
     if (listener_ >= 0) close(listener_);
-    throw Error(kSubject, place.address + ":" + port + ": " + why,
-                "give another port, or end the program that uses it");
+    throw Error(kSubject, place.address + ":" + port + ": " + std::strerror(error),
+                error == EADDRINUSE ? "give another port, or end the program that uses port " + port
+                                    : "give an address of this machine and a port above 1023");
   }
   sockaddr_storage here{};
   socklen_t size = sizeof here;

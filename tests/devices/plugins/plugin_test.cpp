@@ -233,7 +233,7 @@ TEST_CASE("the speed watch uses positions, not the velocity that a device report
     CHECK(hand.velocity.norm() == 0.0);
   }
   CHECK(hand.handle.velocity[0] == 4.9);
-  // An invalid velocity leaves the last one.
+  // An invalid velocity leaves the previous velocity.
   fake.port->next.reading.velocity[1] = kNan;
   fake.port->next.reading.velocity[0] = 1.0;
   CHECK(fake.fresh().handle.velocity[0] == 4.9);

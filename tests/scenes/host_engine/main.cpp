@@ -1,4 +1,4 @@
-/// A host with its own field, felt by the engine alone.
+/// A host program with its own field, which links only palpate's engine.
 #include <cstdio>
 #include <palpate/engine/error.h>
 #include <palpate/engine/tick/step.h>
