@@ -47,9 +47,9 @@ struct Part {
 
 /// A field counts as near within this distance from its bounds [voxels].
 inline constexpr double kFrameMargin = 2.0;
-/// Largest numbers of fields and of modes of one part. makePart rejects more.
+/// Largest number of fields of one part. makePart rejects more.
 inline constexpr std::size_t kMaxPartFields = 8;
-inline constexpr std::size_t kMaxPartModes = 16;
+inline constexpr std::size_t kMaxPartModes = 16;  ///< Largest number of modes of one part.
 /// Largest number of parts that a tick samples and balances.
 inline constexpr std::size_t kMaxNearParts = 64;
 

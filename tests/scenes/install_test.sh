@@ -15,7 +15,7 @@ declare -A says=(
     [info]=voxels [brick]=stored [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"'
     [compare]="last bit" [convert]=force_z
-    [make]=voxels [import]=voxels [view]=felt [scene]=isosurface [help]=--trace)
+    [make]=voxels [import]=voxels [view]=contact [scene]=isosurface [help]=--trace)
 run() {
     case $1 in
         info) "$palpate" info bodies.vdb ;;
@@ -30,7 +30,7 @@ run() {
         view) if [ -x usr/bin/palpate-view ]; then
                 "$palpate" view bodies.vdb --seconds 1 --picture view.png && test -s view.png
             else
-                ! "$palpate" view bodies.vdb && echo "nothing was felt"
+                ! "$palpate" view bodies.vdb && echo "no contact: the window is not installed"
             fi ;;
         plot) "$palpate" feel bodies.vdb --seconds 1 --trace bodies.csv >/dev/null &&
             "$palpate" plot bodies.csv --out bodies.png && test -s bodies.png ;;

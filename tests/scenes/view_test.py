@@ -540,7 +540,7 @@ class Drawn(Window):
         self.do("key", "--window", window, "plus")
         self.until("a refusal", lambda t: any("change rejected" in note for note in t["notes"]))
         self.until("no wish", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
-        self.assertRegex(self.said(), "/modes/1/strength: .* N is beyond 1e.06: .*; the previous scene stays active\n")
+        self.assertRegex(self.said(), "/modes/1/strength: .* N is beyond the limit of 1e.06 N: .*; the previous scene stays active\n")
         self.close(window)
         self.ends_well(feel)
 
