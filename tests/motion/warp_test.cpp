@@ -600,7 +600,7 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 
 }  // namespace
 
-TEST_CASE("a stream is followed in a bent volume", "[motion][warp][release]") {
+TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
   // The lines are straight at rest. A bent line consists of the places with a rest position on one
   // line.
   const FieldPtr flow =

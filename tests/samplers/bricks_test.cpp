@@ -281,7 +281,7 @@ TEST_CASE("16-bit numbers are read and rounded like OpenVDB's", "[bricks]") {
   }
 }
 
-TEST_CASE("a volume comes back from bricks to the last bit", "[bricks][release]") {
+TEST_CASE("a volume comes back from bricks to the last bit", "[bricks]") {
   const TemporaryFolder folder;
   const bool halved = GENERATE(false, true);
   SECTION("scalars") {
@@ -476,7 +476,7 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
   CHECK(looked >= 6);
 }
 
-TEST_CASE("bricks of one value have a manifest entry but no stored object", "[bricks][release]") {
+TEST_CASE("bricks of one value have a manifest entry but no stored object", "[bricks]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0F);

@@ -167,7 +167,7 @@ TEST_CASE("bricks have the same bytes for any number of ranks",
 }
 
 TEST_CASE("a grid split among ranks gives the same bricks as the whole grid",
-          "[bricks][process_group][release]") {
+          "[bricks][process_group]") {
   const TemporaryFolder folder;
   const auto grid = scattered();
   (void)writeBricks(folder / "alone", brickInput(makeVolume(*grid)));

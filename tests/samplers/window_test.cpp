@@ -169,7 +169,7 @@ TEST_CASE("a flow in bricks is read and traced like the whole flow, to the last 
 }
 
 TEST_CASE("missing bricks are read coarsely without a step, and become fine gradually",
-          "[bricks][release]") {
+          "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -335,7 +335,7 @@ TEST_CASE("a missing brick is reported in one line and read coarsely", "[bricks]
                     Contains("a window of") && Contains("increase the budget"));
 }
 
-TEST_CASE("a reader that waits gets fine values from the first tick on", "[bricks][release]") {
+TEST_CASE("a reader that waits gets fine values from the first tick on", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
