@@ -38,7 +38,7 @@ std::shared_ptr<const Scene> wallScene() {
 }  // namespace
 
 TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and not above 1.25",
-          "[stability][release]") {
+          "[stability]") {
   const MapSetting setting;
   std::vector<std::pair<MapContact, MapMethod>> tried;
   for (const MapContact& contact : {wallContact(), troughContact(20.0)}) {
@@ -69,8 +69,7 @@ TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and n
   }
 }
 
-TEST_CASE("other methods oscillate at couplings where the engine is stable",
-          "[stability][release]") {
+TEST_CASE("other methods oscillate at couplings where the engine is stable", "[stability]") {
   const MapSetting setting;
   const MapContact trough = troughContact(20.0);
   const auto methods = methodsOver(trough);

@@ -184,7 +184,7 @@ Hand anyHand(Random& random) {
 }  // namespace
 
 TEST_CASE("two hands never gain more than their tanks' initial energy on any network",
-          "[loop][link][release]") {
+          "[loop][link]") {
   const long count = test::cases(100000);
   double nearest = -std::numeric_limits<double>::infinity();
   for (long seed = 0; seed < count; ++seed) {

@@ -343,8 +343,7 @@ TEST_CASE("each instance is felt at its own place, and all share one volume", "[
                   SceneError);
 }
 
-TEST_CASE("a folder of many volumes gives a scene with a part for each volume",
-          "[scene][scale][release]") {
+TEST_CASE("a folder of many volumes gives a scene with a part for each volume", "[scene][scale]") {
   const TemporaryFolder folder;
   constexpr int kFiles = 80;  // more than one graph reads
   for (int i = 0; i < kFiles; ++i) {
