@@ -1,6 +1,6 @@
-/// Measures the cost of one balance, and counts misses. Solves random problems of every family, by
-/// number of primitives, from a cold start. Prints solves, the largest certified bound, and the
-/// time of single balances.
+/// Measures the cost of one balance, and counts solves that do not converge. Solves random problems
+/// of every family from a cold start, for several numbers of primitives. Prints the number of
+/// solves, the largest certified error bound, and the time of single balances.
 ///
 ///     palpate_bench_balance [PROBLEMS_PER_ROW [TOLERANCE]]
 #include <algorithm>
@@ -26,8 +26,8 @@ struct Totals {
   int most = 0;
 };
 
-/// Solves each problem once per pass, so that the processor cannot learn its branches. A problem's
-/// time is the median of its passes, less the clock's own time.
+/// Solves each problem once per pass, so that the processor cannot learn its branches. The time of
+/// a problem is the median over the passes, less the time that the clock adds.
 void run(bench::Family family, int count, long problems, const SolverParams& params,
          double clock_step, Totals& totals) {
   constexpr int kPasses = 5;
@@ -88,7 +88,7 @@ int main(int argc, char** argv) {
   Totals totals;
   for (const bench::Family family : bench::kFamilies) {
     for (const int count : {1, 2, 3, 4, 8, 32, 128, 1024}) {
-      // Orthogonal sets hold at most three.
+      // An orthogonal set has at most three primitives.
       if (family == bench::Family::kOrthogonal && count > 3) break;
       run(family, count, std::max(1L, problems * 8 / std::max(8, count)), params,
           machine.clock_step, totals);

@@ -4,10 +4,10 @@
 ///
 ///     palpate_bench_bricks --formula N [--folder FOLDER]
 ///
-/// Prints a row for 32 and for 16 bits at each of zstd's levels. One thread fetches, decompresses
-/// and checks the bricks in random order: first from files in the system's cache, then from files
-/// that the system was asked to drop. With --formula: writes N^3 bricks that exist nowhere else,
-/// and prints the peak memory.
+/// Prints a row for each of zstd's levels, with 32 and with 16 bits. One thread fetches,
+/// decompresses and checks the bricks in random order: first from files in the system's cache, then
+/// from files that the system was asked to drop from its cache. With --formula: computes N^3
+/// bricks, which are never together in memory, writes them, and prints the peak memory.
 #include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>
@@ -41,8 +41,8 @@ double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-/// Asks the system to drop a file from its cache. If the system complies, the file is then on the
-/// disk only.
+/// Asks the system to drop a file from its cache. If the system complies, the next read comes from
+/// the disk.
 void letGo(const fs::path& file) {
   const int opened = open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (opened < 0) return;
@@ -50,7 +50,7 @@ void letGo(const fs::path& file) {
   close(opened);
 }
 
-/// Returns the time to fetch each of some bricks [ms].
+/// Returns the time to fetch each of the bricks `ids` [ms].
 std::vector<double> fetched(BrickSource& source, const std::vector<BrickId>& ids) {
   std::vector<std::byte> slot(source.manifest().format().bytes());
   std::vector<double> times;
@@ -123,7 +123,7 @@ void writeFormula(int bricks, const fs::path& folder) {
     for (int i = 0; i < kBrickEdge; ++i) {
       for (int j = 0; j < kBrickEdge; ++j) {
         for (int k = 0; k < kBrickEdge; ++k, ++n) {
-          // 12 bits, as in a scan.
+          // Values of 12 bits, as in a CT scan.
           box.values[n] = std::round(512.0F * at(0, i) * at(1, j) * at(2, k));
         }
       }

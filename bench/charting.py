@@ -1,4 +1,4 @@
-"""Shared by the benchmarks' charts: their style, their files, and tables in Markdown."""
+"""Common code of the benchmarks' charts: their style, their files, and tables in Markdown."""
 import argparse
 import io
 import json
@@ -17,7 +17,7 @@ END = "<!-- numbers: end -->"
 
 
 class Page:
-    """A page. The tables replace its marked part; without a page they go to standard output."""
+    """A Markdown page whose marked part the tables replace. Without a page, the tables go to standard output."""
 
     def __init__(self, path):
         self.path = path
@@ -55,7 +55,7 @@ def save(figure, folder, name):
     figure.savefig(drawing, format="svg", bbox_inches="tight",
                    metadata={"Date": None, "Creator": None})
     plt.close(figure)
-    # A hundredth of a point is fine enough to see, and halves the file's size.
+    # Rounds coordinates to a hundredth of a point, which is finer than visible and halves the file's size.
     short = re.sub(r"(\d\.\d\d)\d+", r"\1", drawing.getvalue())
     (folder / f"{name}.svg").write_text(short)
 
@@ -67,7 +67,8 @@ def table(head, body):
 
 
 def number(x):
-    """Formats with two digits below 1, else three, and with an exponent only where one is needed."""
+    """Formats with two digits below 1 and three digits from 1 on, with an exponent only for very large or small
+    numbers."""
     if x == 0:
         return "0"
     if 1e-3 <= abs(x) < 1e5:
@@ -77,7 +78,8 @@ def number(x):
 
 
 def run(description, draw, tables):
-    """The main function of a chart's program: draws RESULT.json into FOLDER, and writes its tables to their place."""
+    """The main function of a chart's program: draws RESULT.json into FOLDER, and writes the tables to the page or to
+    standard output."""
     parser = argparse.ArgumentParser(description=description.split("\n", maxsplit=1)[0])
     parser.add_argument("result", type=Path)
     parser.add_argument("folder", type=Path)
@@ -91,7 +93,7 @@ def run(description, draw, tables):
 
 
 def where(machine):
-    """Returns the machine, the build and the method of timing, in one line."""
+    """Returns the machine, the build and the timing method, in one line."""
     return (f"{machine['processor']}, {machine['compiler']}, `{machine['flags']}`, commit "
             f"{machine['commit']}, {'pinned' if machine['pinned'] else 'not pinned'}, clock step "
             f"{machine['clock_step_ns']:.0f} ns")

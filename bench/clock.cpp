@@ -1,7 +1,7 @@
-/// Measures the delay of ticks, and the machine's share of the delay. Runs the haptic thread,
-/// asleep until a tick's time and awake before it (LoopParams::early), and a bare loop that only
-/// sleeps and reads the clock. They take turns, with the same priority. The bare loop's delay is
-/// the machine's.
+/// Measures the delay of ticks, and how much of the delay the machine causes. Runs two loops in
+/// turn, with the same priority. One is the haptic thread, which sleeps until a tick's time or
+/// wakes before it (LoopParams::early). The other is a bare loop that only sleeps and reads the
+/// clock; its delay is the machine's.
 ///
 ///     palpate_bench_clock [--rate HZ] [--seconds S] [--turns N] [--load THREADS]
 #include <algorithm>
@@ -76,7 +76,7 @@ int measure(const Options& options) {
   others.reserve(static_cast<std::size_t>(options.load));
   for (int i = 0; i < options.load; ++i) {
     others.emplace_back([&] {
-      // This work goes through memory, too.
+      // The load also reads and writes memory.
       std::vector<double> memory(1 << 20, 1.0);
       for (std::size_t n = 0; !done; n = (n + 4099) % memory.size())
         memory[n] = std::sqrt(memory[n] + 1.0);

@@ -15,7 +15,7 @@ namespace palpate::bench {
 
 namespace {
 
-/// Returns the calling thread's time on a core [s].
+/// Returns the processor time of the calling thread [s].
 double ownTime() noexcept {
   timespec time{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
@@ -36,7 +36,7 @@ class Sink final : public TickSink {
     if (tick.tick == 1) {
       begin_ = tick.time;
       own_ = ownTime();
-    } else if (tick.tick % 64 == 0) {  // a system call
+    } else if (tick.tick % 64 == 0) {  // only sometimes, because it is a system call
       times_.cpu = ownTime() - own_;
       times_.seconds = tick.time - begin_;
     }
@@ -49,10 +49,11 @@ class Sink final : public TickSink {
   double own_ = 0.0;
 };
 
-/// Code with branches of its own, different for each N.
+/// A piece of code with its own branches, different for each N.
 template <std::size_t N>
 [[gnu::noinline]] std::uint64_t piece(std::uint64_t x) {
-  // The assembler's comment keeps the compiler from turning the branches into moves.
+  // The empty assembler statement prevents the compiler from replacing the branches by conditional
+  // moves.
   const auto branch = [&](std::size_t bit, std::uint64_t y) {
     if ((x >> bit & 1) == 0) return;
     x ^= y;
@@ -180,7 +181,8 @@ Neighbour::Neighbour(const std::string& where) {
     CPU_ZERO(&only);
     CPU_SET(static_cast<std::size_t>(core), &only);
     (void)sched_setaffinity(0, sizeof only, &only);
-    (void)setpriority(PRIO_PROCESS, 0, -20);  // this thread, before other work there
+    // Raises this thread's priority above other work without real-time priority.
+    (void)setpriority(PRIO_PROCESS, 0, -20);
     keepBusy(done_);
   });
 }

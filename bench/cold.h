@@ -1,6 +1,6 @@
-/// Times ticks as a hand has them: in a loop that sleeps in between, on a core that other work
-/// uses. Provides the haptic thread, a bare loop for comparison, and a neighbour that is always the
-/// same.
+/// Times ticks under the conditions of a real hand: in a loop that sleeps between ticks, on a core
+/// that other work also uses. Provides the haptic thread, a bare loop for comparison, and
+/// reproducible other work (Neighbour).
 #pragma once
 
 #include <array>
@@ -15,14 +15,15 @@
 
 namespace palpate::bench {
 
-/// Times of a loop's runs.
+/// Times measured in one loop.
 struct LoopTimes {
-  std::vector<double> tick;  ///< Times of single ticks [us]; of a bare loop, of reading the clock.
+  /// Times of single ticks [us]. For a bare loop: times of reading the clock.
+  std::vector<double> tick;
   std::vector<double> wake;  ///< Delay of the start of each tick [us].
-  long late = 0;             ///< Ticks that began after the next tick's time.
+  long late = 0;             ///< Number of ticks that began after the time of the next tick.
   std::int64_t faults = 0;   ///< Page faults of the loop's thread.
-  double cpu = 0.0;          ///< Time of the loop's thread on a core [s].
-  double seconds = 0.0;      ///< Time over which `cpu` was counted [s].
+  double cpu = 0.0;          ///< Processor time of the loop's thread [s].
+  double seconds = 0.0;      ///< Duration over which `cpu` was counted [s].
   bool priority = true;      ///< The thread had real-time priority.
 
   void add(const LoopTimes& other);
@@ -39,19 +40,19 @@ struct LoopTimes {
 void printHead();
 void printRow(const std::string& loop, const LoopTimes& times);
 
-/// Places of a Neighbour: "own" core of the loop, "other" core, or "none".
+/// Where a Neighbour runs: on the loop's "own" core, on an "other" core, or nowhere ("none").
 inline constexpr std::array kNeighbours{"own", "other", "none"};
 
-/// Returns the core for a loop beside a Neighbour: the last core.
+/// Returns the core for a loop that runs beside a Neighbour: the last core.
 [[nodiscard]] int loopCore();
 
-/// Other work, always the same, during the object's lifetime. A thread goes through 4,096 pieces of
-/// code and 8 MB of memory at random, with branches that cannot be predicted. On the loop's own
-/// core it goes before all other work without real-time priority. Each of the loop's ticks thus
-/// comes after the same work.
+/// Reproducible other work, during the object's life. A thread runs through 4,096 pieces of code
+/// and 8 MB of memory in random order, with unpredictable branches. On the loop's own core it has
+/// priority over all other work without real-time priority. So each of the loop's ticks follows the
+/// same kind of work.
 class Neighbour {
  public:
-  /// `where`: one of kNeighbours.
+  /// @param where  One of kNeighbours.
   explicit Neighbour(const std::string& where);
   Neighbour(const Neighbour&) = delete;
   Neighbour& operator=(const Neighbour&) = delete;

@@ -1,5 +1,5 @@
-/// Prints a table of the cost of contact, and of how well it holds, where surfaces are concave or
-/// rough.
+/// Prints a table of contact on concave or rough surfaces: its cost, and how precisely it holds the
+/// proxy.
 ///
 ///     palpate_bench_contact [--frames N] [--only ROW] [--substeps N] [--seed N] [--surface]
 ///     [--times]

@@ -1,5 +1,5 @@
-/// Measures the effect of the time over which the coupling's damper takes the rate of its spring:
-/// on the force that an encoder's steps cause, and on the stiffest coupling that can rest.
+/// Measures the effect of the time over which the coupling's damper computes its velocity. Prints
+/// the force noise that an encoder's steps cause, and the stiffest coupling that comes to rest.
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -17,7 +17,7 @@ namespace {
 
 void run(const std::string& output) {
   const bench::Machine machine = bench::takeMachine();
-  const std::vector<double> times{0.0, 0.5e-3, 1e-3, 2e-3, 4e-3};  // 0: a tick
+  const std::vector<double> times{0.0, 0.5e-3, 1e-3, 2e-3, 4e-3};  // 0 means one tick
   const GripParams released{0.0, 0.0};
   ordered_json results = ordered_json::array();
   for (const double rate : {1000.0, 4000.0, 10000.0}) {

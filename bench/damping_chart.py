@@ -14,7 +14,7 @@ COLOURS = {1000: "#0072B2", 4000: "#009E73", 10000: "#D55E00"}  # Okabe and Ito'
 
 
 def back(result, time):
-    """Returns the time over which the damper takes the rate [ms]: at least one tick."""
+    """Returns the time over which the damper computes its velocity [ms], at least one tick."""
     return max(1e3 * time, 1e3 / result["rate"])
 
 

@@ -1,10 +1,12 @@
-/// Compares two ways to get a property of a flow: derived from the kept cell at every reading, or
-/// computed once into a grid that is read. Measures time per reading, memory and error of both.
+/// Compares two ways to get a property of a flow. One derives it from the current cell at every
+/// reading; the other computes it once into a grid, which is then read. Measures time per reading,
+/// memory and error of both.
 ///
 ///     palpate_bench_derive [--quick] > derive.md
 ///
-/// The flow is that of Arnold, Beltrami and Childress with known properties, and with 8, 16 and 32
-/// voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random points.
+/// The flow is that of Arnold, Beltrami and Childress, whose properties are known exactly, with 8,
+/// 16 and 32 voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random
+/// points.
 #include "palpate/samplers/grid/derive.h"
 
 #include <array>
@@ -36,7 +38,8 @@ using bench::Clock;
 using openvdb::Vec3d;
 
 constexpr double kMegabyte = 1e6;
-/// Distance from the block's edge [voxels]: neighbours are missing there, and B-splines ring.
+/// Points keep this distance from the block's edge [voxels], where derivatives lack neighbours and
+/// B-splines oscillate.
 constexpr double kMargin = 16.0;
 
 struct Options {
@@ -48,7 +51,7 @@ struct Options {
   [[nodiscard]] int rounds() const { return quick ? 2 : 15; }
 };
 
-/// The flow of a wave number k, per voxel, and its Jacobian.
+/// The flow with wave number k [rad/voxel], and its Jacobian.
 struct Flow {
   double k;
 
@@ -81,10 +84,10 @@ std::shared_ptr<const Volume> makeFlow(int block, const Flow& flow) {
   return loadVolume(folder / "flow.vdb", "");
 }
 
-/// Reads the first three numbers of a property at a place.
+/// Returns the first three numbers of a property at a place.
 using Read = std::function<Vec3(const Vec3&)>;
 
-/// A field with its cache.
+/// A field, with the cache for reading it.
 template <class Field>
 struct Bound {
   explicit Bound(std::shared_ptr<const Field> f)
@@ -120,7 +123,7 @@ Vec3 anywhere(test::Random& random, int block) {
   return Vec3::Constant(0.5 * block) + random.inCube(0.5 * block - kMargin);
 }
 
-/// Returns the root mean square error, divided by the root mean square of the truth.
+/// Returns the root mean square of the error, divided by that of the exact values.
 double errorOf(const Read& read, Derivation what, const Flow& flow, int block, std::size_t points) {
   test::Random random(1);
   double error = 0.0;
@@ -134,8 +137,8 @@ double errorOf(const Read& read, Derivation what, const Flow& flow, int block, s
   return std::sqrt(error / size);
 }
 
-/// Makes a hand's path in steps of 0.05 voxels. It turns slowly, and turns back at the block's
-/// edge.
+/// Makes a hand's path in steps of 0.05 voxels. Its direction changes slowly, and reverses at the
+/// block's edge.
 std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   constexpr double kStep = 0.05;
   test::Random random(3);
@@ -168,14 +171,14 @@ double timeCalls(const Reader& read, const std::vector<Vec3>& points) {
   });
 }
 
-/// Median times of the rounds, for the walk and for random points [ns].
+/// Median times over the rounds, for the walk and for random points [ns].
 struct Cost {
   double walk = 0.0;
   double random = 0.0;
 };
 using Timed = std::function<double(const std::vector<Vec3>&)>;
 
-/// Times all contenders in turns. Another contender begins each round.
+/// Times the contenders in turns. Each round begins with the next contender.
 std::vector<Cost> measureCosts(const std::vector<Timed>& contenders, const Options& options) {
   const std::vector<Vec3> walk = makeWalk(options.block(), options.calls());
   test::Random random(4);
@@ -200,7 +203,7 @@ std::vector<Cost> measureCosts(const std::vector<Timed>& contenders, const Optio
   return costs;
 }
 
-/// Times readings as a tick makes them: through the field, with the whole sample.
+/// Times readings as in a tick: through the field's interface, with all parts of the sample.
 Timed timedVector(const std::shared_ptr<const Volume>& volume, Interpolation interpolation,
                   double (*use)(const VectorSample&)) {
   const Bound<VectorField> read(std::get<1>(fieldOf(volume, interpolation)));

@@ -15,9 +15,9 @@ namespace palpate::bench {
 namespace {
 
 constexpr double kRate = 1000.0;  // [Hz]
-constexpr double kRadius = 0.04;  // of the ball [m]
-constexpr double kVoxel = 2e-3;   // [m]: a surface is seen from a distance of two voxels
-constexpr double kTremor = 1e-4;  // [m]
+constexpr double kRadius = 0.04;  // [m], of the ball
+constexpr double kVoxel = 2e-3;   // [m]; the engine searches for a surface two voxels ahead
+constexpr double kTremor = 1e-4;  // [m], amplitude
 
 std::unique_ptr<const Scene> makeBall(Explored what) {
   ModeSpec surface;
@@ -42,11 +42,11 @@ std::unique_ptr<const Scene> makeBall(Explored what) {
                     {"stream", makeVortex(Vec3::Zero(), {2.0, 4.0, 10.0}, 0.3, 0.1, kVoxel)}});
 }
 
-/// Returns the scripted exploration of the ball's box, with a tremor. Its pace is between 0.4 and
-/// 3.6 times the script's.
+/// Returns the scripted exploration of the box around the ball, with a tremor. The pace varies
+/// between 0.4 and 3.6 times that of the script.
 HandTarget tremble(double seconds, std::uint64_t seed) {
   constexpr double kPace = 2.0;
-  constexpr double kSway = 1.6;                    // of the pace
+  constexpr double kSway = 1.6;                    // amplitude, relative to the mean pace
   constexpr double kSwayRate = 2.0 * M_PI / 11.0;  // [rad/s]
   const auto script = [](double t) {
     return kPace * t - kSway / kSwayRate * (1.0 - std::cos(kSwayRate * t));
@@ -72,8 +72,8 @@ HandTarget tremble(double seconds, std::uint64_t seed) {
           seconds};
 }
 
-/// Returns the proxy's place when the primitives were placed: viscosity and follow are anchored
-/// there.
+/// Returns the place of the proxy when the primitives were placed, which is the anchor of the
+/// viscosity or follow mode's primitive.
 Vec3 startOf(std::span<const Primitive> primitives, const Vec3& before) {
   for (const Primitive& p : primitives) {
     if (p.kind == PrimitiveKind::kPoint || p.kind == PrimitiveKind::kLine) return p.position;
@@ -113,8 +113,8 @@ std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recor
     if (recording[i].problem.primitives.size() == count) wanted.push_back(i);
   }
   std::vector<RecordedBalance> kept;
-  std::size_t next = 0;  // the first not yet kept, index into wanted
-  std::size_t last = 0;  // the last kept, index into recording
+  std::size_t next = 0;  // index into `wanted` of the first tick that is not kept yet
+  std::size_t last = 0;  // index into `recording` of the tick kept last
   for (std::size_t window = 0; window < windows; ++window) {
     std::size_t i = std::max(next, window * wanted.size() / windows);
     for (std::size_t n = 0; n < length && i < wanted.size(); ++n, ++i) {
@@ -129,13 +129,14 @@ std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recor
 
 std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count, std::size_t walks,
                                          std::size_t ticks, std::uint64_t seed) {
-  // A hand that is pushed at random and pulled back gently, per tick.
+  // In each tick the hand gets a random push and is pulled back gently.
   constexpr double kPush = 1e-5;  // [m], rms per axis
   constexpr double kDamping = 1e-3;
   constexpr double kPull = 2e-3;
   constexpr double kTurn = 1e-3;           // [rad], rms per axis
-  constexpr std::size_t kApproach = 1000;  // ticks until the walk has its full width
-  const double unit = std::sqrt(3.0);      // half width of a uniform number of variance 1
+  constexpr std::size_t kApproach = 1000;  // ticks until the walk has reached its full width
+  // Half the width of a uniform distribution with variance 1.
+  const double unit = std::sqrt(3.0);
 
   test::Random random(seed);
   std::vector<RecordedBalance> recording;

@@ -1,5 +1,5 @@
-/// Measures the cost of friction, and how often no balance is found. Moves over one to four rough
-/// planes with drags and lines, balanced by engine/balance/friction.h.
+/// Measures the cost of friction, and how often no balance is found. Records motions over one to
+/// four rough planes with drags and lines, and balances them with engine/balance/friction.h.
 ///
 ///     palpate_bench_friction [MOTIONS]
 #include "palpate/engine/balance/friction.h"
@@ -24,8 +24,8 @@ namespace {
 using namespace palpate;
 using bench::Clock;
 
-/// Planes under a motion: within 70 degrees of one direction, or two walls of a groove of 10 to 80
-/// degrees.
+/// Planes under a motion: planes whose normals are within 70 degrees of one direction, or the two
+/// walls of a groove with an angle of 10 to 80 degrees.
 struct Family {
   const char* name;
   int planes;
@@ -47,8 +47,9 @@ constexpr std::array<Family, 10> kFamilies = {{
     {"4 planes, 2 drags, line", 4, 0.1, 0.6, 2, 1, false},
     {"4 planes, drag, mu 0.6-1.5", 4, 0.6, 1.5, 1, 0, false},
 }};
-constexpr int kTicks = 60;         // per motion
-constexpr double kReadOff = 1e-6;  // largest offset at which planes are read [m]
+constexpr int kTicks = 60;  // per motion
+// [m]: largest distance between the proxy and the place where a plane is read.
+constexpr double kReadOff = 1e-6;
 
 struct Plane {
   Vec3 normal;
@@ -78,7 +79,7 @@ struct Done {
   std::vector<double> iterations;
   std::vector<double> ns;
   long unfinished = 0;
-  double worst = 0.0;  ///< Largest error bound of an unfinished balance [m].
+  double worst = 0.0;  ///< Largest error bound of a balance that did not converge [m].
 
   void add(const SolveResult& result, double took) {
     iterations.push_back(result.iterations);
@@ -100,8 +101,8 @@ struct Done {
   }
 };
 
-/// Checks a finished balance against Coulomb's law and the spring. Throws if it violates them,
-/// because the figures would then be useless.
+/// Checks a converged balance against Coulomb's law and the spring. Throws if they do not hold,
+/// because the measured times would then be useless.
 void judge(const Vec3& hand, double stiffness, const PrimitiveSet& set, const SolveResult& result,
            const std::vector<Vec3>& forces) {
   if (result.status != SolveStatus::kConverged) return;

@@ -1,12 +1,13 @@
-/// Measures how long a grid takes to load, and its peak memory. Compares loadVolume, which also
-/// counts, checks and measures the data that it reads, with OpenVDB's own File::readGrid. Each load
-/// has its own process. The two take turns and read files in the system's cache.
+/// Measures how long a grid takes to load, and the peak memory. Compares loadVolume with OpenVDB's
+/// own File::readGrid. loadVolume also counts, checks and measures the data that it reads. Each
+/// load runs in its own process. The two loaders take turns and read files that are in the system's
+/// cache.
 ///
 ///     palpate_bench_load [FILE.vdb...] [--grid NAME] [--runs N]
 ///
-/// Without a file, the benchmark makes its own: the level set of a large ball and a dense fog, with
-/// Blosc and uncompressed. It also makes the fog with zip, which OpenVDB does not use for level
-/// sets.
+/// Without a file, the benchmark makes its own: the level set of a large ball and a dense fog, each
+/// compressed with Blosc and uncompressed. It also makes the fog with zip compression, which
+/// OpenVDB does not use for level sets.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -44,15 +45,15 @@ constexpr double kMegabyte = 1024.0 * 1024.0;
 
 struct Options {
   std::vector<std::string> files;
-  std::string grid;  // empty: the first of each file
+  std::string grid;  // empty: the first grid of each file
   std::size_t runs = 9;
   std::size_t threads = 2;
 };
 
-/// Result of a child process. The child sends it through a pipe.
+/// Result of a child process, which the child sends through a pipe.
 struct Said {
   double ms = 0.0;
-  double memory = 0.0;  ///< Memory of the grid [MB].
+  double memory = 0.0;  ///< Memory that the grid occupies [MB].
   double peak = 0.0;    ///< Peak memory of the process [MB].
   std::array<char, 64> text{};
 };
@@ -64,8 +65,8 @@ double peakOfProcess() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts in kB
 }
 
-/// Does some work in a separate process, so that its memory, threads and caches are gone before the
-/// next. Throws if the work throws.
+/// Runs `work` in a separate process, so that its memory, threads and caches do not affect the next
+/// run. Throws if `work` throws.
 template <class Work>
 Said inChild(const Options& options, Work work) {
   std::fflush(nullptr);
@@ -118,7 +119,7 @@ void loadPlain(const path& file, const std::string& grid, Said& said) {
   said.memory = static_cast<double>(loaded->memUsage()) / kMegabyte;
 }
 
-/// Returns the name of the grid to load; if no name is given, the first of the file.
+/// Returns the name of the grid to load; without a given name, that of the first grid in the file.
 std::string nameOf(const path& file, const Options& options) {
   if (!options.grid.empty()) return options.grid;
   const Said said = inChild(options, [&](Said& out) {
@@ -129,7 +130,7 @@ std::string nameOf(const path& file, const Options& options) {
   return said.text.data();
 }
 
-/// Returns the compression that the file states for its grid.
+/// Returns the compression of the grid, as the file states it.
 std::string compressionOf(const path& file, const std::string& grid, const Options& options) {
   const Said said = inChild(options, [&](Said& out) {
     openvdb::io::File source(file.string());
@@ -157,10 +158,10 @@ void warm(const path& file) {
   }
 }
 
-/// Runs of one loader.
+/// Results of the runs of one loader.
 struct Runs {
   std::vector<double> ms;
-  std::vector<double> peak;  ///< Peak above an idle process [MB].
+  std::vector<double> peak;  ///< Peak memory, less that of an idle process [MB].
 };
 
 void measure(const path& file, const Options& options) {
@@ -196,7 +197,7 @@ void measure(const path& file, const Options& options) {
   std::fflush(stdout);
 }
 
-/// Makes a dense block whose values are smooth and all different.
+/// Makes a dense block whose values are smooth and differ from each other.
 FloatGrid::Ptr makeFog(int edge) {
   auto fog = FloatGrid::create(0.0F);
   fog->setName("density");
@@ -221,7 +222,7 @@ FloatGrid::Ptr makeBall(float radius) {
   return ball;
 }
 
-/// Makes the files in a separate process as well, because making them uses threads.
+/// Makes the files in a separate process, because making them starts threads.
 std::vector<std::string> makeFiles(const path& folder, const Options& options) {
   constexpr float kRadius = 500.0F;
   constexpr int kEdge = 320;
@@ -239,7 +240,7 @@ std::vector<std::string> makeFiles(const path& folder, const Options& options) {
     const auto fog = makeFog(kEdge);
     write(fog, "fog-blosc.vdb", openvdb::io::COMPRESS_BLOSC);
     write(fog, "fog-plain.vdb", openvdb::io::COMPRESS_NONE);
-    fog->setGridClass(openvdb::GRID_UNKNOWN);  // level sets and fog are never zipped
+    fog->setGridClass(openvdb::GRID_UNKNOWN);  // OpenVDB does not use zip for level sets and fog
     write(fog, "fog-zip.vdb", openvdb::io::COMPRESS_ZIP);
   });
   std::vector<std::string> files;

@@ -1,7 +1,7 @@
 /// Measures the cost of a loop that ticks on time. Runs the haptic thread over scenes, with the
-/// simulated device, at 1 and 10 kHz. The thread sleeps until each tick's time, or is awake before
-/// it with its caches warmed up (LoopParams::early). It takes turns with a bare loop that only
-/// sleeps and reads the clock. All run beside the same busy neighbour (bench/cold.h).
+/// simulated device, at 1 and 10 kHz. The thread sleeps until each tick's time, or wakes before it
+/// and warms up its caches (LoopParams::early). It takes turns with a bare loop that only sleeps
+/// and reads the clock. All of them run beside the same other work (Neighbour in bench/cold.h).
 ///
 ///     palpate_bench_loop SCENE... [--seconds S] [--turns N] [--neighbour own|other|none]
 #include <algorithm>
@@ -30,7 +30,7 @@ struct Options {
   std::string neighbour = bench::kNeighbours.front();
 };
 
-/// A kind of haptic thread with its times. It runs the hand's whole path, turn by turn.
+/// One variant of the haptic thread, with its times. It runs the hand's whole path in each turn.
 struct Loop {
   std::string name;
   LoopParams params;

@@ -1,4 +1,4 @@
-/// Describes the machine of a measurement, for the heads of tables and charts.
+/// Describes the machine of a measurement, for the headings of tables and charts.
 #pragma once
 
 #include <chrono>
@@ -13,13 +13,14 @@ struct Machine {
   std::string processor;
   std::string compiler;
   std::string flags;
-  std::string commit;       ///< Commit of the build; "+" if sources had been changed.
-  double clock_step = 0.0;  ///< The clock's resolution: the smallest step seen [ns].
+  /// Commit of the build; ends with "+" if sources differed from the commit.
+  std::string commit;
+  double clock_step = 0.0;  ///< Resolution of the clock: the smallest step that was seen [ns].
   bool pinned = false;      ///< The thread stays on one core.
 };
 
-/// Keeps the calling thread on its current core during the object's lifetime, if the system allows
-/// it.
+/// Keeps the calling thread on its present core during the object's life, if the system allows
+/// this.
 class Pinned {
  public:
   Pinned();
@@ -37,7 +38,7 @@ class Pinned {
 /// current core first.
 [[nodiscard]] Machine takeMachine(bool pin = true);
 
-/// Returns one line for the head of a table.
+/// Returns one line for the heading of a table.
 [[nodiscard]] std::string describe(const Machine& machine);
 
 }  // namespace palpate::bench

@@ -1,5 +1,5 @@
-/// Measures the time of the mailbox's two ends, alone and against each other. Checks that no value
-/// gets lost on the way.
+/// Measures the time of a write and of a read of the mailbox, alone and while the other end is
+/// busy. Checks that no value arrives torn or after a newer one, and that the last value arrives.
 ///
 ///     palpate_bench_mailbox [EXCHANGES, default 100,000,000]
 #include "palpate/engine/loop/mailbox.h"
@@ -22,9 +22,10 @@ namespace {
 
 using namespace palpate;
 
-constexpr int kBatch = 64;  // calls that are timed together: one is shorter than the clock's step
+// Calls that are timed together, because a single call is shorter than the clock's step.
+constexpr int kBatch = 64;
 
-/// Returns nanoseconds per call, batch by batch, while `on` holds.
+/// Returns the time per call [ns], one value per batch, measured while `on` returns true.
 template <class Call, class While>
 std::vector<double> timed(const Call& call, const While& on) {
   std::vector<double> ns;
@@ -75,7 +76,7 @@ struct Words {
   std::array<std::uint64_t, sizeof(Telemetry) / 8> words{};
 };
 
-/// Exchanges values as large as a tick's telemetry, as fast as two threads can.
+/// Exchanges values of the size of a tick's telemetry, as fast as two threads can.
 bool exchange(std::uint64_t count) {
   Mailbox<Words> box;
   std::uint64_t torn = 0;

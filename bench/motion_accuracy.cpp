@@ -1,6 +1,7 @@
 /// Measures the cost of a tick, and the distance of the proxy from its surface or stream. Compares
-/// the engine at several tolerances with textbook rules without memory, on surfaces and streams
-/// whose exact course is known, at several speeds of the hand.
+/// the engine at several tolerances with textbook methods that keep no reference
+/// (motion_methods.h). The surfaces and streams are known exactly, and the hand moves at several
+/// speeds.
 ///
 ///     palpate_bench_motion_accuracy > motion_accuracy.json
 ///     bench/motion_accuracy_chart.py motion_accuracy.json docs/charts
@@ -38,28 +39,31 @@ struct Options {
   bool quick = false;
   std::string output;
   std::vector<std::string> flows;  ///< .vdb files.
-  std::string scan;                ///< A CT as .vdb, to slide on.
+  std::string scan;                ///< a CT scan as .vdb, on which the hand slides
 
-  // Sizes of the measurement, full and quick.
+  // Sizes of the full and the quick measurement.
   [[nodiscard]] std::vector<double> speeds() const {
     return quick ? std::vector{0.5} : std::vector{0.05, 0.5, 1.0, 2.0};  // [m/s]
   }
-  [[nodiscard]] double way() const { return quick ? 1000.0 : 4800.0; }  // on a surface [voxels]
+  // Path on a surface [voxels].
+  [[nodiscard]] double way() const { return quick ? 1000.0 : 4800.0; }
   [[nodiscard]] std::size_t rounds() const { return quick ? 1 : 5; }
   [[nodiscard]] std::size_t starts() const { return quick ? 2 : 6; }
-  [[nodiscard]] double length() const { return quick ? 96.0 : 256.0; }  // of a stream [voxels]
+  // Path along a stream [voxels].
+  [[nodiscard]] double length() const { return quick ? 96.0 : 256.0; }
 };
 
-constexpr double kStrength = 3.0;        // [N], of surfaces
-constexpr double kStreamStrength = 1.0;  // [N]
-constexpr double kPull = 1.0;            // of the hand, to the side of a stream [voxels]
-constexpr int kSubsteps = 16;            // at most, for the engine
+constexpr double kStrength = 3.0;        // [N], of a surface
+constexpr double kStreamStrength = 1.0;  // [N], of a stream
+constexpr double kPull = 1.0;            // distance of the hand beside a stream [voxels]
+constexpr int kSubsteps = 16;            // largest number for the engine
 
-/// A method at one setting, to be made for a problem.
+/// A method at one setting. `make` makes it for a problem.
 template <class Problem>
 struct Contender {
   std::string method;
-  std::string setting;  ///< For the engine, the tolerance [voxels]; else sub-steps or readings.
+  /// For the engine, the tolerance [voxels]; for other methods, sub-steps or readings.
+  std::string setting;
   std::function<Stepper(const Problem&)> on;
 };
 
@@ -84,7 +88,7 @@ Stepper stepperOf(std::shared_ptr<Method> method, double level = 0.0) {
   };
 }
 
-/// The engine's tolerances, as charts name them.
+/// Tolerances of the engine, with their names in charts.
 const std::vector<std::pair<std::string, double>> kTolerances{
     {"0.1", 0.1}, {"0.01", 0.01}, {"1e-3", 1e-3}, {"1e-4", 1e-4}};
 
@@ -130,16 +134,16 @@ std::vector<Contender<Stream>> streamContenders() {
   return out;
 }
 
-/// Returns the median and the tails of rounds.
+/// Returns the median and the tails over the rounds.
 ordered_json ofRounds(const std::vector<double>& ns) {
   return {{"median", rounded(percentile(ns, 0.5))},
           {"p10", rounded(percentile(ns, 0.1))},
           {"p90", rounded(percentile(ns, 0.9))}};
 }
 
-/// Runs all methods in all rounds. Another method begins each round, so that other work of the
-/// machine affects all alike. Writes the row that `run` returns in the first round, with the times
-/// of all rounds.
+/// Runs all methods in all rounds. Each round begins with the next method, so that other work of
+/// the machine affects all methods equally. Writes the row that `run` returned in the first round,
+/// with the times of all rounds.
 template <class Problem, class Run>
 void compare(const std::vector<Contender<Problem>>& contenders, const Options& options,
              ordered_json& results, const Run& run) {
@@ -238,8 +242,8 @@ void measureStreams(const std::string& name, const std::vector<Stream>& streams,
   }
 }
 
-/// Returns streams of a file's vector grid. The hand stays before the centre of curvature, as on
-/// the streams of procedural flows.
+/// Returns streams of a file's vector grid. The hand stays on the near side of the centre of
+/// curvature, as on the streams of procedural flows.
 std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   std::vector<Stream> streams = streamsOfFile(file, 4 * options.starts(), options.length());
   std::erase_if(streams, [](const Stream& s) { return !(s.mostBend(kPull) < kMostBend); });
@@ -247,7 +251,7 @@ std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   return streams;
 }
 
-/// Returns the time of the loop and the call by themselves [ns].
+/// Returns the time of the loop and the call alone [ns].
 double timeNothing(const Options& options) {
   const SurfaceMotion motion = sphereMotion("level set", 3.5, 1.5);
   const Stepper nothing = [](const Vec3& hand) {
@@ -258,10 +262,11 @@ double timeNothing(const Options& options) {
   return feelSurface(motion, nothing, 0.5, options.way() / motion.lap).nanoseconds;
 }
 
-/// Measures the noise of real data on a head's skin, with and without a proxy that is held back.
+/// Measures the force noise on the skin of a real scan of a head, with and without a proxy that is
+/// held back.
 ordered_json rubOn(const Options& options) {
   constexpr double kSkin = -300.0;  // [HU]
-  constexpr double kScale = 1e-3;   // millimetres
+  constexpr double kScale = 1e-3;   // metres per unit of the scan: millimetres
   ordered_json rows = ordered_json::array();
   if (options.scan.empty()) return rows;
   for (const double speed : {0.02, 0.05, 0.2}) {

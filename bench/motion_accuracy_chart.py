@@ -15,7 +15,7 @@ from charting import Page, clear, number, plt, prepare, save, table, where  # no
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator  # noqa: E402
 
-# Okabe and Ito's colours; palpate is a solid line.
+# Okabe and Ito's colours; palpate's lines are solid.
 STYLES = {
     "palpate": ("#D55E00", "-", "o"),
     "plane": ("#000000", "--", "s"),
@@ -23,19 +23,19 @@ STYLES = {
     "midpoint": ("#0072B2", "--", "^"),
     "RK4": ("#009E73", "--", "D"),
 }
-SPEED = 0.5      # m/s, of the panels that show cost
-TOP = {"surfaces": 20.0, "streams": 1000.0}  # a lost proxy, or a larger error, is drawn here [voxels]
+SPEED = 0.5      # m/s, of the panels that show the cost
+TOP = {"surfaces": 20.0, "streams": 1000.0}  # larger errors are drawn here [voxels]
 BOTTOM = 1e-6
 OFF, BESIDE = "off", {"surfaces": "true", "streams": "departures"}
-PANELS = 4       # in a row
-# The rows that the lower panels show over the hand's speed: kind, case, and methods at one setting each.
+PANELS = 4       # panels per row
+# The methods that the lower panels show over the hand's speed: kind, case, and methods at one setting each.
 OVER_SPEED = [("surfaces", "sphere, radius 40"), ("surfaces", "sphere, radius 8"),
               ("surfaces", "sphere in fog, radius 40"), ("streams", "ABC flow, 16 voxels")]
 FOLLOWED = {"surfaces": [("palpate", "0.01"), ("palpate", "1e-4"), ("plane", "1"), ("plane", "16"),
                          ("midpoint", "3")],
             "streams": [("palpate", "0.01"), ("palpate", "1e-4"), ("line", "1"), ("line", "16"),
                         ("RK4", "4")]}
-# The label of a line over the speed: at which speed, above or below, on which side.
+# Place of a line's label: at which speed, above or below the line, left or right.
 LABELS = {("palpate", "0.01"): (1, True, "left"), ("palpate", "1e-4"): (1, False, "left"),
           ("plane", "1"): (0, True, "left"), ("line", "1"): (0, True, "left"),
           ("plane", "16"): (1, False, "left"), ("line", "16"): (1, False, "left"),
@@ -44,7 +44,7 @@ STREAM_LABELS = {**LABELS, ("palpate", "1e-4"): (1, True, "left")}
 
 
 def label(method, setting):
-    """Returns a method at a setting, in words."""
+    """Returns the name of a method with its setting."""
     parts = "1 step" if setting == "1" else f"{setting} sub-steps"
     if method == "palpate":
         return f"palpate, {setting} voxel"
@@ -70,7 +70,7 @@ def speeds(rows):
 
 
 def place(row, kind, quantity=OFF):
-    """Returns the position of a row on the axis of errors."""
+    """Returns the position of a row on the error axis."""
     return TOP[kind] if is_lost(row) else min(max(row[quantity], BOTTOM), TOP[kind])
 
 
@@ -91,7 +91,7 @@ def draw_floor(ax, floor):
 
 
 def draw_cost(ax, kind, rows):
-    """Draws one case at one speed: time of a tick against error."""
+    """Draws one case at one speed: the time of a tick against the error."""
     for method, (colour, line, marker) in STYLES.items():
         mine = [r for r in rows if r["method"] == method]
         if not mine:

@@ -104,7 +104,7 @@ void MemorylessStream::move(const Vec3& probe, Moved& moved) noexcept {
   const double length = k1.dot(pull);
   const Vec3 aside = pull - length * k1;
 
-  // Along the line: no farther than samples can be trusted.
+  // Limits the step along the line, because samples farther away are not reliable.
   const double reach = 4.0 * field_->frame().voxel;
   const double way = std::clamp(length, -reach, reach);
   switch (rule_.along) {
@@ -122,7 +122,7 @@ void MemorylessStream::move(const Vec3& probe, Moved& moved) noexcept {
       break;
     }
   }
-  // Across the line: the part that the line does not hold.
+  // Across the line: the part of the spring that exceeds what the line holds.
   const double off = aside.norm();
   if (off > give_) proxy_ += (1.0 - give_ / off) * aside;
 }

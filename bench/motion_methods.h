@@ -1,5 +1,5 @@
-/// Textbook ways to move a proxy over a surface or along a stream. They keep only the proxy's
-/// place, and no value to return to. For charts; the engine has its own method
+/// Textbook methods that move a proxy over a surface or along a stream. They keep only the proxy's
+/// place, not the level or line to which it belongs. For charts; the engine has its own method
 /// (engine/tick/step.h).
 #pragma once
 
@@ -18,24 +18,25 @@ struct Moved {
   bool held = false;          ///< The proxy is held apart from the hand.
 };
 
-/// Steps of a surface method along the hand's path in one tick.
+/// How a surface method divides the hand's path in one tick.
 struct SurfaceRule {
-  int substeps = 1;   ///< Number of parts of the hand's path.
-  int midpoints = 0;  ///< Times that the normal is read again, half-way to the previous end. 1: the
-                      ///< explicit midpoint rule; more: towards the implicit one.
+  int substeps = 1;  ///< Number of parts of the hand's path.
+  /// How often the normal is read again, half-way to the end of the previous try. 1: the explicit
+  /// midpoint rule; more: approaches the implicit midpoint rule.
+  int midpoints = 0;
 };
 
-/// A plane through the proxy, with the normal read at the proxy: one balance in closed form per
-/// sub-step, as in Lundin et al., section 3.2. A free proxy is caught where V falls through
-/// `level`. From then on the level has no effect.
+/// A plane through the proxy, with the normal read at the proxy. Each sub-step has one balance in
+/// closed form, as in Lundin et al., section 3.2. A free proxy touches the surface where V falls
+/// through `level`. After that the level has no effect.
 class MemorylessSurface {
  public:
-  /// @param sign      +1 if the solid's values are below the level, -1 if they are above.
-  /// @param give      Strength / stiffness, s/k: the largest distance from hand to proxy [m].
+  /// @param sign  +1 if the solid's values are below the level, -1 if they are above.
+  /// @param give  Strength / stiffness, s/k: the largest distance from hand to proxy [m].
   MemorylessSurface(std::shared_ptr<const ScalarField> field, double level, double sign,
                     double give, const SurfaceRule& rule);
 
-  /// Moves the proxy by one tick. At the first call, the proxy begins at the probe.
+  /// Moves the proxy by one tick. In the first call, the proxy starts at the probe.
   [[nodiscard]] Moved tick(const Vec3& probe) noexcept;
 
  private:
@@ -56,11 +57,11 @@ class MemorylessSurface {
   Vec3 probe_ = Vec3::Zero();
 };
 
-/// Rules to follow a line through the proxy.
+/// Rules to follow the line through the proxy.
 enum class Along {
   kTangent,   ///< Straight along the line at the proxy.
-  kMidpoint,  ///< Along the direction half-way, by the length of the line's balance.
-  kRk4,       ///< Runge-Kutta rule of order 4, by the same length.
+  kMidpoint,  ///< Along the direction at the half-way point, by the length of the line's balance.
+  kRk4,       ///< Runge-Kutta rule of order 4, by the length of the line's balance.
 };
 
 struct StreamRule {
@@ -69,11 +70,11 @@ struct StreamRule {
 };
 
 /// A line through the proxy along v, in closed form. Along the line the proxy follows the hand.
-/// Across the line, the hand must pull by more than `give`. Rules of higher order cross the faces
-/// of cells as if the field had no kinks there.
+/// Across the line, the proxy moves only if the hand is farther away than `give`. Rules of higher
+/// order assume a smooth field, although the field has kinks at the faces of cells.
 class MemorylessStream {
  public:
-  /// @param give  s/k [m].
+  /// @param give  Strength / stiffness, s/k [m].
   MemorylessStream(std::shared_ptr<const VectorField> field, double give, const StreamRule& rule);
 
   [[nodiscard]] Moved tick(const Vec3& probe) noexcept;

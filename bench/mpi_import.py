@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""How much faster is an import by several ranks of one core each? mpi_import.py PROGRAM [EDGE [RANKS]].
+"""Measures how much faster an import is with several ranks of one core each than with one rank.
 
-Imports a smooth image with noise, of EDGE^3 16-bit values (default 512), as bricks: by one rank and by RANKS (default
-2), in turn, three times each, with `mpirun --bind-to core`. Prints the times, and the memory of the largest rank. The
-times are invalid while other programs use the cores: check the load first.
-"""
+mpi_import.py PROGRAM [EDGE [RANKS]]
+
+Imports a smooth image with noise, of EDGE^3 16-bit values (default 512), as bricks: with one rank and with RANKS
+(default 2), in turn, three times each, with `mpirun --bind-to core`. Prints the times, and the memory of the largest
+rank. The times are invalid if other programs use the cores, so check the load first."""
 import array
 import json
 import os
@@ -18,7 +19,7 @@ from pathlib import Path
 
 
 def image(file, edge):
-    """Writes shells in a ball, with noise: 41 % of the voxels are not background."""
+    """Writes a ball of shells with noise. 41 % of the voxels differ from the background."""
     noise = random.Random(1)
     squares = [(4.0 * n / edge - 2.0) ** 2 for n in range(edge)]
     with file.open("wb") as out:

@@ -3,11 +3,11 @@
 
     network_chart.py BUILD FOLDER
 
-Left and middle: a volume in bricks from a web server (the hand in a bowl of tests/scenes/http_test.py, through real TCP
-and palpate_relay). Left: the share of ticks that were felt coarsely. Middle: their force error, compared with a replay
-from a folder. Right: the distance of two linked hands (palpate_loop_tests "a hand is led*", in virtual time). Writes
-network.png and .svg into FOLDER; the tables go to standard output. Takes three minutes.
-"""
+Left and middle: a hand in a volume of bricks that a web server sends, through real TCP and palpate_relay (the bowl of
+tests/scenes/http_test.py). Left: the share of ticks that read coarse bricks. Middle: the force error of these runs,
+relative to a replay with bricks from a folder. Right: the distance between two linked hands, in virtual time
+(palpate_loop_tests "a hand is led*"). Writes network.png and .svg into FOLDER; the tables go to standard output. Takes
+three minutes."""
 import re
 import subprocess
 import sys
@@ -30,8 +30,8 @@ COLOURS = ("#0072B2", "#009E73", "#D55E00")  # Okabe and Ito's
 
 
 def through_a_window():
-    """Returns for each loss, one pair for each delay: the share of coarse ticks [%] and the force's rms error over
-    the run [N]."""
+    """Returns for each loss, one pair for each delay: the share of ticks with coarse bricks [%], and the rms error of
+    the force over the run [N]."""
     http_test.Far.setUpClass()
     far = http_test.Far("felt")
     found = {}

@@ -1,10 +1,14 @@
 /// Measures whether energy comes out of the hand's port: palpate_bench_passivity [RUNS [HANDS]].
-/// Makes runs by the million: without a keeper, with Hannaford and Ryu's observer, and with the
-/// tank. RUNS (default 20000) is the number of the tank's runs "at random" and "restarted"; other
-/// rows have a tenth. HANDS: only rows whose name contains it. active: runs in which energy came
-/// out, more than rounding; broken: more than the tank promises, or the tank claims more energy
-/// than there is; acts, takes: share of ticks in which the keeper changed the force, and share of
-/// the force that it took (an observer adds).
+/// Makes millions of runs: without a passivity controller, with Hannaford and Ryu's observer, and
+/// with the energy tank. RUNS (default 20000) is the number of the tank's runs "at random" and
+/// "restarted"; all other rows have a tenth of it. HANDS selects the rows whose name contains it.
+///
+/// Columns:
+/// - active: runs in which more energy came out than rounding explains.
+/// - broken: runs in which more energy came out than the tank promises, or in which the tank claims
+///   more energy than there is.
+/// - acts: share of the ticks in which the controller changed the force.
+/// - takes: share of the force that the controller removed (an observer adds force).
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -28,7 +32,7 @@ namespace {
 const char* asked_hands = "";
 int rows = 0;
 
-/// Prints a row. `play` adds the i-th run to a tally.
+/// Prints a row. `play` adds the result of the i-th run to a tally.
 template <class Play>
 void showThose(const char* what, Keeper keeper, long count, Play play) {
   if (std::strstr(what, asked_hands) == nullptr) return;
@@ -85,7 +89,7 @@ double cost(double delay, double doubt, double lag, double share) {
     const auto start = bench::Clock::now();
     for (int i = 0; i < kTicks; ++i) {
       const double turn = 0.1 * i;
-      // A share below 1 asks for more than the tank can pay for.
+      // With a share below 1, the force needs more energy than the tank can have.
       const double size = share < 1.0 ? 1e4 : 1.0;
       sum += tank.pass(size * Vec3(std::sin(turn), std::cos(turn), 0.1),
                        1e-5 * Vec3(std::cos(turn), 0, 0), true, 1e-3, params, 1.0);
@@ -126,7 +130,7 @@ int main(int argc, char** argv) {
               "active %", "> 1 mJ %", "broken", "in debt", "worst J", "acts %", "takes %");
   const auto drawn = [](PassivityRun&) {};
   const auto wicked = [](PassivityRun& run) { run.adversary = true; };
-  // Half of the hands are adversaries.
+  // In half of the runs the hand is an adversary that tries to extract energy.
   const auto lagging = [](PassivityRun& run) {
     bench::letLag(run);
     run.adversary = run.seed % 2 == 0;
@@ -144,7 +148,7 @@ int main(int argc, char** argv) {
     run.tells_doubt = false;
   };
   const auto forgetful = [](PassivityRun& run) {
-    // Some runs have the other changes as well.
+    // Some runs also have the other changes.
     if (run.seed % 3 == 1) bench::doubtDelay(run);
     if (run.seed % 5 == 1) bench::shakeReadings(run);
     if (run.seed % 7 == 1) bench::letLag(run);

@@ -1,7 +1,7 @@
 /// Measures the cost of running a plug-in in a separate process. Reads and drives the plug-in's arm
-/// at a rate, inside this process and from another. Prints the time that reading and writing add to
-/// a tick, the age of a position when it is read, and the delay of a force on its way to the
-/// plug-in.
+/// at a fixed rate, with the plug-in inside this process and in its own. Prints the time that
+/// reading and writing add to a tick, the age of a position when it is read, and the delay of a
+/// force on its way to the plug-in.
 ///
 ///     palpate_bench_plugin [--rate HZ] [--seconds S]
 #include <cstdio>
@@ -51,7 +51,7 @@ void run(const char* where, std::unique_ptr<PluginPort> port, const test::OddArm
   std::int64_t wrote_at = 0;
   for (std::size_t i = 0; i < count; ++i) {
     sleepUntil(begin + static_cast<std::int64_t>(period * static_cast<double>(i)));
-    // The last force has reached the plug-in before this line.
+    // At this point the plug-in has received the previous force.
     if (wrote_at != 0) late.push_back(us(odd.wrote_at - wrote_at));
     const std::int64_t before = nowNs();
     const HandState hand = arm.read();

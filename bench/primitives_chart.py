@@ -1,10 +1,9 @@
 #!/usr/bin/python3
-"""Draws the paper's figures 3 to 6, each force and each proxy as `palpate solve` balances them.
+"""Draws the paper's figures 3 to 6. `palpate solve` computes each force and each proxy.
 
     primitives_chart.py BIN_DIR FOLDER
 
-Into FOLDER go primitives (figure 3) and balance (figures 4 to 6) as .png and .svg.
-"""
+Writes figure 3 (primitives) and figures 4 to 6 (balance) into FOLDER, as .png and .svg."""
 import json
 import subprocess
 import sys
@@ -19,7 +18,7 @@ MM = 1e-3
 
 
 def solved(program, balances):
-    """Returns for each (stiffness, probe [m], primitives) the proxy [m] and the force on the hand [N]."""
+    """Returns, for each (stiffness, probe [m], primitives), the proxy [m] and the force on the hand [N]."""
     lines = "\n".join(json.dumps({"stiffness": k, "probe": p, "primitives": each})
                       for k, p, each in balances)
     done = subprocess.run([program, "solve"], input=lines + "\n", stdout=subprocess.PIPE, text=True,

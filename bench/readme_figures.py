@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Measures the figures of README.md again: readme_figures.py BUILD_DIR [--write README.md].
 
-Builds the programs, runs the command of each figure, and prints the table and the changed cells.
-With --write the table replaces the part of the page between its two marks, with commit and machine. The
-results stay in BUILD_DIR/readme_figures/. So the figures can be measured in parts (--only 2,8, then
---only 3), and an interrupted run continues with --resume. Only figures of one commit and one machine are
-written. Times are valid only on a quiet machine."""
+Builds the programs, runs the command of each figure, and prints the table and the changed cells. With --write, the
+table replaces the part of the page between its two marks, and commit and machine are added. The results stay in
+BUILD_DIR/readme_figures/, so the figures can be measured in parts (--only 2,8, then --only 3), and --resume continues
+an interrupted run. Only figures of one commit and one machine are written. Times are valid only on a machine without
+other load."""
 import argparse
 import datetime
 import json
@@ -26,11 +26,12 @@ MISSING = "not measured yet"
 
 
 class Unmeasured(Exception):
-    """A figure that its command did not print, or a command that failed."""
+    """Raised if a command failed or did not print its figure."""
 
 
 def find(pattern, text):
-    """Returns the groups of a pattern in a program's output. Catch2 may break its lines anywhere."""
+    """Returns the groups of a pattern that is searched in a program's output. Catch2 may break the output's lines
+    anywhere."""
     found = re.search(pattern, " ".join(text.split()))
     if found is None:
         raise Unmeasured(f"its output has no \"{pattern}\"")
@@ -53,7 +54,7 @@ def parsed(text):
         raise Unmeasured("its output is not JSON") from e
 
 
-# Functions that extract the cells of a figure's rows from the output of its command.
+# Functions that extract the cells of a figure's rows from the output of the figure's command.
 
 def weak_planes(text):
     eq2, ours = find(r"\b1e-09 \| (\S+) \| (\S+) \|", text)
@@ -150,7 +151,7 @@ ROWS = [
 
 
 def part(head, cells):
-    """Returns the text between the marks: where the figures were measured, the table, its commands."""
+    """Returns the text between the marks: the table, its commands, and where the figures were measured."""
     lines = [*textwrap.wrap(head, WIDTH, break_on_hyphens=False), "",
              "| what | figure | by |", "|---|---|---|"]
     left = {number: list(of) for number, of in cells.items()}

@@ -1,4 +1,4 @@
-/// Measures the cost of a recording in a tick. Runs the haptic thread over a scene, with and
+/// Measures how much time a recording adds to a tick. Runs the haptic thread over a scene, with and
 /// without a Recorder, in turns. Times each tick from the reading of the hand until the tick is
 /// stored.
 ///
@@ -35,7 +35,7 @@ struct Options {
   int turns = 10;
 };
 
-/// Notes when its hand is read.
+/// A device that records when its hand is read.
 class Noting final : public Device {
  public:
   Noting(const HandTarget& hand, double rate) : inner_({}, {}, hand, rate) {}
@@ -53,8 +53,8 @@ class Noting final : public Device {
   SimulatedDevice inner_;
 };
 
-/// Passes each tick to the recorder, if there is one, and keeps the time that this took since the
-/// reading.
+/// Passes each tick to the recorder, if there is one. Stores the time from the reading until the
+/// tick has been passed on.
 class Kept final : public TickSink {
  public:
   Kept(const Noting& device, Recorder* recorder, std::size_t ticks)
@@ -79,7 +79,7 @@ struct Times {
   std::int64_t lost = 0;
 };
 
-/// Runs a turn: from the hand's first tick to the end of its path.
+/// Runs one turn, from the first tick to the end of the hand's path.
 void feel(const BuiltScene& built, const Options& options, bool recorded, Times& times) {
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "palpate_bench.rec";
   Noting device(explore(built.bounds, options.seconds), options.rate);

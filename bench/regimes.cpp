@@ -1,5 +1,9 @@
-/// Prints a table for documents: where other methods fail, and what the engine does there.
-/// palpate_bench_regimes. Exits with 1 if a finding is not as it should be.
+/// Prints a table for the documents: cases in which other methods fail, and the engine's result
+/// there.
+///
+///     palpate_bench_regimes
+///
+/// Exits with 1 if a result differs from the documented one.
 #include <cstdio>
 
 #include "tests/support/regime_rows.h"

@@ -12,13 +12,13 @@ namespace palpate::bench {
 /// Prints progress if standard error is a terminal. An empty string clears the line.
 void tell(const std::string& what);
 
-/// Rounds to four digits: more would be noise.
+/// Rounds to four digits, because further digits would be noise.
 [[nodiscard]] double rounded(double x);
 
 [[nodiscard]] nlohmann::ordered_json asJson(const Machine& machine);
 
-/// Writes a result as JSON, one list element per line: short enough to read, long enough to
-/// compare. An empty name means standard output. Throws if it cannot write.
+/// Writes a result as JSON, with one list element per line, so that people can read it and `diff`
+/// can compare it. An empty name means standard output. Throws if it cannot write.
 void writeResult(const nlohmann::ordered_json& result, const std::string& file);
 
 }  // namespace palpate::bench

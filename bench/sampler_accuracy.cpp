@@ -1,6 +1,7 @@
-/// Measures the cost and the error of a reading. Prints time per call against error of value,
-/// gradient and the gradient's direction. Covers every interpolation that palpate offers, OpenVDB's
-/// samplers and stencils, and NanoVDB's. Caches are warm, cold or emptied.
+/// Measures the cost and the error of a reading. Prints the time per call against the errors of the
+/// value, of the gradient and of the gradient's direction. Covers every interpolation of palpate,
+/// OpenVDB's samplers and stencils, and NanoVDB's samplers, each with warm, cold and emptied
+/// caches.
 ///
 ///     palpate_bench_sampler_accuracy > sampler_accuracy.json
 ///     bench/sampler_accuracy_chart.py sampler_accuracy.json docs/charts
@@ -34,7 +35,7 @@ struct Options {
   bool quick = false;
   std::string output;
 
-  // Sizes of the measurement, full and quick.
+  // Sizes of the full and the quick measurement.
   [[nodiscard]] std::size_t errorPoints() const { return quick ? 20000 : 200000; }
   [[nodiscard]] std::size_t jumpPoints() const { return quick ? 2000 : 20000; }
   [[nodiscard]] double ballRadius() const { return quick ? 40.0 : 200.0; }  // [voxels]
@@ -44,23 +45,25 @@ struct Options {
   [[nodiscard]] std::size_t firstCalls() const { return quick ? 3 : 300; }
 };
 
-/// A field with a known gradient, at a number of voxels per wavelength. Its values are at most 1.
-/// Its gradients, per voxel, are at most `steepest`.
+/// A field with a known gradient, for one number of voxels per wavelength. Its values are at
+/// most 1. Its gradients, per voxel, are at most `steepest`.
 struct Analytic {
   const char* name;
-  double voxels;  ///< Per wavelength, or per radius of the ball.
+  double voxels;  ///< Voxels per wavelength, or per radius of the ball.
   double steepest;
-  int block;  ///< Voxels along an edge of the block that holds it.
+  int block;  ///< Edge of the block that holds the field [voxels].
   std::function<Sampled(const Vec3&)> truth;
-  std::function<Vec3(test::Random&)> place;  ///< A random point where the field is judged.
+  /// Returns a random point at which the error is measured.
+  std::function<Vec3(test::Random&)> place;
 };
 
-/// Voxels around the judged region. The reach of B-splines falls by a factor of 0.27 per voxel.
+/// Voxels around the measured region. The influence of a voxel on B-splines falls by a factor of
+/// 0.27 per voxel.
 constexpr double kMargin = 16.0;
-/// Keeps voxels off zeros and crests, and centres off voxels.
+/// Keeps voxels away from zeros and crests, and centres away from voxels.
 const Vec3 kOff(0.37, 0.21, 0.44);
 
-/// Makes sin x sin y sin z, over one wavelength or sixteen voxels.
+/// Makes sin x sin y sin z over one wavelength, but at least sixteen voxels.
 Analytic makeWaves(double voxels) {
   const double k = 2.0 * M_PI / voxels;
   const double edge = std::max(voxels, 16.0);
@@ -78,8 +81,8 @@ Analytic makeWaves(double voxels) {
           }};
 }
 
-/// Makes the distance to a ball, divided by its radius, within a quarter of the radius about its
-/// surface.
+/// Makes the distance to a ball's surface, divided by the ball's radius, for points within a
+/// quarter of the radius of the surface.
 Analytic makeDistance(double voxels) {
   const int block = static_cast<int>(2.5 * voxels + 2.0 * kMargin) + 2;
   const Vec3 centre = Vec3::Constant(0.5 * block) + kOff;
@@ -96,7 +99,7 @@ Analytic makeDistance(double voxels) {
           }};
 }
 
-/// Mean of the squares, and the largest error.
+/// Mean of the squared errors, and the largest error.
 struct Error {
   double squares = 0.0;
   double largest = 0.0;
@@ -118,7 +121,7 @@ double degreesBetween(const Vec3& a, const Vec3& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b)) * 180.0 / M_PI;
 }
 
-/// Returns the largest step of the gradient across the faces of cells and voxels, divided by
+/// Returns the largest jump of the gradient across the faces of cells and voxels, divided by
 /// `steepest`.
 double largestJump(Sampler& sampler, const Analytic& field, std::size_t count) {
   constexpr double kBeside = 1e-6;
@@ -176,18 +179,20 @@ ordered_json measureErrors(const Options& options) {
   return results;
 }
 
-/// The ball for the walk through its band, away from the seams of trees.
+/// The ball of the walk. The walk stays in a band about the surface, away from the borders of the
+/// tree's nodes.
 struct Ball {
   Vec3 centre = Vec3::Constant(2048.3);
   double radius = 0.0;
-  static constexpr double kBand = 1.5;  ///< To either side of the surface.
+  static constexpr double kBand = 1.5;  ///< Half-width of the band [voxels].
 
   [[nodiscard]] Vec3 anywhere(test::Random& random) const {
     return centre + random.uniform(radius - kBand, radius + kBand) * random.direction();
   }
 };
 
-/// Makes a hand's path through the band: steps of up to a tenth of a voxel, slowly turning.
+/// Makes a hand's path through the band, in steps of up to a tenth of a voxel whose direction
+/// changes slowly.
 std::vector<Vec3> makeWalk(const Ball& ball, std::size_t steps) {
   constexpr double kStep = 0.1;
   test::Random random(3);
@@ -198,7 +203,7 @@ std::vector<Vec3> makeWalk(const Ball& ball, std::size_t steps) {
     heading = (heading + 0.3 * random.direction()).normalized();
     offset += heading * random.uniform(0.0, kStep);
     const double away = offset.norm() - ball.radius;
-    if (std::abs(away) > Ball::kBand) {  // turn back
+    if (std::abs(away) > Ball::kBand) {  // turns back at the band's edge
       const Vec3 normal = offset.normalized();
       heading -= 2.0 * heading.dot(normal) * normal;
       offset = normal * (ball.radius + std::copysign(Ball::kBand, away));
@@ -215,15 +220,16 @@ std::vector<Vec3> makeScatter(const Ball& ball, std::size_t count) {
   return points;
 }
 
-/// Returns the size of the first core's last cache [bytes]. sysconf adds up all caches of the
-/// processor, including those of other cores.
+/// Returns the size of the first core's last-level cache [bytes]. sysconf would give the sum over
+/// all caches of the processor, including those of other cores.
 std::size_t lastCache() {
   std::ifstream file("/sys/devices/system/cpu/cpu0/cache/index3/size");
   std::size_t kilobytes = 0;
   return file >> kilobytes ? kilobytes << 10U : std::size_t{32} << 20U;
 }
 
-/// Memory twice as large as the last cache. Reading it evicts all other data from there.
+/// Memory of twice the size of the last-level cache. Reading this memory evicts all other data from
+/// the cache.
 class Evictor {
  public:
   explicit Evictor(bool quick) : memory_((quick ? 1U << 20U : 2 * lastCache()) / sizeof(long), 1) {}
@@ -239,7 +245,7 @@ class Evictor {
   volatile long sum_ = 0;
 };
 
-/// Times of one contender [ns]: per call, one mean per round; first calls one by one.
+/// Times of one contender [ns]: the mean per call in each round, and single first calls.
 struct Cost {
   std::vector<double> walk;
   std::vector<double> cold;
@@ -262,15 +268,15 @@ ordered_json ofCalls(const std::vector<double>& ns) {
           {"count", ns.size()}};
 }
 
-/// Returns the time per call [ns]. Calls are timed in small batches, and only the middle half of
-/// the batches counts. A batch in which another program had the core is thus left out.
+/// Returns the time per call [ns]. Times calls in small batches and uses only the middle half of
+/// the batches, which excludes batches in which another program had the core.
 double timeCalls(Sampler& sampler, std::span<const Vec3> points) {
   return middleOfBatches(points,
                          [&](std::span<const Vec3> batch) { return sampler.timeAll(batch); });
 }
 
-/// Calls `turn` for every contender in every round. Another contender begins each round, so that
-/// other work of the machine affects all alike.
+/// Calls `turn` for every contender in every round. Each round begins with the next contender, so
+/// that other work of the machine affects all contenders equally.
 template <class Turn>
 void takeTurns(std::size_t contenders, std::size_t rounds, const char* what, Turn turn) {
   for (std::size_t round = 0; round < rounds; ++round) {
@@ -288,13 +294,13 @@ std::vector<Cost> measureCosts(const Contest& contest, const Ball& ball, const O
   const auto sampler = [&](std::size_t i) -> Sampler& { return *contest.contenders[i].sampler; };
 
   takeTurns(count, options.rounds(), "walk and random points", [&](std::size_t i, std::size_t) {
-    // The same steps run before, so that all their data are in the caches.
+    // Runs the same steps once without timing, so that all their data are in the caches.
     static_cast<void>(sampler(i).timeAll(walk));
     costs[i].walk.push_back(timeCalls(sampler(i), walk));
     costs[i].cold.push_back(timeCalls(sampler(i), scatter));
   });
   takeTurns(count, options.firstCalls(), "first calls", [&](std::size_t i, std::size_t round) {
-    // The next call is one step further, or somewhere else in the ball.
+    // The next call is either one step further along the path, or anywhere in the ball.
     const auto after = [&](const Vec3& before, const Vec3& now) {
       static_cast<void>(sampler(i).at(before));
       evictor.run();
@@ -330,7 +336,7 @@ ordered_json sizeOf(const Contest& contest) {
 int run(const Options& options) {
   const ordered_json errors = measureErrors(options);
 
-  // Builds before the thread is pinned, because loading and B-splines use all cores.
+  // Builds before the thread is pinned, because loading and the B-splines' filter use all cores.
   Ball ball;
   ball.radius = options.ballRadius();
   tell("the ball");

@@ -30,7 +30,7 @@ STYLES = {
     "7x QuadraticSampler": ("#009E73", "--"),
     "NanoVDB trilinear": ("#CC79A7", ":"),
 }
-MARKERS = {4: "o", 8: "s", 16: "^", 32: "*"}  # voxels to a wavelength or a radius
+MARKERS = {4: "o", 8: "s", 16: "^", 32: "*"}  # voxels per wavelength or radius
 FIELDS = {"waves": ("waves: sin x sin y sin z", "of the amplitude", "wavelength"),
           "distance": ("distance to a ball", "of the radius", "radius")}
 QUANTITIES = {"value": "value", "gradient": "gradient", "direction_deg": "gradient's direction"}
@@ -42,7 +42,7 @@ QUANTITIES = {"value": "value", "gradient": "gradient", "direction_deg": "gradie
 FORCE_DIRECTION = 18.4
 
 
-NOTHING = "nothing"  # the time of the loop and the clock alone
+NOTHING = "nothing"  # the time of the loop and of the clock alone
 
 
 def label(method, reads):
@@ -63,7 +63,7 @@ def draw_panel(ax, data, field, quantity):
         errors = [r[quantity]["rms"] for r in points]
         hollow = not method.startswith("palpate")
         ax.plot([walk] * len(points), errors, color=colour, linestyle=line, linewidth=1.1, zorder=2)
-        if quantity == "direction_deg":  # the largest error that a hand meets
+        if quantity == "direction_deg":  # the largest error that a hand can meet
             ax.plot([walk] * len(points), [r[quantity]["max"] for r in points], color=colour,
                     marker="_", markersize=9, linestyle="none", alpha=0.7, zorder=2)
         for r, error in zip(points, errors):
@@ -133,7 +133,7 @@ def calls(times):
 
 
 def time_table(methods, base):
-    """Returns a table of times, and of their ratio to the base's walk."""
+    """Returns a table of times, relative to the base's time for the walk."""
     reference = next(m for m in methods if m["method"] == base)["walk_ns"]["median"]
     body = [[label(m["method"], m["reads"]), spread(m["walk_ns"]),
              number(reference / m["walk_ns"]["median"]), spread(m["cold_ns"]),
@@ -165,7 +165,8 @@ def error_table(data, field):
 
 
 def asked_table(data):
-    """Returns a table of the project's targets, relative to OpenVDB's BoxSampler, which reads only the value."""
+    """Returns a table of the project's targets, relative to the time of OpenVDB's BoxSampler, which reads only the
+    value."""
     scalar = {m["method"]: m for m in data["scalar"]}
     vector = {m["method"]: m for m in data["vector"]}
 

@@ -34,7 +34,8 @@ Vec3d asVec3d(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-// Results as numbers, and their sum, which keeps the optimiser from removing a result.
+// Convert a result to numbers. Their sum is used, which prevents the optimiser from removing the
+// call.
 Sampled asSampled(double value) noexcept {
   return {value, Vec3::Zero()};
 }
@@ -50,8 +51,8 @@ Sampled asSampled(const VectorSample& s) noexcept {
 Sampled asSampled(const Vec3& v) noexcept {
   return {v.sum(), Vec3::Zero()};
 }
-// Adds plain numbers: in a unit of this size the compiler calls Eigen's sum() instead of inlining
-// it, which costs some nanoseconds.
+// Adds plain numbers. In a source file of this size the compiler calls Eigen's sum() instead of
+// inlining it, which costs some nanoseconds.
 template <std::size_t N>
 double added(const double* values) noexcept {
   double sum = 0.0;
@@ -95,7 +96,7 @@ class SamplerOf final : public Sampler {
   }
 
   [[nodiscard]] double timeOne(const Vec3& p) override {
-    // A reading that is not used fetches the clock's own code and page.
+    // Times an empty call first, which loads the clock's own code and memory page into the caches.
     sink_ = since(Clock::now());
     const auto start = Clock::now();
     sink_ = summed(read_(p));
@@ -112,7 +113,7 @@ Contender contender(const char* method, Reads reads, Read read, const char* note
   return {method, reads, note, std::make_unique<SamplerOf<Read>>(std::move(read))};
 }
 
-/// Returns a sampler with gradients by differences over half a voxel to either side.
+/// Returns a sampler that computes gradients from differences over half a voxel on each side.
 template <class Read>
 auto differencesOf(Read read) {
   return [read](const Vec3& p) {
@@ -127,7 +128,7 @@ auto differencesOf(Read read) {
   };
 }
 
-/// Returns one of OpenVDB's samplers, with an accessor that takes no lock.
+/// Returns one of OpenVDB's samplers, with an accessor that does not lock.
 template <class SamplerT, class GridT>
 auto openVdb(const typename GridT::Ptr& grid) {
   using Accessor = openvdb::tree::ValueAccessor<const typename GridT::TreeType, false>;
@@ -140,8 +141,8 @@ auto openVdb(const typename GridT::Ptr& grid) {
   };
 }
 
-/// Returns a sampler from world space, like openvdb::tools::GridSampler. GridSampler itself needs
-/// an accessor with a lock.
+/// Returns a sampler that takes positions in world space, like openvdb::tools::GridSampler.
+/// GridSampler itself needs an accessor that locks.
 template <class Read>
 auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
   return [grid, read](const Vec3& p) {
@@ -150,7 +151,8 @@ auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
   };
 }
 
-/// Returns OpenVDB's stencil of a cell's eight voxels: value and slope of their polynomial.
+/// Returns OpenVDB's stencil over a cell's eight voxels, which gives value and gradient of their
+/// polynomial.
 auto boxStencil(const FloatGrid::Ptr& grid) {
   using Stencil = openvdb::math::BoxStencil<FloatGrid, false>;
   return [grid, stencil = std::make_shared<Stencil>(*grid)](const Vec3& p) {
@@ -164,7 +166,7 @@ auto boxStencil(const FloatGrid::Ptr& grid) {
 }
 
 #ifdef PALPATE_NANOVDB
-/// Returns NanoVDB's trilinear sampler, which keeps the last cell.
+/// Returns NanoVDB's trilinear sampler, which keeps the cell of the last call.
 auto nanoVdb(const FloatGrid::Ptr& grid) {
   using Handle = nanovdb::GridHandle<nanovdb::HostBuffer>;
   auto handle = std::make_shared<Handle>(
@@ -184,7 +186,7 @@ auto nanoVdb(const FloatGrid::Ptr& grid) {
 }
 #endif
 
-/// Makes palpate's field. Only this function makes a field.
+/// Makes palpate's field. All of palpate's contenders get their field from this function.
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, Interpolation interpolation) {
   return makeVdbField(volume, Placement{}, {interpolation});
 }
@@ -196,7 +198,7 @@ auto ours(std::shared_ptr<const Field> field) {
   return [field = std::move(field), cache](const Vec3& p) { return field->sample(p, *cache); };
 }
 
-/// Loads a grid through a file, as users do.
+/// Writes a grid to a file and loads it, as users do.
 std::shared_ptr<const Volume> load(const openvdb::GridBase::Ptr& grid) {
   const test::TemporaryFolder folder;
   const auto file = folder / "grid.vdb";

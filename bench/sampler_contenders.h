@@ -1,7 +1,7 @@
-/// The samplers that are compared (palpate's, OpenVDB's and NanoVDB's) behind one interface, and
-/// the grids that they read. Grids have voxels of one unit, and the hand's world is the file's
-/// space. Positions are thus in index space for all samplers. This favours OpenVDB, because
-/// palpate's sampler maps positions all the same.
+/// The compared samplers (palpate's, OpenVDB's and NanoVDB's) behind one interface, and the grids
+/// that they read. A grid has voxels of size 1, and the hand's world is the file's space. So
+/// positions are index positions for all samplers. This favours OpenVDB, because palpate's sampler
+/// maps positions even here.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct Sampled {
   Vec3 gradient = Vec3::Zero();
 };
 
-/// A way to read a grid, with the state that one thread keeps of the grid.
+/// A method to read a grid, with the data that a thread keeps between readings.
 class Sampler {
  public:
   Sampler() = default;
@@ -28,28 +28,29 @@ class Sampler {
   Sampler& operator=(const Sampler&) = delete;
   virtual ~Sampler() = default;
 
-  /// Returns value and gradient; for a vector field, the sum of its components and a zero gradient.
+  /// Returns value and gradient. For a vector field, returns the sum of its components and a zero
+  /// gradient.
   [[nodiscard]] virtual Sampled at(const Vec3& p) = 0;
   /// Reads at all points, one after the other. Returns the time [ns].
   [[nodiscard]] virtual double timeAll(std::span<const Vec3> points) = 0;
-  /// Returns the time of a single call, the clock included [ns].
+  /// Returns the time of a single call, including that of the clock [ns].
   [[nodiscard]] virtual double timeOne(const Vec3& p) = 0;
 };
 
-/// Result of a call.
+/// The quantities that a call returns.
 enum class Reads : std::uint8_t { kValue, kValueAndGradient, kValueAndJacobian };
 
-/// "V", "V+G" or "V+J".
+/// Returns "V", "V+G" or "V+J".
 [[nodiscard]] const char* wordFor(Reads reads) noexcept;
 
 struct Contender {
   std::string method;
   Reads reads = Reads::kValue;
-  std::string note;  ///< Remark on the method for readers.
+  std::string note;  ///< Remark on the method, for the reader of a chart.
   std::unique_ptr<Sampler> sampler;
 };
 
-/// Makes a sampler without readings, to time the loops and the clock by themselves.
+/// Makes a sampler that reads nothing, to time the loops and the clock alone.
 [[nodiscard]] Contender makeNothing();
 
 /// A grid, and the samplers that read it.
@@ -59,16 +60,16 @@ struct Contest {
   std::vector<Contender> contenders;
 };
 
-/// Returns whether NanoVDB was found at build time.
+/// Returns true if NanoVDB was found at build time.
 [[nodiscard]] bool hasNanoVdb() noexcept;
 
-/// Makes a dense block of voxels [0, n)^3 with the values of a function of the position.
+/// Makes a dense block of voxels [0, n)^3 whose values are f(position).
 [[nodiscard]] Contest overBlock(int n, const std::function<double(const Vec3&)>& f);
 
 /// Makes the level set of a ball, with a half-width of three voxels.
 [[nodiscard]] Contest overBall(const Vec3& centre, double radius);
 
-/// Makes a velocity field, a rotation about the centre, in the same voxels.
+/// Makes the velocity field of a rotation about the centre, in the voxels of that ball's level set.
 [[nodiscard]] Contest overSpinningBall(const Vec3& centre, double radius);
 
 }  // namespace palpate::bench

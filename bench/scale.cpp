@@ -1,11 +1,11 @@
-/// Measures the cost of many volumes: ticks, memory and build time. Varies how many are placed, how
-/// many overlap at the hand, and how large they are.
+/// Measures the cost of many volumes: ticks, memory and build time. Varies the number of volumes,
+/// the number that overlap at the hand, and their size.
 ///
 ///     palpate_bench_scale [--quick] [--pairs N] [--only WHAT] [--scene SCENE]... [--out
 ///     RESULT.json]
 ///
-/// Ticks are compared in pairs of runs; the order of the scenes alternates between pairs. All cores
-/// build the scenes. The thread that ticks stays on one core while it is timed.
+/// Compares ticks in pairs of runs; the order of the two scenes alternates from pair to pair.
+/// Scenes are built on all cores. The thread that ticks stays on one core while it is timed.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -41,14 +41,14 @@ using bench::rounded;
 using nlohmann::ordered_json;
 
 constexpr double kVoxel = 1e-3;   // [m]
-constexpr double kRadius = 0.02;  // [m] of a ball
-constexpr double kRoom = 0.5;     // [m] from the middle to a wall
+constexpr double kRadius = 0.02;  // [m], of a ball
+constexpr double kRoom = 0.5;     // [m], from the middle of the room to a wall
 constexpr double kDt = 1e-3;
 
 struct Options {
   bool quick = false;
   int pairs = 9;
-  std::string only;  // one of the tables; empty: all
+  std::string only;  // name of the only table to measure; empty: all tables
   std::vector<std::string> scenes;
   std::string out;
 };
@@ -57,7 +57,7 @@ double seconds(Clock::time_point from) {
   return std::chrono::duration<double>(Clock::now() - from).count();
 }
 
-/// Returns the resident memory of the process [bytes].
+/// Returns the resident memory of this process [bytes].
 double residentMemory() {
   malloc_trim(0);
   std::ifstream file("/proc/self/statm");
@@ -83,7 +83,7 @@ std::shared_ptr<const Volume> makeBall(double radius) {
   return throughAFile(grid);
 }
 
-/// Makes a cloud that is thickest in its middle.
+/// Makes a cloud whose density is highest in its middle.
 std::shared_ptr<const Volume> makeCloud() {
   openvdb::initialize();
   const auto grid = openvdb::FloatGrid::create();
@@ -105,7 +105,7 @@ PlaceSpec placeAt(const Vec3& at) {
   return place;
 }
 
-/// Modes of a ball (skin) and of a cloud (layers).
+/// Modes: skin() for a ball, layers() for a cloud.
 ModeSpec skin() {
   ModeSpec mode;
   mode.kind = ModeKind::kIsosurface;
@@ -122,7 +122,7 @@ ModeSpec layers() {
   return mode;
 }
 
-/// Makes a scene of one volume with instances.
+/// Makes a scene from one volume with instances at `places`.
 SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
                   const std::vector<Vec3>& places) {
   SceneSpec spec;
@@ -135,7 +135,7 @@ SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& m
   return spec;
 }
 
-/// Makes the same scene from volumes of one graph, which is evaluated in every tick.
+/// Makes the same scene from volumes of one graph, which each tick evaluates.
 SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
                      const std::vector<Vec3>& places) {
   SceneSpec spec;
@@ -150,9 +150,10 @@ SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec
   return spec;
 }
 
-/// Returns the place of a hand in free space after a time [s] on a path at 0.3 m/s.
+/// Returns the place of a hand in free space at a time [s], on a path at 0.3 m/s.
 Vec3 freePlace(double time) {
-  // A circle about the two balls, in the plane of an edge's middle and a corner of the room.
+  // The path is a circle about the two balls, in the plane through an edge's middle and a corner of
+  // the room.
   constexpr double kRound = 0.35;  // [m]
   const double turn = 0.3 * time / kRound;
   const Vec3 u = Vec3(1, 1, 0).normalized();
@@ -160,13 +161,14 @@ Vec3 freePlace(double time) {
   return kRound * (std::cos(turn) * u + std::sin(turn) * v);
 }
 
-/// Returns places of two balls that overlap, and of others that a hand does not reach on its two
-/// paths.
+/// Returns the places of two balls that overlap, and of further balls that a hand does not reach on
+/// its two paths.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
-  constexpr double kApart = 0.06;  // from the middle: the hand stays within 35 mm
-  constexpr double kFree = 0.03;   // from the free path: a ball has 2 cm, its data another 3 mm
+  constexpr double kApart = 0.06;  // [m] from the middle, because the hand stays within 35 mm of it
+  // [m] from the free path, because a ball has 2 cm and its data another 3 mm.
+  constexpr double kFree = 0.03;
   std::vector<Vec3> free;
   free.reserve(2000);
   for (int i = 0; i < 2000; ++i) free.push_back(freePlace(i * (2.0 * M_PI * 0.35 / 0.3 / 2000)));
@@ -182,7 +184,8 @@ std::vector<Vec3> placesOf(std::size_t count) {
   return places;
 }
 
-/// Returns a path around two overlapping balls, 3 mm in and out, at up to 0.17 m/s.
+/// Returns a path around two overlapping balls, up to 3 mm inside and outside of their surface, at
+/// up to 0.17 m/s.
 std::vector<Vec3> wayAround(std::size_t ticks) {
   std::vector<Vec3> way;
   way.reserve(ticks);
@@ -204,7 +207,7 @@ struct Ride {
   std::vector<StepReport> reports;
 };
 
-/// Times a hand's ticks along a path, after a thousand ticks to warm up.
+/// Times a hand's ticks along a path, after a thousand ticks as warm-up.
 Ride ride(const Scene& scene, const std::vector<Vec3>& way) {
   const bench::Pinned pinned;
   Reader reader;
@@ -244,7 +247,7 @@ void append(std::vector<double>& to, const std::vector<double>& from) {
   to.insert(to.end(), from.begin(), from.end());
 }
 
-/// Returns the median time that the clock adds [ns].
+/// Returns the median time that reading the clock adds [ns].
 double clockCost() {
   std::vector<double> ns;
   ns.reserve(10001);
@@ -255,7 +258,8 @@ double clockCost() {
   return bench::percentile(ns, 0.5);
 }
 
-/// Times the search for near volumes in free space, and whole ticks there, for a hand at 0.3 m/s.
+/// Times the search for near volumes, and whole ticks, for a hand that moves through free space at
+/// 0.3 m/s.
 void freeSpace(const Scene& scene, ordered_json& row) {
   constexpr int kLooks = 40000;
   std::vector<Vec3> way;
@@ -288,8 +292,8 @@ void freeSpace(const Scene& scene, ordered_json& row) {
   row["free_tick"] = timesOf(free.ns);
 }
 
-/// Returns the memory of four hands in addition to the scene [bytes]: readers and proxies, after
-/// their first ticks in it.
+/// Returns the memory of four hands beyond that of the scene [bytes]: readers and proxies after
+/// their first ticks.
 double memoryOfHands(const Scene& scene, const std::vector<Vec3>& way) {
   const double before = residentMemory();
   std::vector<Reader> readers(4);
@@ -331,7 +335,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
       tails.push_back(bench::percentile(all.ns, 0.999) / bench::percentile(alone.ns, 0.999));
       append(alone_ns, alone.ns);
       append(all_ns, all.ns);
-      // If the forces differ, the comparison is useless.
+      // Throws if the forces differ, because the comparison would then be useless.
       for (std::size_t i = 0; i < way.size() && count >= 2; ++i) {
         if ((all.reports[i].wanted - alone.reports[i].wanted).norm() > 1e-9) {
           throw std::runtime_error("other volumes act on the hand too: the comparison is useless");
@@ -350,7 +354,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
   return rows;
 }
 
-/// The cloud at places within 4 mm, and a hand's path through all the places.
+/// Several clouds within 4 mm of each other, and a hand's path through all of them.
 struct Heap {
   std::vector<Vec3> places;
   std::vector<Vec3> way;
@@ -369,7 +373,7 @@ struct Heap {
   }
 };
 
-/// Measures numbers of clouds up to more than a tick has room for.
+/// Measures ticks with different numbers of clouds, up to more than a tick has room for.
 ordered_json crowds(const Options& options) {
   ordered_json rows = ordered_json::array();
   const auto cloud = makeCloud();
@@ -398,7 +402,7 @@ ordered_json byOverlap(const Options& options) {
     std::vector<double> one_ns;
     std::vector<double> ratios;
     double iterations = 0.0;
-    // Only ticks in which all clouds take part.
+    // Keeps only ticks in which all clouds take part.
     const auto keep = [&](const Ride& ridden, std::vector<double>& ns) {
       std::vector<double> own;
       own.reserve(heap.way.size());
@@ -440,7 +444,7 @@ ordered_json byOverlap(const Options& options) {
           test::solveReference(heap.way[i], k, state.primitives().items());
       const double error = k * (state.proxy() - heap.way[i] - exact.offset).norm();
       const double allowed = k * (r.error_bound + exact.error_bound);
-      constexpr double kRounding = 1e-12;  // [N], rounding of the proxy's place
+      constexpr double kRounding = 1e-12;  // [N], from rounding the proxy's place
       if (error > allowed + kRounding) throw std::runtime_error("an error is beyond its bound");
       off = std::max(off, error);
       bound = std::max(bound, allowed);
@@ -475,7 +479,7 @@ ordered_json bySize(const Options& options) {
     const BuiltScene single = buildScene(sceneOf(volume, skin(), {Vec3::Zero()}));
     const double first = seconds(start);
     const double with_one = residentMemory();
-    // A thousand balls, side by side.
+    // A thousand balls that do not overlap.
     std::vector<Vec3> places;
     places.reserve(1000);
     for (int i = 0; i < 1000; ++i) {
@@ -486,7 +490,7 @@ ordered_json bySize(const Options& options) {
     const BuiltScene many = buildScene(sceneOf(volume, skin(), places));
     const double thousand = seconds(again);
     const double with_all = residentMemory();
-    // A path over the surface.
+    // A path over the balls' surface.
     std::vector<Vec3> way;
     const std::size_t ticks = options.quick ? 4000 : 40000;
     way.reserve(ticks);
@@ -509,7 +513,7 @@ ordered_json bySize(const Options& options) {
   return rows;
 }
 
-/// Measures a scene from a file, explored all over.
+/// Measures a scene from a file, which the hand explores completely.
 ordered_json explored(const Options& options, const std::string& file) {
   bench::tell(file);
   const double before = residentMemory();
@@ -552,7 +556,8 @@ int run(const Options& options) {
   ordered_json json;
   const auto ball = makeBall(kRadius);
   {
-    // Allocates the memory that is allocated only once.
+    // Builds a scene once before measuring, because some memory is allocated only at the first
+    // build.
     (void)buildScene(sceneOf(ball, skin(), placesOf(10)));
   }
   bench::Machine machine = bench::takeMachine(false);

@@ -1,10 +1,11 @@
-/// Measures the cost of a script's calls in C++, for script_cost.py, which compares. Samples the
-/// same points of the same grid, and runs the same ticks of the same scene.
+/// Measures the time of the calls of a script in C++. script_cost.py compares this time with that
+/// of the script. Samples the same points of the same grid, and runs the same ticks of the same
+/// scene.
 ///
 ///     palpate_bench_script FILE.vdb GRID POINTS PROBES
 ///
-/// POINTS and PROBES are raw doubles, three each: in the file's space and in W. Prints, in this
-/// order, the best of five rounds: ns per sample, ns per tick.
+/// POINTS (in the file's space) and PROBES (in W) are files of raw doubles, three per point. Prints
+/// the smallest of five rounds, in this order: ns per sample, ns per tick.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -42,7 +43,7 @@ std::vector<Vec3> readPoints(const char* file) {
   return points;
 }
 
-/// Returns the time per item [ns] of the quickest of five rounds.
+/// Returns the time per item [ns] in the fastest of five rounds.
 template <class Round>
 double best(std::size_t items, Round round) {
   double least = 1e300;
@@ -63,7 +64,7 @@ int main(int argc, char** argv) try {
   const FieldPtr field = makeVdbField(loadVolume(argv[1], argv[2]), Placement{});
   const ScalarField& scalar = *std::get<0>(field);
   const double sample = best(points.size(), [&] {
-    // The memory is new in every round, as in every call of a script.
+    // Allocates new memory in every round, as each call of a script does.
     std::vector<Row> rows(points.size());
     FieldCache cache;
     scalar.reset(cache);

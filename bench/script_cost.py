@@ -18,7 +18,7 @@ import palpate  # noqa: E402  (in the folder BIN)
 
 
 def best(call, items):
-    """Returns the least time for one item [ns], of five rounds."""
+    """Returns the smallest time per item [ns] of five rounds."""
     least = float("inf")
     for _ in range(5):
         begin = time.perf_counter()

@@ -1,13 +1,12 @@
 #!/usr/bin/python3
-"""Draws what seams, grooves and bends do to the proxy and to the force, beside the time of a tick, from Python alone.
+"""Draws the error of proxy and force at seams, grooves and bends, and the time of a tick, from Python alone.
 
     seams_from_python.py MODULE_FOLDER [--before MODULE_FOLDER] [--rounds N] [--out FILE.png]
 
 A hand slides 3 voxels deep over seams of two volumes and along a groove, and beside a bent stream. The exact proxy of
-each case is known, or is that of the uncut body. A module folder holds the Python module of a build.
-The module of an earlier build is measured in the same run, for comparison. The table goes to standard output, the chart
-into FILE.png and, beside it, FILE.svg.
-"""
+each case is known, or is the proxy of the body without a seam. A module folder holds the Python module of a build.
+With --before, the module of an earlier build is measured in the same run for comparison. The table goes to standard
+output, the chart into FILE.png and FILE.svg."""
 import argparse
 import json
 import os
@@ -20,11 +19,11 @@ import numpy as np  # noqa: E402
 
 VOXEL = 1e-3       # [m]
 STIFFNESS = 500.0  # [N/m]
-HALF = 24          # voxels from the middle of an array to its faces
-DEPTH = 3.0        # of the hand [voxels]
-SWEEP = 10.0       # to both sides of a seam [voxels]
+HALF = 24          # voxels from an array's middle to its faces
+DEPTH = 3.0        # of the hand below the surface [voxels]
+SWEEP = 10.0       # to each side of a seam [voxels]
 TICKS = 3000
-COMES = 200        # ticks in which the hand approaches from outside
+COMES = 200        # ticks in which the hand approaches the surface from outside
 METRICS = {
     "off": "distance from the exact proxy, 99 % [voxels]",
     "turned": "direction of the force, 99 % [degrees]",
@@ -57,7 +56,7 @@ def norm(v):
 
 
 def scene(palpate, arrays, settings, **mode):
-    """Returns a scene with one mode on each array. Distances are level sets, negative inside."""
+    """Returns a scene with one mode on each array. The arrays are level sets, negative inside."""
     volumes, modes = {}, []
     for i, values in enumerate(arrays):
         level_set = values.ndim == 3
@@ -76,7 +75,7 @@ SURFACE = {"mode": "isosurface", "value": 0, "solid": "below"}
 
 
 def slide(turn=None):
-    """Returns the positions of a hand over the plane z = 0, and the exact proxies above them."""
+    """Returns the positions of a hand below the plane z = 0, and the exact proxies above them."""
     turn = np.eye(3) if turn is None else turn
     x = np.concatenate([np.full(COMES, -SWEEP), -SWEEP * np.cos(np.arange(TICKS) / 300)])
     z = np.concatenate([np.linspace(3, -DEPTH, COMES), np.full(TICKS, -DEPTH)])
@@ -90,15 +89,15 @@ def halves(body, across, overlap):
 
 
 def rough_ball(at):
-    """Returns the distance to a ball of radius 14 with a relief of 0.5 voxel in waves of 9 voxels, exact to first
-    order."""
+    """Returns the distance to a ball of radius 14 voxels with waves of 0.5 voxel height and 9 voxels length, exact to
+    first order."""
     r = norm(at)
     relief = np.prod(np.sin(2 * np.pi / 9 * at + [0.3, 1.1, 2.0]), axis=-1)
     return r - 14 + 0.5 * relief
 
 
 def around(radius, start=2.0, turns=1.0):
-    """Returns the positions of a hand around the z axis; it begins `start` voxels outside."""
+    """Returns the positions of a hand that goes around the z axis and starts `start` voxels outside."""
     angle = np.concatenate([np.zeros(COMES), 2 * np.pi * turns * np.arange(TICKS) / TICKS])
     r = np.concatenate([np.linspace(radius + DEPTH + start, radius, COMES), np.full(TICKS, radius)])
     return np.stack([r * np.cos(angle), r * np.sin(angle), np.full_like(r, 0.3)], axis=-1)
@@ -131,7 +130,7 @@ def cases(palpate, settings):
     flow = np.stack([-at[..., 1], at[..., 0], 0 * at[..., 0]], axis=-1)
     for name, aside in (("3 inside a bend", -3.0), ("2 outside a bend", 2.0)):
         hand = around(radius + aside, start=0)
-        hand[:COMES] = [radius, 0, 0.3]  # on the stream that the hand follows
+        hand[:COMES] = [radius, 0, 0.3]  # starts on the stream that the hand follows
         hand[COMES:COMES + 300, :2] *= (np.linspace(radius, radius + aside, 300) / (radius + aside))[:, None]
         exact = hand * (radius / norm(hand * [1, 1, 0]))[:, None] * [1, 1, 0] + hand * [0, 0, 1]
         yield name, scene(palpate, [flow], settings, mode="follow"), hand, exact
@@ -165,7 +164,7 @@ def row_of(name, setting, ns, proxy, force, hand, exact):
 
 
 def measure(settings):
-    """Prints the rows of this process's module as JSON."""
+    """Prints the rows that this process's module gives, as JSON."""
     import palpate
     rows = []
     for word, setting in settings.items():
@@ -175,8 +174,8 @@ def measure(settings):
 
 
 def rows_of(folder, settings, rounds):
-    """Returns the rows of a module, each with its least time over the rounds: other programs can only increase a
-    time."""
+    """Returns the rows of a module. Each row has its smallest time over the rounds, because other programs can only
+    increase a time."""
     all_rounds = []
     for _ in range(rounds):
         done = subprocess.run([sys.executable, __file__, "--measure", json.dumps(settings), str(folder)], check=True,

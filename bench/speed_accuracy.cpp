@@ -1,8 +1,8 @@
-/// Compares the speed and the accuracy of methods. Measures time per balance against error of the
-/// proxy, for the methods of the literature and the engine's solver. Each method has several
-/// settings; problems and motions are of several families. Also measures the solvers' iterations
-/// over a recorded exploration (the paper's figure 7), and the spurious force of non-orthogonal
-/// constraints (its section 3.1).
+/// Compares the speed and the accuracy of the methods of the literature and of the engine's solver.
+/// Measures the time per balance against the error of the proxy. Each method has several settings;
+/// problems and motions come from several families. Also measures the solvers' iterations over a
+/// recorded exploration (the paper's figure 7), and the excess force of non-orthogonal constraints
+/// (its section 3.1).
 ///
 ///     palpate_bench_speed_accuracy > speed_accuracy.json
 ///     bench/speed_accuracy_chart.py speed_accuracy.json docs/charts
@@ -40,9 +40,9 @@ using namespace palpate;
 using namespace palpate::bench;
 using nlohmann::ordered_json;
 
-constexpr double kShortest = 5.0;  // [ns]: a shorter time is noise of the clock
+constexpr double kShortest = 5.0;  // [ns]: shorter times are noise of the clock
 
-/// Errors to reach, as shares of S/k.
+/// Accuracies to reach, as shares of S/k.
 struct Target {
   const char* word;
   double share;
@@ -52,9 +52,9 @@ constexpr std::array<Target, 3> kTargets = {{{"1e-2", 1e-2}, {"1e-3", 1e-3}, {"1
 struct Options {
   std::size_t problems = 300;
   std::uint64_t seed = 1;
-  double seconds = 90.0;      // of timing
+  double seconds = 90.0;      // [s], duration of the timing
   double exploration = 20.0;  // [s] of virtual time
-  std::size_t cold = 150;     // balances of a motion that are timed cold
+  std::size_t cold = 150;     // balances of a motion that are timed from a cold start
   std::string output;
 };
 
@@ -66,7 +66,7 @@ double nanoseconds(Clock::duration d) {
 struct Row {
   std::string family;
   std::size_t primitives = 0;
-  bool motion = false;  // each problem follows from the previous one
+  bool motion = false;  // each problem continues the previous one
   std::vector<RecordedBalance> cases;
   std::vector<Vec3> offsets;   // proxy - probe [m]
   std::vector<double> bounds;  // error bounds of the offsets [m]
@@ -86,7 +86,7 @@ Row makeRow(Family family, int count, const Options& options) {
 }
 
 std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBalance>& exploration) {
-  // Motions have twenty stretches, each begun cold.
+  // A motion consists of twenty stretches, each of which starts cold.
   constexpr std::size_t kStretches = 20;
   const std::size_t ticks = std::max<std::size_t>(10, options.problems / 4);
   std::vector<Row> rows;
@@ -121,10 +121,10 @@ std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBala
   return rows;
 }
 
-/// Finds the true answers with the reference solver: quadruple precision, slow, and independent of
-/// the measured methods. Throws if it does not know an answer to 1e-6 S/k.
+/// Finds the exact answers with the reference solver, which is slow, uses quadruple precision and
+/// shares no code with the measured methods. Throws if it cannot find an answer to within 1e-6 S/k.
 ordered_json findTruth(std::vector<Row>& rows) {
-  constexpr double kClose = 1e-6;  // of S/k
+  constexpr double kClose = 1e-6;  // share of S/k
   std::size_t cases = 0;
   double widest = 0.0;
   for (Row& row : rows) {
@@ -147,21 +147,22 @@ ordered_json findTruth(std::vector<Row>& rows) {
 
 /// Results of one contender on one row.
 struct Score {
-  std::vector<std::vector<double>> times;  // of each case, one per pass [ns]
-  std::vector<double> cost;                // of each case, mean of the middle half [ns]
-  std::vector<double> error;               // of each case, at least the truth's bound [m]
-  std::vector<double> apart;               // of each case, distance to the answer taken as true [m]
+  std::vector<std::vector<double>> times;  // per case, one per pass [ns]
+  std::vector<double> cost;                // per case, mean of the middle half [ns]
+  std::vector<double> error;               // per case, at least the bound of the exact answer [m]
+  // Per case, distance to the answer that is taken as exact [m].
+  std::vector<double> apart;
   std::vector<double> iterations;
   std::size_t settled = 0;
-  std::size_t claims = 0;  // answers with a certificate ...
-  std::size_t broken = 0;  // ... that does not hold
+  std::size_t claims = 0;  // answers with an error bound
+  std::size_t broken = 0;  // answers whose error exceeds their bound
   double spent = 0.0;      // [s]
   int passes = 0;
-  std::vector<double> cold;  // of the first cases, timed as in a tick [ns]
+  std::vector<double> cold;  // of the first cases, timed under a tick's conditions [ns]
 };
 
-/// Makes one pass over a row. Single balances are timed, and no problem is solved twice in a row,
-/// so that branches are as hard to predict as in a tick.
+/// Makes one pass over a row. Times single balances, and never solves a problem twice in a row, so
+/// that branches are as hard to predict as in a tick.
 void pass(const Contender& contender, const Row& row, double overhead, Score& score) {
   std::vector<Primitive> primitives(row.primitives);
   const auto begin = Clock::now();
@@ -175,7 +176,7 @@ void pass(const Contender& contender, const Row& row, double overhead, Score& sc
     score.times[i].push_back(std::max(kShortest, nanoseconds(end - start) - overhead));
     if (score.passes > 0) continue;
     const double apart = (answer.balance.offset - row.offsets[i]).norm();
-    // A method that diverges is infinitely wrong, but JSON has no infinity.
+    // A method that diverges has an infinite error, which JSON cannot express.
     score.apart.push_back(std::isfinite(apart) ? apart : 1e9);
     score.error.push_back(std::max(score.apart.back(), row.bounds[i]));
     score.iterations.push_back(answer.balance.iterations);
@@ -187,7 +188,7 @@ void pass(const Contender& contender, const Row& row, double overhead, Score& sc
   score.spent += 1e-9 * nanoseconds(Clock::now() - begin);
 }
 
-/// Returns the time of an empty measurement: the clock and the call.
+/// Returns the time of an empty measurement, that is, of the clock and the call.
 double measureOverhead() {
   const Contender nothing{
       "", "", [](const BalanceProblem&, std::span<const Primitive>) { return Answer{}; }};
@@ -203,8 +204,8 @@ double measureOverhead() {
   return middleHalf(times);
 }
 
-/// Measures all contenders over a row in turns, so that other work of the machine affects all
-/// alike.
+/// Measures the contenders in turns over a row, so that other work of the machine affects all of
+/// them equally.
 std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& row,
                            double overhead, double seconds_each) {
   constexpr int kPasses = 9;
@@ -226,8 +227,8 @@ std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& 
   return scores;
 }
 
-/// Times a motion's first balances as in a tick: each after a millisecond asleep, on a busy core.
-/// Times only the engine's solver as it ticks and the paper's solver.
+/// Times a motion's first balances under a tick's conditions: each after a millisecond of sleep, on
+/// a busy core. Times only the engine's solver as a tick uses it, and the paper's solver.
 void measureCold(const std::vector<Contender>& contenders, const Row& row, double overhead,
                  std::size_t most, std::vector<Score>& scores) {
   const Neighbour neighbour("own");
@@ -255,7 +256,7 @@ void measureCold(const std::vector<Contender>& contenders, const Row& row, doubl
   loop.join();
 }
 
-/// Returns whether a case is solved to a target, as far as the truth is known.
+/// Returns true if a case is solved to a target, as far as the exact answer is known.
 bool reaches(const Row& row, const Score& score, std::size_t i, const Target& target) {
   return score.apart[i] <= target.share * reachOf(row.cases[i].problem) + row.bounds[i];
 }
@@ -306,7 +307,7 @@ ordered_json describe(const Contender& contender, const Row& row, const Score& s
           {"passes", score.passes}};
 }
 
-/// Settings of one method, as indices into the contenders.
+/// The settings of one method, as indices of contenders.
 struct Settings {
   std::string method;
   std::vector<std::size_t> indices;
@@ -328,9 +329,9 @@ std::vector<Settings> rivalsAmong(const std::vector<Contender>& contenders) {
   return rivals;
 }
 
-/// Returns the setting that a user of the method would choose for a target. It is the cheapest
-/// setting that reaches the target as often as the most reliable one, to within one case in a
-/// hundred.
+/// Returns the setting that a user would choose for a target: the cheapest of the reliable
+/// settings. A setting is reliable if it reaches the target in at most one case in a hundred less
+/// often than the best setting does.
 std::size_t bestSetting(const Settings& settings, const Row& row, const std::vector<Score>& scores,
                         const Target& target) {
   std::size_t most = 0;
@@ -349,12 +350,12 @@ std::size_t bestSetting(const Settings& settings, const Row& row, const std::vec
   return best;
 }
 
-/// Compares the engine's solver, asked for a target, with every other method at its best setting,
-/// over the cases that both reach. Also writes how many cases each misses. Two more ratios are
-/// written beside it. One takes, case by case, the cheapest setting that reaches the target. No
-/// program can make this choice, and it favours the other method. The other ratio covers all cases,
-/// whether the other method reached the target or gave up, because the cases that it misses are
-/// seldom easy.
+/// Compares the engine's solver, set to a target, with every other method at its best setting, over
+/// the cases in which both reach the target. Also writes in how many cases each misses the target,
+/// and two more ratios. The first ratio takes the cheapest setting that reaches the target, case by
+/// case. No program can make this choice, so it favours the other method. The second ratio covers
+/// all cases, also those in which the other method missed the target, because these are seldom
+/// easy.
 void addRatios(const std::vector<Contender>& contenders, const Row& row,
                const std::vector<Score>& scores, ordered_json& ratios) {
   for (std::size_t o = 0; o < contenders.size(); ++o) {
@@ -409,7 +410,8 @@ void addRatios(const std::vector<Contender>& contenders, const Row& row,
   }
 }
 
-/// Returns figure 7: iterations over an exploration, with the hand's speed, tick by tick.
+/// Returns the data of figure 7: the iterations and the hand's speed, tick by tick, over an
+/// exploration.
 ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
   std::vector<double> speed;
   std::vector<std::size_t> primitives;
@@ -442,11 +444,11 @@ ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
       {"rate_hz", 1000}, {"speed_m_s", speed}, {"primitives", primitives}, {"solvers", solvers}};
 }
 
-/// Repeats section 3.1 as an experiment. There are three constraints, two at an angle and one
-/// across them. The proxy is where they were placed, and the hand is 5 mm away, in many directions.
-/// The excess force on the hand is its distance to the force of the true balance. That force is
-/// zero without strength. For the primitives, a constraint is a plane for each sense of its
-/// direction.
+/// Repeats section 3.1 as an experiment. There are three constraints: two at an angle to each
+/// other, and one orthogonal to both. The proxy is where the constraints were placed, and the hand
+/// is 5 mm away, in many directions. The excess force is the difference between the force on the
+/// hand and that of the exact balance. The exact force is zero if all strengths are zero. For the
+/// primitives, a constraint becomes two planes, one for each sense of its direction.
 ordered_json nonorthogonal(const Options& options) {
   constexpr double kStiffness = 500.0;
   constexpr double kAway = 5e-3;  // [m]

@@ -49,11 +49,11 @@ def style(method):
     return STYLES.get(method, ("#000000", "."))
 
 
-VARIANTS = {"": "-", "halving": "--", "slow": "-."}  # of a method: line styles
+VARIANTS = {"": "-", "halving": "--", "slow": "-."}  # line styles for the variants of a method
 
 
 def rows_of(results):
-    """Returns the results by family and number of primitives, in the order of the file."""
+    """Returns the results grouped by family and number of primitives, in the file's order."""
     rows = {}
     for r in results:
         rows.setdefault((r["family"], r["primitives"]), []).append(r)
@@ -61,7 +61,8 @@ def rows_of(results):
 
 
 def draw_row(ax, row):
-    """Draws cost against error of one family and N: a line for each method, a mark for each setting."""
+    """Draws the cost against the error for one family and number of primitives: a line per method, a mark per
+    setting."""
     reach = row[0]["reach_m"]
     for share, text in ((1e-3, "1e-3 S/k"), (1e-6, "1e-6 S/k")):
         ax.axhline(share * reach, color="#bbbbbb", linewidth=0.8, linestyle=":", zorder=0)
@@ -162,7 +163,7 @@ def draw_grid(rows, families, title, foot, columns=3):
 
 
 def draw_figure7(data):
-    """Draws the iterations over time, in bins: the median as a line, least to most as a band."""
+    """Draws the iterations over time in bins: the median as a line, from the smallest to the largest as a band."""
     size = max(1, len(data["speed_m_s"]) // 400)
     count = len(data["speed_m_s"]) // size
     rate = data["rate_hz"]
@@ -247,7 +248,7 @@ def percent(part, whole):
 
 
 def certificates(data):
-    """Counts by setting how many of the engine's error bounds hold."""
+    """Counts, for each setting, how many of the engine's error bounds hold."""
     counts = {}
     for r in data["results"]:
         if r["certificates"]:
@@ -268,7 +269,7 @@ def write_tables(data):
         f"True answers are the reference solver's, known to {truth['widest_bound_over_reach']:.0e} "
         f"S/k or better in all of {truth['cases']}. Certificates of the engine's solver that hold: {certificates(data)}."]
 
-    # Short form: from the least to the largest median of the families.
+    # Short form: the range of the families' medians.
     def spread(values):
         low, high = min(values), max(values)
         return number(low) if low == high else f"{number(low)} to {number(high)}"
@@ -328,7 +329,7 @@ def write_tables(data):
              "cost Euler to get there or to give up.",
              ratio_table(False, ("1e-3",)), "Along motions:", ratio_table(True, ("1e-2", "1e-3"))]
 
-    # Which methods reach the accuracy.
+    # Methods that reach the accuracy.
     body = []
     for (family, count), row in rows.items():
         line = [family, count]

@@ -1,11 +1,10 @@
 #!/usr/bin/python3
-"""Draws what a tick costs against how far its proxy is off, from Python alone.
+"""Draws the time of a tick against the error of its proxy. Uses only the Python module.
 
     PYTHONPATH=build/release/bin speed_accuracy_from_python.py [--ticks N] [--rounds N] [--out FILE.png]
 
-A hand goes round within a ball, an array of signed distances; the proxy belongs to the ball's nearest place. The table
-goes to standard output, the chart into FILE.png and, beside it, FILE.svg.
-"""
+A hand circles inside a ball, which is an array of signed distances. The exact proxy is the nearest point of the ball's
+surface. The table goes to standard output, the chart into FILE.png and FILE.svg."""
 import argparse
 import sys
 from pathlib import Path
@@ -16,10 +15,10 @@ import palpate  # noqa: E402
 from charting import clear, number, plt, prepare, save, table  # noqa: E402
 
 VOXEL = 1e-3                            # [m]
-RADIUS, DEPTH, SPEED = 8.0, 2.0, 1.0    # [voxels]: the ball, the hand below its surface, a tick's way
-CENTRE = np.array([0.3, 0.2, 0.1])      # [voxels]: on no corner of the grid
+RADIUS, DEPTH, SPEED = 8.0, 2.0, 1.0    # [voxels]: radius of the ball, depth of the hand, path in a tick
+CENTRE = np.array([0.3, 0.2, 0.1])      # [voxels]: not on a grid point
 TOLERANCES = [1, 0.1, 0.01, 1e-3, 1e-4]  # at most 64 sub-steps
-SUBSTEPS = [1, 2, 4]                    # of tolerance 1e-4
+SUBSTEPS = [1, 2, 4]                    # at tolerance 1e-4
 FINEST = (1e-8, 64)
 # Okabe and Ito's colours, which colour-blind people can distinguish; each order also has its own marker.
 STYLES = {"trilinear": ("#0072B2", "o"), "quadratic": ("#E69F00", "s"), "cubic": ("#009E73", "^")}
@@ -28,7 +27,7 @@ FLOOR = 1e-8                            # smaller errors are drawn here [voxels]
 
 def ball():
     """Returns the signed distances to a ball, negative inside."""
-    x = np.arange(-20.0, 21.0)  # wide enough: a cubic surface depends on the array's edge up to 8 voxels away
+    x = np.arange(-20.0, 21.0)  # wide enough, because a cubic surface depends on the array's edge within 8 voxels of it
     places = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1)
     distance = np.linalg.norm(places - CENTRE, axis=-1) - RADIUS
     return palpate.volume(distance, origin=(-20, -20, -20), name="ball", level_set=True)
@@ -62,7 +61,7 @@ def measure(ticks, rounds):
     settings = [(t, 64) for t in TOLERANCES] + [(TOLERANCES[-1], s) for s in SUBSTEPS] + [FINEST]
     rows = [{"interpolation": i, "tolerance": t, "substeps": s, "scene": scene(volume, i, t, s), "ns": []}
             for i in STYLES for t, s in settings]
-    for _ in range(rounds):  # in turn, so that a slow moment of the machine affects all settings
+    for _ in range(rounds):  # in turns, so that a slow moment of the machine affects all settings
         for row in rows:
             felt = row["scene"].run(path)[come:]
             row["ns"].append(np.median(felt["tick_ns"]))

@@ -1,6 +1,6 @@
-/// Compares speed, accuracy and stability. For each method it finds the largest stable stiffness on
-/// a wall and between two planes at 1, 4 and 10 kHz. It also measures the error of the force and
-/// the cost of a balance.
+/// Compares speed, accuracy and stability of the methods. For each method, finds the largest stable
+/// stiffness on a wall and between two planes, at 1, 4 and 10 kHz. Also measures the error of the
+/// force and the cost of a balance.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -21,13 +21,13 @@ using nlohmann::ordered_json;
 
 namespace {
 
-constexpr double kStiffness = 500.0;  // [N/m], where forces are compared
-constexpr double kLeast = 20.0;       // [N/m], of the search
+constexpr double kStiffness = 500.0;  // [N/m], at which forces are compared
+constexpr double kLeast = 20.0;       // [N/m], at which the search starts
 
-/// Returns the largest stiffness at which this stiffness and all smaller ones down to kLeast come
-/// to rest; 0 if kLeast does not.
+/// Returns the largest stiffness such that it and all smaller tried ones, down to kLeast, come to
+/// rest; 0 if kLeast does not come to rest.
 ///
-/// @param step   Factor from one stiffness to the next. Halving then refines to `ratio`.
+/// @param step   Factor from one tried stiffness to the next. Halving then refines to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
                      double most, double step, double ratio) {
   const auto rests = [&](double k) {
@@ -49,11 +49,11 @@ double largestStable(const MapSetting& setting, const MapContact& contact, const
 }
 
 struct Judged {
-  double error = 0.0;    ///< Error of the force, rms over rms.
-  double cost_ns = 0.0;  ///< Time of a balance [ns], median.
+  double error = 0.0;    ///< RMS error of the force, divided by the force's RMS.
+  double cost_ns = 0.0;  ///< Median time of a balance [ns].
 };
 
-/// Judges a method along a path that presses and slides, as a hand does.
+/// Measures a method along a path that presses and slides, as a hand does.
 Judged judge(const MapContact& contact, const MapMethod& method, int steps) {
   MapFeel feel = method.make(kStiffness, 0.0, 1e-3);
   Vec3 proxy = Vec3::Zero();
@@ -102,8 +102,8 @@ int run(bool quick, const std::string& output) {
         MapSetting setting;
         setting.rate = rate;
         setting.arm.delay = 1.0 / rate;
-        // Coulomb friction would hold a small kick beyond the boundary. The method would not have
-        // caused this.
+        // Without Coulomb friction, because friction would stop a small kick above the stability
+        // limit, which is not the method's merit.
         setting.arm.coulomb = 0.0;
         setting.arm.encoder = 1e-7;
         setting.seconds = quick ? 1.0 : 3.0;

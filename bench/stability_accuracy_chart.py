@@ -29,13 +29,13 @@ def draw(data, folder):
                 continue
             x, y = r["cost_ns"], max(r["force_error"], FLOOR)
             colour = COLOURS.get(r["method"], "black")
-            # A circle for each rate. Its area is the stable stiffness relative to the formula for one wall.
+            # One circle per rate. Its area is the stable stiffness, relative to that of the formula for one wall.
             shares = [s["stiffness"] / s["formula"] for s in r["stable"]]
             for i, share in enumerate(shares):
                 at = x * 1.35 ** (i - 1)
                 ax.scatter([at], [y], s=110, facecolors="none", edgecolors=colour, linewidths=0.7)
                 ax.scatter([at], [y], s=110 * min(1.3, share), color=colour, linewidths=0)
-            below = r["method"] in ("palpate", "smallest residual")  # their neighbours are above
+            below = r["method"] in ("palpate", "smallest residual")  # other labels would overlap these from above
             ax.annotate(r["method"], (x, y), textcoords="offset points",
                         xytext=(0, -16 if below else 9), ha="center", fontsize=8, color=colour)
         ax.set_xscale("log")

@@ -1,9 +1,10 @@
-/// Measures whether ticks notice another thread that loads, publishes and frees a large volume.
+/// Measures whether a thread that loads, publishes and frees a large volume delays the ticks.
 ///
 ///     palpate_bench_swap [--pairs N] [--seconds S] [--rate HZ] [--voxels N]
 ///
-/// Compares pairs of runs of the real loop. In one run the scene stays. In the other, the volume is
-/// loaded and swapped in again as often as possible. The order alternates between pairs.
+/// Compares pairs of runs of the real loop. In one run the scene stays. In the other run, the
+/// volume is loaded and replaced as often as possible. The order of the two alternates from pair to
+/// pair.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -45,7 +46,7 @@ class Times final : public TickSink {
   std::int64_t late_ = 0;
 };
 
-/// Writes fog in waves with every voxel active, so that no part is a tile.
+/// Writes fog with waves in which every voxel is active, so that no part is stored as a tile.
 void writeVolume(const std::string& file, int n) {
   openvdb::initialize();
   auto grid = openvdb::FloatGrid::create(0.0F);

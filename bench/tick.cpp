@@ -1,8 +1,8 @@
-/// Measures the cost of one whole tick. Runs a scene with the simulated device and prints the
-/// times of single ticks back to back, by the number of primitives that they balanced. Also prints
-/// their iterations, and the ticks that did not converge. Then measures the same ticks cold, as a
-/// hand has them (bench/cold.h): the haptic thread sleeps until each tick's time. It takes turns
-/// with a bare loop, which shows the time of clock and wake-up.
+/// Measures the cost of one whole tick. Runs a scene with the simulated device, and prints the
+/// times of single ticks without pauses, grouped by the number of primitives that they balanced.
+/// Also prints their iterations, and the ticks that did not converge. Then measures the same ticks
+/// under the conditions of a real hand (bench/cold.h): the haptic thread sleeps until each tick's
+/// time. This thread takes turns with a bare loop, which shows the time of clock and wake-up.
 ///
 ///     palpate_bench_tick SCENE [SECONDS [REPEATS]] [--cold SECONDS] [--neighbour own|other|none]
 #include <algorithm>
@@ -49,7 +49,7 @@ struct Options {
   std::string scene;
   double seconds = 60.0;
   int repeats = 5;
-  double cold = 20.0;  // [s] in all
+  double cold = 20.0;  // [s], total duration of the cold ticks
   std::string neighbour = bench::kNeighbours.front();
 };
 
@@ -90,7 +90,7 @@ void backToBack(const BuiltScene& built, const Options& options) {
   if (bound > 0.0) std::printf("largest bound where a balance stopped early: %.3g m\n", bound);
 }
 
-/// Measures at 1 kHz for four fifths of the time, and at 10 kHz for one fifth.
+/// Measures cold ticks: at 1 kHz for four fifths of the time, at 10 kHz for one fifth.
 void cold(const BuiltScene& built, const Options& options) {
   constexpr int kTurns = 2;
   std::printf("cold, loops on core %d, their busy neighbour: %s\n", bench::loopCore(),

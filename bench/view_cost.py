@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Measures the cost of the window for the loop: view_cost.py BIN SCENE [SECONDS [PAIRS]], under Xvfb.
+"""Measures how much the view's window costs the loop: view_cost.py BIN SCENE [SECONDS [PAIRS]], under Xvfb.
 
-Runs `palpate feel --realtime` and `palpate view` in turn, with the same scene and simulated hand. Prints medians
-over the pairs: the loop's tick times, wake-ups and late ticks, and the times of the window's frames."""
+Runs `palpate feel --realtime` and `palpate view` in turn, with the same scene and simulated hand. Prints medians over
+the pairs: the loop's tick times, wake-ups and late ticks, and the times of the window's frames."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def run(words, folder, env):
     done = subprocess.run([PROGRAM, *words, SCENE, "--device", "simulated", "--seconds", SECONDS,
                            "--summary", summary], capture_output=True, text=True, env=env, check=False)
     if done.returncode == 2:
-        sys.exit(done.stderr)  # other statuses report a fault, which is counted
+        sys.exit(done.stderr)  # other exit statuses report a fault of the run, which is counted
     with open(summary, encoding="utf-8") as file:
         return json.load(file)
 

@@ -1,6 +1,6 @@
-/// Measures the cost of a tick on a volume that deforms, on one that moves by keyframes and on one
-/// at rest. A hand is held in contact with a ball. The volumes take turns, so that a busy machine
-/// is busy for all.
+/// Measures the cost of a tick on a volume that deforms, on one that moves by keyframes, and on one
+/// at rest. A hand is held in contact with a ball. The three volumes take turns, so that other work
+/// of the machine affects all of them equally.
 ///
 ///     palpate_bench_warp [--turns N]
 #include <cmath>
@@ -24,11 +24,12 @@ using namespace palpate::bench;
 namespace {
 
 constexpr double kRadius = 40.0;
-const Vec3 kCentre(52.3, 51.7, 52.45);  // of the ball [voxels]
+const Vec3 kCentre(52.3, 51.7, 52.45);  // [voxels], centre of the ball
 constexpr double kPeriod = 0.2;         // [s]
 constexpr int kTicks = 400;             // per turn
 
-/// Makes a warp that breathes by a tenth, on cells of 8 voxels, with 16 frames per period.
+/// Makes a warp that expands and contracts by a tenth, on cells of 8 voxels, with 16 frames per
+/// period.
 WarpPtr breathing() {
   constexpr int kFrames = 16;
   DisplacementFrames out;
@@ -51,7 +52,7 @@ WarpPtr breathing() {
   return makeWarp(out, {times, true}, "/warp");
 }
 
-/// Makes a motion there and back, by as much as the breath.
+/// Makes a motion to and fro, as far as the warp moves the surface.
 MotionPtr shaking() {
   std::vector<Keyframe> keys(3);
   keys[1] = {0.5 * kPeriod, {1, 0, 0, 0}, Vec3(0.1 * kRadius * kVoxel, 0, 0)};
@@ -116,7 +117,7 @@ void measure(int turns) {
   double sum = 0.0;
   for (int turn = 0; turn < turns; ++turn) {
     for (auto& [name, one] : all) run(one);
-    // A thousand readings each along a path, in steps of 0.02 voxel.
+    // A thousand readings along each path, in steps of 0.02 voxel.
     constexpr int kReads = 1000;
     const auto path = [](int i) {
       return Vec3(kVoxel * (kCentre + 0.02 * i * Vec3(0.6, 0.64, 0.48)));

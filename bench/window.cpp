@@ -1,10 +1,11 @@
-/// Measures the cost of a volume that is not in memory. Runs a hand in real time along the skin of
-/// a head of many times the window's budget. The head is in the window or whole in memory, in
-/// turns.
+/// Measures the cost of a volume that does not fit into memory. Moves a hand in real time along the
+/// skin of a head whose size is many times the window's budget. The head is read through the window
+/// or is completely in memory, in turns.
 ///
 ///     palpate_bench_window DATA [--voxel MM] [--times N] [--pairs N] [--out RESULT.json]
 ///
-/// DATA: a folder with VTK's head (ct_headsq). Writes bricks into --folder, and removes them.
+/// DATA: a folder with VTK's head (ct_headsq). Writes bricks into --folder, and removes them at the
+/// end.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -38,11 +39,11 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 constexpr double kTick = 1e-3;   // [s]
-constexpr double kDepth = 3.0;   // of the hand below the skin [mm]
-constexpr double kBefore = 1.2;  // beside the head and then into it [s]
+constexpr double kDepth = 3.0;   // [mm], of the hand below the skin
+constexpr double kBefore = 1.2;  // [s], in which the hand is beside the head and then moves into it
 constexpr double kMegabyte = 1024.0 * 1024.0;
 
-/// Returns the memory of this process that is in use [bytes].
+/// Returns the memory that this process uses [bytes].
 double used() {
   std::ifstream stream("/proc/self/statm");
   double all = 0.0;
@@ -51,7 +52,7 @@ double used() {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
-/// Collects the ticks of a run from when the hand is in the head.
+/// Stores the ticks of a run, from the time at which the hand is inside the head.
 class Ticks final : public TickSink {
  public:
   struct Row {
@@ -67,7 +68,7 @@ class Ticks final : public TickSink {
     rows_.push_back({static_cast<double>(tick.tick) * kTick, static_cast<double>(tick.tick_ns),
                      tick.report.force.norm(), tick.report.coarse, tick.missed});
   }
-  /// Returns the ticks along the path.
+  /// Returns the ticks of the path along the skin.
   [[nodiscard]] std::vector<Row> felt() const {
     std::vector<Row> out;
     for (const Row& row : rows_) {
@@ -80,7 +81,7 @@ class Ticks final : public TickSink {
   std::vector<Row> rows_;
 };
 
-/// State of a window at a time of the run.
+/// State of the window at a time of the run.
 struct Held {
   double time;
   WindowState state;
@@ -89,7 +90,8 @@ struct Held {
 struct Run {
   std::vector<Ticks::Row> ticks;
   std::vector<Held> held;
-  bool cut = false;  ///< A fault cut the run: the loop was kept from its core for 5 ms.
+  /// A fault cut the run, because the machine kept the loop from its core for 5 ms.
+  bool cut = false;
 };
 
 std::vector<PathPoint> wayOf(const FineHead& head, double speed, double length) {
@@ -126,7 +128,7 @@ Run feel(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>
   return run;
 }
 
-/// Calls feel() until the machine does not keep the loop from its core, five times at most.
+/// Repeats the run until the machine does not keep the loop from its core, at most five times.
 Run feelWhole(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>& path,
               const BrickWindow* window) {
   constexpr int kMost = 5;
@@ -143,7 +145,7 @@ struct Figures {
   std::vector<double> us;
   double coarse = 0.0;
   double late = 0.0;
-  double step = 0.0;   ///< Largest growth of the force in a tick [N].
+  double step = 0.0;   ///< Largest growth of the force from one tick to the next [N].
   double force = 0.0;  ///< Mean force [N].
 
   explicit Figures(const std::vector<Ticks::Row>& ticks) {
@@ -161,8 +163,8 @@ struct Figures {
   }
 };
 
-/// Returns the median of each tick over several runs, which depends on the path and not on the
-/// machine.
+/// Returns the median over several runs for each tick. This time depends on the path, not on delays
+/// by the machine.
 std::vector<double> tickByTick(const std::vector<std::vector<Ticks::Row>>& runs) {
   std::vector<double> out;
   for (std::size_t i = 0;; ++i) {
@@ -273,12 +275,13 @@ void measure(const Options& options) {
 
   Json result;
   result["machine"] = bench::asJson(bench::takeMachine(/*pin=*/false));
-  // A first run allocates the memory of the loop itself, such as its locked stack.
+  // The first run allocates memory of the loop itself, such as its locked stack. So it is not
+  // measured.
   (void)feel(nullptr, {{0.0, Vec3::Zero()}, {0.1, Vec3::Zero()}}, nullptr);
   const double before = used();
   BuiltScene through = buildScene(spec);
   const BrickWindow& window = *through.windows.at("head");
-  // The coarsest level is in memory a second time, in `volumes`.
+  // The coarsest level is also in `volumes`, a second time.
   const double looked_at = static_cast<double>(through.volumes.at("head")->memory());
   const std::vector<PathPoint> slow = wayOf(head, 0.3, 1.8);
   const std::vector<PathPoint> fast = wayOf(head, 2.0, 6.0);

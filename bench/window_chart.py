@@ -1,10 +1,9 @@
 #!/usr/bin/python3
-"""Draws what palpate_bench_window measured: memory, share of coarse ticks and their times on the way.
+"""Draws what palpate_bench_window measured: memory, share of coarse ticks and tick times along the path.
 
     window_chart.py RESULT.json FOLDER [--doc FILE.md]
 
-Writes window_way.png and .svg into FOLDER. The table goes to standard output, or into FILE.md between its markers.
-"""
+Writes window_way.png and .svg into FOLDER. The table goes to standard output, or into FILE.md between its markers."""
 import sys
 
 sys.dont_write_bytecode = True
@@ -64,7 +63,7 @@ def tables(data):
              f"window is {number(data.get('p999_ratio', 0))} of that in memory, in the median.", "",
              table(head, body)]
     if "ticks" in data:
-        # The path is the same in all runs. A delay by the machine hits the same tick only in few runs.
+        # All runs have the same path, so a delay by the machine hits the same tick only in few runs.
         lines += ["", "At 0.3 m/s, of each tick its median over the pairs:", "",
                   table(["", "in memory us", "through the window us", "ratio"],
                         [[name, number(a), number(b), f"{b / a:.2f}"] for name, (a, b) in data["ticks"].items()])]

@@ -26,13 +26,13 @@ std::unique_ptr<Device> makeSimulated(ArmParams arm, const HandTarget& target,
 }
 
 std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
-  // In real time, limits are as for a hand that a force could hurt.
+  // In real time, a simulated arm gets the limits of an arm whose force could hurt.
   ArmParams arm;
   arm.hand = options.realtime;
   return makeSimulated(arm, options.target, options);
 }
 
-/// Opens `TROUBLE` or `TROUBLE@SECONDS`, which begins at that time.
+/// Opens `TROUBLE` or `TROUBLE@SECONDS`; the trouble begins at SECONDS.
 std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptions& options) {
   const NameAt of = nameAt(words);
   const std::optional<Trouble> trouble = troubleOf(of.name);
@@ -45,16 +45,16 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
   if (needsClock(*trouble) && !options.realtime) {
     throw DeviceError("--device", fmt::format("\"{}\" needs real time", of.name), "add --realtime");
   }
-  // Limits are as for a hand that a force could hurt.
+  // The arm gets the limits of an arm whose force could hurt.
   ArmParams arm;
   arm.hand = true;
   return std::make_unique<FaultyDevice>(makeSimulated(arm, options.target, options), *trouble,
                                         options.rate, of.seconds.value_or(1.0));
 }
 
-/// Opens a simulated hand that a user without an arm leads.
+/// Opens a simulated hand that follows a mouse or a client, for a user without an arm.
 std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& options) {
-  // This device has no motor, so a delay of a busy machine is harmless.
+  // This device has no motor, so a late tick cannot hurt.
   ArmParams arm;
   arm.late = 60.0;
   return makeSimulated(arm, target, options);

@@ -33,14 +33,14 @@ class Error : public std::runtime_error {
 /// A file or grid that cannot be used.
 class VolumeError : public Error {
  public:
-  using Error::Error;  ///< Subject, reason and remedy.
+  using Error::Error;  ///< Takes the subject, the reason and the remedy.
 };
 
 /// A scene description that is wrong. The subject is the JSON path of the error, such as
 /// /modes/0/of.
 class SceneError : public Error {
  public:
-  using Error::Error;  ///< Subject, reason and remedy.
+  using Error::Error;  ///< Takes the subject, the reason and the remedy.
   /// Returns the same error with the file or path of the description before its subject.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
     return {place + ": " + error.subject(), error.reason(), error.remedy()};
@@ -50,7 +50,7 @@ class SceneError : public Error {
 /// A device, or the description of a simulated device, that cannot be used.
 class DeviceError : public Error {
  public:
-  using Error::Error;  ///< Subject, reason and remedy.
+  using Error::Error;  ///< Takes the subject, the reason and the remedy.
 };
 
 /// Returns the candidate whose spelling is nearest to `name`, for remedies. Returns an empty string

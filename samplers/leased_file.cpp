@@ -19,7 +19,7 @@
 namespace palpate {
 namespace {
 
-/// Closes a file descriptor unless release() was called.
+/// Closes a file descriptor when destroyed, unless release() was called.
 class Descriptor {
  public:
   explicit Descriptor(int number) : number_(number) {}
@@ -35,27 +35,27 @@ class Descriptor {
   int number_;
 };
 
-/// Takes a read lease. Returns true if no process writes to the file, or can begin to write while
-/// this process has it open.
+/// Takes a read lease. Returns true if the lease was granted. Then no process has the file open for
+/// writing, and a process that wants to open it for writing must wait.
 bool lease(int file) {
-  // A waiting program causes no signal here, because the default signal would end this program.
-  // SIGURG is ignored unless a program handles it.
+  // Selects SIGURG as the signal for a waiting program. The default signal would end this program,
+  // but SIGURG is ignored unless the program handles it.
   if (fcntl(file, F_SETSIG, SIGURG) != 0 || fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
   (void)fcntl(file, F_SETOWN, 0);
   return true;
 }
 
-/// Returns the longest time that the system makes a program wait for a lease's end.
+/// Returns the longest time that the system lets a program wait for the end of a lease.
 LeasedFile::Clock::duration longestWait() {
   double seconds = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> seconds;
-  // Without a limit, other programs wait forever.
+  // Without this limit of the system, other programs wait until the lease ends.
   if (!(seconds > 0.0)) return LeasedFile::Clock::duration::max() / 4;
   return std::chrono::duration_cast<LeasedFile::Clock::duration>(
       std::chrono::duration<double>(seconds));
 }
 
-/// Opens a temporary file without a name.
+/// Opens a temporary file that has no name in the file system.
 int nameless(const std::filesystem::path& folder) {
   const int file = open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
   if (file >= 0) return file;
@@ -65,7 +65,7 @@ int nameless(const std::filesystem::path& folder) {
   return named;
 }
 
-/// Copies a whole file from its beginning. Returns 0, or errno.
+/// Copies a whole file. Returns 0, or the errno of the failure.
 int copyAll(int from, int to) {
   if (to < 0 || lseek(from, 0, SEEK_SET) < 0) return errno;
   constexpr std::size_t kPiece = std::size_t{1} << 30U;
@@ -75,7 +75,8 @@ int copyAll(int from, int to) {
       if (moved > 0) continue;
       if (moved == 0 && lseek(from, 0, SEEK_CUR) > 0) return 0;
       if (moved < 0 && errno == EINTR) continue;
-      // copy_file_range() does not work between these two places, or the file reports no size.
+      // Falls through if copy_file_range() does not support these two file systems, or if the file
+      // reports a size of 0.
       if (moved < 0 && (errno == ENOSPC || errno == EIO)) return errno;
       by_system = false;
     }
@@ -92,7 +93,8 @@ int copyAll(int from, int to) {
   }
 }
 
-/// Returns a private copy, in the folder for temporary files or in memory.
+/// Returns the descriptor of a private copy, which is in the folder for temporary files or in
+/// memory.
 int copyOf(int file, const std::filesystem::path& path) {
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
@@ -123,7 +125,8 @@ LeasedFile::LeasedFile(const std::filesystem::path& path) {
 }
 
 bool LeasedFile::keptAt(Clock::time_point now) const noexcept {
-  // While another process waits, F_GETLEASE returns the type that the lease must change to.
+  // While another process waits, F_GETLEASE does not return F_RDLCK but the type to which the lease
+  // must change.
   if (!leased_) return true;
   if (fcntl(file_, F_GETLEASE) == F_RDLCK) {
     alone_ = now.time_since_epoch().count();

@@ -9,12 +9,13 @@
 
 namespace palpate {
 
-/// Calls body(0) to body(count - 1) in any order, from several threads. If one call throws, the
-/// calls that have begun run to their end, the others are skipped, and the exception is rethrown.
+/// Calls body(0) to body(count - 1) in any order, from several threads. If a call throws, the calls
+/// that have begun run to their end, the remaining calls are skipped, and the exception is thrown
+/// again.
 ///
-/// tbb::parallel_for differs: it also stops loops inside the other bodies halfway, without an
-/// error. OpenVDB frees its trees in inner loops, which would then leak, and a spline would be
-/// filtered in parts.
+/// In contrast, tbb::parallel_for would also cancel loops inside the other bodies, without an
+/// error. OpenVDB frees its trees in such inner loops, and cancelled loops would leak memory. A
+/// spline filter would also be left unfinished.
 template <class Body>
 void inParallel(std::size_t count, Body body) {
   std::atomic<bool> failed{false};

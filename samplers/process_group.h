@@ -1,4 +1,5 @@
-/// Processes that share one task, possibly on several machines.
+/// A group of processes that work on one task, possibly on several machines. The number of a
+/// process in its group is its rank.
 #pragma once
 
 #include <cstddef>
@@ -11,15 +12,16 @@
 
 namespace palpate {
 
-/// Thrown when another rank has failed. That rank reports the error, so the catcher must not.
+/// Thrown when another rank has failed. Do not report this exception: the failed rank reports the
+/// error.
 class GroupEnded : public std::exception {
  public:
-  /// Returns a fixed text, which is not meant for users.
+  /// Returns a fixed text that is not meant for users.
   [[nodiscard]] const char* what() const noexcept override { return "another rank has failed"; }
 };
 
-/// A process group. All ranks run the same steps and call gather() equally often. They communicate
-/// only in gather(). workTogether keeps a rank that fails from blocking the others.
+/// A process group. All ranks must run the same steps and call gather() equally often. They
+/// communicate only in gather(). workTogether() prevents a failed rank from blocking the others.
 class ProcessGroup {
  public:
   /// The data that one rank contributes.
@@ -30,16 +32,16 @@ class ProcessGroup {
   ProcessGroup& operator=(const ProcessGroup&) = delete;
   virtual ~ProcessGroup() = default;
 
-  [[nodiscard]] virtual int rank() const noexcept = 0;  ///< Counts from 0.
+  [[nodiscard]] virtual int rank() const noexcept = 0;  ///< Rank of this process, from 0.
   [[nodiscard]] virtual int size() const noexcept = 0;  ///< Number of ranks.
 
-  /// Returns the bytes of all ranks, in order of rank. Waits for all ranks. Throws GroupEnded if a
-  /// rank fails, and Error if the ranks have lost contact.
+  /// Returns the bytes of all ranks, in order of rank. Waits for all ranks. Throws GroupEnded if
+  /// another rank has failed, and Error if the connection between the ranks is lost.
   [[nodiscard]] virtual std::vector<Bytes> gather(std::span<const std::byte> own) = 0;
 
-  /// Reports that this rank has failed; a rank calls it in place of the next gather(). Waits for
-  /// all ranks.
-  /// @return  True for the lowest rank that gives up: that rank reports the error.
+  /// Reports to all ranks that this rank has failed. A failed rank calls it in place of its next
+  /// gather(). Waits for all ranks.
+  /// @return  True on the lowest of the ranks that have failed. That rank must report the error.
   [[nodiscard]] virtual bool giveUp() noexcept = 0;
 };
 
@@ -54,8 +56,8 @@ class SingleProcess final : public ProcessGroup {
   [[nodiscard]] bool giveUp() noexcept override { return true; }
 };
 
-/// Gathers one trivially copyable value from each rank, in order of rank. All machines must be of
-/// one kind.
+/// Gathers one trivially copyable value from each rank, in the order of ranks. All machines must
+/// have the same byte order and data layout.
 template <class T>
 [[nodiscard]] std::vector<T> gatherOne(ProcessGroup& group, const T& own) {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -66,7 +68,7 @@ template <class T>
   return all;
 }
 
-/// Gathers a list from each rank and joins the lists in order of rank.
+/// Gathers a list from each rank and joins the lists in the order of ranks.
 template <class T>
 [[nodiscard]] std::vector<T> gatherAll(ProcessGroup& group, const std::vector<T>& own) {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -83,25 +85,24 @@ template <class T>
   return all;
 }
 
-/// A contiguous part of a list, by index.
+/// A contiguous part of a list, given by its indices.
 struct Share {
   std::int64_t first = 0;  ///< First index.
-  std::int64_t end = 0;    ///< Index after the last one.
+  std::int64_t end = 0;    ///< The last index plus 1.
 
-  /// Returns whether index n is in this part.
+  /// Returns true if index n is in this part.
   [[nodiscard]] bool has(std::int64_t n) const noexcept { return n >= first && n < end; }
 };
 
-/// Returns the part of `count` items for this rank. The parts of all ranks make up the whole, in
-/// order, and differ in size by one at most.
+/// Returns the part of `count` items that belongs to this rank. The parts of all ranks, in the
+/// order of ranks, form the whole list. Their sizes differ by at most one.
 [[nodiscard]] inline Share shareOf(const ProcessGroup& group, std::int64_t count) noexcept {
   return {count * group.rank() / group.size(), count * (group.rank() + 1) / group.size()};
 }
 
-/// Runs `work`; every rank must call this function. If `work` throws in one rank, it ends for all
-/// ranks. At the end all ranks meet once more.
-/// @return  The result of `work`; T() if another rank gives up, or has given up, and reports the
-/// error.
+/// Runs `work`. Every rank must call this function. If `work` throws on one rank, it ends on all
+/// ranks. At the end, each rank waits for all others.
+/// @return  The result of `work`; T() if another rank has failed and reports the error.
 template <class Work>
 [[nodiscard]] auto workTogether(ProcessGroup& group, Work work) -> decltype(work()) {
   try {

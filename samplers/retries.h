@@ -1,4 +1,4 @@
-/// Private to samplers: when to retry a failed load.
+/// Private to samplers: decides when a failed load is tried again.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +8,8 @@
 
 namespace palpate::detail {
 
-/// Schedules retries by id: the first after 1 s, each further one after twice as long, up to 32 s.
+/// Schedules retries by id: the first retry after 1 s, each further retry after twice the previous
+/// delay, up to 32 s.
 template <class Id>
 class Retries {
  public:
@@ -23,12 +24,12 @@ class Retries {
   }
   void had(const Id& id) { of_.erase(id); }
   void forget() { of_.clear(); }
-  /// Returns false if `id` has failed and it is not yet time to retry.
+  /// Returns false if `id` has failed and it is too early for a retry.
   [[nodiscard]] bool may(const Id& id, Clock::time_point now) const {
     const auto of = of_.find(id);
     return of == of_.end() || of->second.again <= now;
   }
-  /// Returns whether it is time to retry an id for which `wanted(id)` is true.
+  /// Returns true if it is time to retry any of the ids for which `wanted(id)` is true.
   template <class Wanted>
   [[nodiscard]] bool due(Clock::time_point now, const Wanted& wanted) const {
     return std::any_of(of_.begin(), of_.end(),

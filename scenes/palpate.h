@@ -1,5 +1,5 @@
-/// All headers for a program that renders volumes on an arm: scenes, devices, and the loop. Link
-/// palpate::scenes, palpate::analytic, palpate::hid and palpate::guardian.
+/// All headers that a program needs to render volumes on an arm: scenes, devices, and the loop.
+/// Link it with palpate::scenes, palpate::analytic, palpate::hid and palpate::guardian.
 #pragma once
 
 #include "palpate/devices/arm/guardian.h"

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The documents agree with the sources: docs_test.py SOURCE_DIR.
+"""Tests that the documents agree with the sources: docs_test.py SOURCE_DIR.
 
-Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ lead to files. In docs/paper.md every `file:name` is a name
-in that file, every tag is a test's, and every key (P1, D2) is defined and used.
-"""
+Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ must lead to existing files. In docs/paper.md, every
+`file:name` must be a name in that file, every tag must be a test's, and every key (P1, D2) must be defined and
+used."""
 import os
 import re
 import sys
@@ -34,10 +34,10 @@ FILES = files()
 
 
 def find(name):
-    """Returns the file with this path, or with a name that only one file has."""
+    """Returns the file with this path, or the only file with this name."""
     if "/" in name or (ROOT / name).is_file():
         return Path(name) if (ROOT / name).is_file() else None
-    # A host's own headers have palpate's names on purpose.
+    # A host program of the tests has headers with the same names as palpate's on purpose.
     same = [f for f in FILES if f.name == name and "host" not in f.parts]
     return same[0] if len(same) == 1 else None
 
@@ -48,7 +48,7 @@ def prose(text):
 
 
 def spans(text):
-    """Yields the text in backticks, also if it continues in the next line of its paragraph."""
+    """Yields the text in backticks, even if it continues in the next line of its paragraph."""
     for paragraph in re.split(r"\n\s*\n|\n(?=[-|])", prose(text)):
         for span in re.findall(r"`([^`]+)`", paragraph):
             yield " ".join(span.split())
@@ -66,7 +66,7 @@ def names(path, name):
 
 
 def broken_references(text):
-    """Returns `file:name`, `:name` of the file named last, and `folder/file` that do not exist."""
+    """Returns references that do not exist: `file:name`, `:name` in the file named before it, and `folder/file`."""
     broken = []
     last = None
     for span in spans(text):

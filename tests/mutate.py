@@ -25,12 +25,12 @@ FAULTS = Path(__file__).resolve().with_suffix(".json")
 ENOUGH = 97.0   # per cent
 KEYS = {"name", "file", "before", "after", "means", "runs", "preset", "lives"}
 FEW, USUAL = "10%", "100%"   # of the random cases
-# The programs that tests outside of Catch2 need.
+# Programs that the tests outside of Catch2 need.
 PARTS = {"safety.kill_table": ["palpate_victim"],
          "scenes.igtl": ["palpate"],
          "scenes.explain_press": ["palpate", "palpate_make_volumes"]}
 
-# The folders of Catch2 programs that are not in tests/.
+# Folders of Catch2 programs outside of tests/.
 FOLDERS = {"haply": "tests/devices/haply"}
 
 
@@ -67,7 +67,7 @@ def digest(*parts):
 
 
 def shown(command, **more):
-    """Runs a command; returns whether it succeeded, and its output."""
+    """Runs a command. Returns whether it succeeded, and its output."""
     run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                          check=False, **more)
     return run.returncode == 0, run.stdout
@@ -91,7 +91,7 @@ class Tree:
             content = source.read_bytes()
             if source != FAULTS:
                 hashes.append(name + hashlib.sha256(content).hexdigest())
-            # An unchanged file keeps its time, so that its build results stay valid.
+            # An unchanged file keeps its time stamp, so that its build results stay valid.
             if not to.is_file() or to.read_bytes() != content:
                 to.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(source, to)
@@ -145,7 +145,7 @@ class Tree:
         tests = re.findall(r'<TestCase name="([^"]*)"', words)
         sanitizer = re.search(r"SUMMARY: (\w+Sanitizer: [\w -]+?)(?: [/(]|$)", words, re.MULTILINE)
         name = html.unescape(tests[-1]) if tests else program
-        # A sanitizer may let the program continue to its end, so that the last test is not the failing one.
+        # With a sanitizer the program may continue to its end, so the last test need not be the failing one.
         name = sanitizer[1] if sanitizer else name
         return f"hangs: {name}" if status is None else name
 
@@ -174,8 +174,8 @@ class Results:
         self.save()
 
     def verdict(self, tree_hash, key, name):
-        """Returns the known verdict. A detected fault stays detected while its key is the same. A fault that was not
-        detected is tried again if the sources changed, because they may have a new test."""
+        """Returns the known verdict. A detected fault counts as detected while its key is the same. An undetected
+        fault is tried again after the sources have changed, because there may be a new test."""
         known = self.known["faults"].get(name, {})
         same = known.get("key") == key
         return known if same and (known["verdict"] == "died" or known["tree"] == tree_hash) else None
@@ -195,7 +195,7 @@ def try_fault(tree, fault, preset, seconds):
             return "unbuilt", words.strip().splitlines()[-1]
         for cases in (FEW, USUAL):
             for run in fault["runs"]:
-                # Other programs share the cores.
+                # Other programs use the cores too.
                 seen = tree.test(preset, run, cases, 60.0 + 5.0 * seconds[preset, run])
                 if seen:
                     return "died", f"{run.split()[0]}: {seen}"

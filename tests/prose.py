@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Finds prose that strangers stumble over, in comments and pages.
+"""Finds prose that a reader may not understand, in comments and pages.
 
 prose.py          prints the rate of each folder; status 1 if one is above LIMIT
 prose.py PATH...  prints each hit of these files or folders
 
-A hit is a hint: a sentence may be right with one. So a folder has a rate and not a list of exceptions."""
+A hit is a hint, because a sentence with a hit may be correct. So each folder has a rate, and there is no list of
+exceptions."""
 import re
 import subprocess
 import sys

@@ -11,7 +11,8 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# Lowest first: a source includes headers of its own folder and of the folders before it. This excludes a circle.
+# Lowest folder first. A source may include headers of its own folder and of the folders before it, so circles are not
+# possible.
 ORDER = """
 engine
 engine/balance engine/field engine/modes engine/safety engine/scene engine/tick engine/loop
@@ -23,7 +24,7 @@ scenes/guess scenes/library scenes/apps/common scenes/network/sites scenes/netwo
 scenes/bindings/c scenes/bindings/python scenes/apps/import scenes/apps/view scenes/apps/cli scenes/apps
 scenes
 """.split()
-# Folders that are above the library and do not see each other.
+# Folders above the library that must not include each other.
 APART = {"scenes/bindings/c", "scenes/bindings/python", "scenes/apps/import", "scenes/apps/view", "scenes/apps/cli"}
 # Folders without a public header.
 PRIVATE = APART - {"scenes/bindings/c"} | {"scenes/apps/common", "scenes/network/sites", "scenes/network/slicer"}
@@ -58,7 +59,7 @@ def functions(text):
     for opens, line in enumerate(lines):
         if not re.match(r"^ *\S.*[)a-z] \{$", line):
             continue
-        # A signature may go over several lines, up to the one that opens its parentheses.
+        # A signature may extend over several lines, up to the line that closes its parentheses.
         first, signature = opens, line
         while signature.count(")") > signature.count("(") and first > 0 and not re.search(r"[;{}]", lines[first - 1]):
             first -= 1

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""tidy.py reports the same complaints for sources in one unit as for each source alone."""
+"""Tests that tidy.py reports the same complaints for sources in one unit as for each source alone."""
 import json
 import tempfile
 import unittest
@@ -86,7 +86,7 @@ class Unit(unittest.TestCase):
 class Stamp(unittest.TestCase):
     def test_a_stamp_is_the_same_wherever_the_clone_lies(self):
         names = set()
-        # A clone with a path that sorts before the system's headers, and one that sorts after them.
+        # One clone has a path that sorts before the system's headers, the other a path that sorts after them.
         for root in ("/home/clone", "/work/clone"):
             stamps = tidy.Stamps.__new__(tidy.Stamps)
             stamps.here = lambda text, root=root: text.replace(root, ".")

@@ -10,11 +10,11 @@
 namespace palpate::methods {
 namespace {
 
-/// Orthonormal axes of the directions that primitives constrain.
+/// Orthonormal basis of the directions that primitives constrain.
 class ConstrainedFrame {
  public:
-  /// Adds the part of a direction that is not in the frame yet; a direction within 1e-6 rad counts
-  /// as in the frame.
+  /// Adds the part of a direction that is outside the basis. A direction within 1e-6 rad of the
+  /// basis counts as inside.
   void add(const Vec3& direction) noexcept {
     const Vec3 rest = unconstrained(direction);
     if (count_ < axes_.size() && rest.norm() > 1e-6) axes_[count_++] = rest.normalized();
@@ -31,7 +31,7 @@ class ConstrainedFrame {
   std::size_t count_ = 0;
 };
 
-/// Applies eq. (2) along eta's own direction: returns the part of eta beyond s/k.
+/// Applies eq. (2) along the direction of eta: returns the part of eta that exceeds s/k.
 Vec3 yieldedAlong(const Vec3& eta, double strength_over_stiffness) noexcept {
   const double length = eta.norm();
   return length > strength_over_stiffness ? Vec3((1.0 - strength_over_stiffness / length) * eta)
@@ -45,7 +45,7 @@ Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
   const Vec3 eta = probe - proxy;  // eq. (1)
   Vec3 moved = proxy;
   for (const Constraint& c : constraints) {
-    // Eq. (2) for q and for -q: a constraint holds in both senses of its direction.
+    // Applies eq. (2) to q and to -q, because a constraint holds in both senses of its direction.
     moved += yieldedAlong(eta.dot(c.direction) * c.direction, c.strength / stiffness);
   }
   return moved;
@@ -53,7 +53,7 @@ Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
 
 Balance constraintApproach(const Vec3& probe, double stiffness,
                            std::span<const Primitive> primitives, const Vec3& start) noexcept {
-  // The spring's end relative to the probe, and the constrained directions.
+  // The spring's end relative to the probe, and the basis of the constrained directions.
   Vec3 end = Vec3::Zero();
   ConstrainedFrame constrained;
   for (const Primitive& p : primitives) {

@@ -1,5 +1,4 @@
-/// A method without a proxy: the force functions that Lundin et al. list in section 1 as the first
-/// method.
+/// A method without a proxy: the force functions, which Lundin et al. list first in section 1.
 #pragma once
 
 #include <span>
@@ -9,16 +8,16 @@
 namespace palpate::methods {
 
 /// Returns the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe itself: f =
-/// sum f_i(probe), as the offset f/k at which the spring pulls with this force.
+/// sum f_i(probe). The result is the offset f/k at which the spring pulls with this force.
 ///
-/// The primitives stand in for the force functions of the papers cited there, each of which has its
-/// own. The answer equals the balance only if no kink lies between probe and proxy. A plane that
-/// would hold the proxy still pushes with all its strength, and the force jumps at the kink: the
-/// instability that section 1 describes.
+/// The primitives replace the force functions of the papers that section 1 cites, which differ from
+/// paper to paper. The answer equals the balance only if no kink lies between probe and proxy. A
+/// plane that would hold the proxy still pushes with all its strength, and the force jumps at the
+/// kink. This is the instability that section 1 describes.
 ///
 /// @param probe       Hand position [m].
-/// @param stiffness   k [N/m], > 0; only the unit of the answer.
-/// @param start       Not used: the method has no memory.
+/// @param stiffness   k [N/m], > 0; sets only the unit of the answer.
+/// @param start       Not used, because the method has no memory.
 [[nodiscard]] Balance forceFunction(const Vec3& probe, double stiffness,
                                     std::span<const Primitive> primitives,
                                     const Vec3& start) noexcept;

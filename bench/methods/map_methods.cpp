@@ -12,7 +12,7 @@
 namespace palpate {
 namespace {
 
-/// Wraps a method of the literature at its usual setting, or at `params`.
+/// Wraps a method of the literature, with its default setting or with `params`.
 template <class... Params>
 MapBalance placedBy(methods::Balance (*method)(const Vec3&, double, std::span<const Primitive>,
                                                const Vec3&, const Params&...) noexcept,

@@ -1,4 +1,4 @@
-/// The methods of the literature for maps of couplings, beside the engine's solver.
+/// The engine's solver and the methods of the literature, as methods for maps of couplings.
 #pragma once
 
 #include <vector>
@@ -7,8 +7,8 @@
 
 namespace palpate {
 
-/// Returns the engine's solver and six methods of the literature over fixed primitives, each at its
-/// intended setting.
+/// Returns the engine's solver and six methods of the literature over the contact's fixed
+/// primitives, each with the setting that its authors intend.
 [[nodiscard]] std::vector<MapMethod> methodsOver(const MapContact& contact);
 
 }  // namespace palpate

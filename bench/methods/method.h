@@ -1,5 +1,5 @@
-/// Input and result of the methods from the literature. Benchmarks and tests compare them with the
-/// engine, which has one solver of its own. The shipped program does not link them.
+/// Input and result of the methods from the literature. Benchmarks and tests compare these methods
+/// with the engine's single solver. The shipped program does not link them.
 #pragma once
 
 #include <span>
@@ -13,7 +13,7 @@ namespace palpate::methods {
 struct Balance {
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]; the hand feels k times this.
   int iterations = 0;          ///< Evaluations of eq. (14) (of the potential, for Nelder-Mead).
-  bool settled = false;        ///< The method's own stopping rule fired before its limit.
+  bool settled = false;        ///< The method's own stopping rule ended it before its limit.
 };
 
 }  // namespace palpate::methods

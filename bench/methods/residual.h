@@ -1,7 +1,7 @@
-/// Eq. (14) to the letter and its potential, which the searching methods evaluate.
+/// Eq. (14) exactly as printed and its potential, which the searching methods evaluate.
 ///
-/// Positions are relative to the probe (`offset`), so that 1e4 m from the origin costs no digits.
-/// Inline, because the methods spend most of their time here.
+/// Positions are relative to the probe (`offset`), so that no digits are lost 1e4 m from the
+/// origin. Inline, because the methods spend most of their time here.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace palpate::methods {
 
-/// Returns the vector from the proxy, at d from x_i, to the nearest point of a line: m of eq. (10).
+/// Returns m of eq. (10): the vector to the nearest point of a line, from a proxy at d = x - x_i.
 [[nodiscard]] inline Vec3 acrossLine(const Vec3& direction, const Vec3& d) noexcept {
   return direction * direction.dot(d) - d;
 }
@@ -47,9 +47,9 @@ namespace palpate::methods {
   return force;
 }
 
-/// Returns E of engine/balance/solver.h [J] at probe + offset; f_res is minus its gradient where
-/// that exists. The part of a directed force is counted from the probe, which only shifts E by a
-/// constant.
+/// Returns E of engine/balance/solver.h [J] at probe + offset. f_res is minus its gradient, where
+/// the gradient exists. The energy of a directed force is counted from the probe, which changes E
+/// only by a constant.
 [[nodiscard]] inline double potential(const Vec3& offset, const Vec3& probe, double stiffness,
                                       std::span<const Primitive> primitives) noexcept {
   double energy = 0.5 * stiffness * offset.squaredNorm();
@@ -81,8 +81,8 @@ namespace palpate::methods {
   return sum;
 }
 
-/// Returns `offset`, or the point where its path to the probe enters the ball of radius S/k about
-/// the probe: a nearer start.
+/// Returns `offset` if it is within `reach`, otherwise the point at distance `reach` on the line
+/// from the probe to it. This gives a nearer start.
 [[nodiscard]] inline Vec3 withinReach(const Vec3& offset, double reach) noexcept {
   const double distance = offset.norm();
   return distance > reach ? Vec3((reach / distance) * offset) : offset;

@@ -26,7 +26,8 @@ Balance smallestResidual(const Vec3& probe, double stiffness, std::span<const Pr
     balance.settled = found.settled;
   };
 
-  // The last proxy, the probe, then the anchors: each has its own kinks around it.
+  // Starts at the last proxy, at the probe and at the anchors, because the kinks around them
+  // differ.
   search_from(start - probe);
   if (params.searches > 1) search_from(Vec3::Zero());
   int left = params.searches - 2;

@@ -1,4 +1,4 @@
-/// The literal reading of Lundin et al., section 4.2: the smallest |f_res|.
+/// The literal interpretation of Lundin et al., section 4.2: the smallest |f_res|.
 #pragma once
 
 #include <span>
@@ -9,26 +9,28 @@ namespace palpate::methods {
 
 struct SmallestResidualParams {
   double size = 0.5;        ///< Edge of each first simplex as a share of S/k.
-  double tolerance = 1e-5;  ///< A search stops when its simplex is within this share of S/k.
-  int searches = 2;         ///< Most starting points: start, probe, then anchors.
+  double tolerance = 1e-5;  ///< A search stops when its simplex is smaller than this share of S/k.
+  /// Largest number of starting points: `start`, the probe, then anchors.
+  int searches = 2;
   int max_evaluations = 2000;
 };
 
-/// Solves eq. (15) "by minimizing the magnitude of the function", eq. (14) to the letter (zero on a
-/// kink), wherever that leads. The paper does not say how. |f_res| jumps at every kink and has a
-/// minimum of its own in many of the cells between kinks. So we search by downhill simplex
-/// (simplex.h), which needs no gradient, from several points pulled to within S/k of the probe, and
-/// keep the smallest.
+/// Solves eq. (15) "by minimizing the magnitude of the function", with eq. (14) exactly as printed
+/// (zero on a kink), even if the minimum is not the balance. The paper does not say how to
+/// minimise. |f_res| jumps at every kink, and has a minimum of its own in many of the cells between
+/// kinks. So we search by downhill simplex (simplex.h), which needs no gradient. The searches start
+/// at several points, each moved to within S/k of the probe, and the smallest result is kept.
 ///
-/// The kinks of planes bound cells, and a search reaches their edges. The force of a line or a
-/// point is zero only on a set without volume, which floating point meets at an anchor at best.
+/// The kinks of planes bound cells, and a search reaches the cells' edges. The force of a line or a
+/// point is zero only on a set without volume, which floating-point numbers can meet at most at an
+/// anchor.
 ///
-/// Measured as in euler_adaptive.h, 200 problems a family (60 with 32 primitives): within 1e-3 S/k
-/// of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8 (386), 93 %
-/// with 32 (377). A search from every anchor as well finds smaller |f_res| but no more balances (93
-/// instead of 95 %, 84 and 84, 95 and 95 on 40, 40 and 15 problems a family) at 2, 4 and 12 times
-/// the cost. With 8 planes, in 8 of 100 problems some other place had a smaller |f_res| than any
-/// found about the balance.
+/// Measured as in euler_adaptive.h, 200 problems per family (60 with 32 primitives): within 1e-3
+/// S/k of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8 (386), 93
+/// % with 32 (377). Additional searches from every anchor find a smaller |f_res|, but no more
+/// balances (93 instead of 95 %, 84 and 84, 95 and 95 on 40, 40 and 15 problems per family), at 2,
+/// 4 and 12 times the cost. With 8 planes, in 8 of 100 problems another place had a smaller |f_res|
+/// than every place that was found about the balance.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

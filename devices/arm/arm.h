@@ -1,5 +1,5 @@
-/// The interface of an arm to tests, lists and programs. It is the same for a HID device with a
-/// profile, a device of the PID class and a plug-in.
+/// The interface through which tests, lists and programs use an arm. It is the same for a HID
+/// device with a profile, a device of USB's PID class and a plug-in.
 #pragma once
 
 #include <algorithm>
@@ -14,21 +14,23 @@
 
 namespace palpate {
 
-/// Results of `palpate devices --test` for an arm, on the safe side; zeros: not measured.
+/// Results of `palpate devices --test` for an arm, with bounds on the safe side for passivity and
+/// stability. Zeros mean not measured.
 struct MeasuredArm {
   double viscous = 0.0;  ///< [N s/m], a lower bound for all axes with motors.
   double coulomb = 0.0;  ///< [N], a lower bound for all axes with motors.
-  double delay = 0.0;    ///< Delay from a reading to its force [s]: middle of the possible range.
-  double doubt = 0.0;    ///< Half the width of this range [s].
-  double mass = 0.0;     ///< [kg], the smallest along any axis.
+  /// Delay from a reading to its force [s]: middle of the range in which it may lie.
+  double delay = 0.0;
+  double doubt = 0.0;  ///< Half the width of the delay's range [s].
+  double mass = 0.0;   ///< [kg], the smallest of the masses measured along the axes.
 };
 
 /// Limits of an arm that has not passed `palpate devices --test`.
 inline constexpr double kUntestedForce = 1.0;        ///< [N]
 inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
 
-/// Applies these limits to an arm with a hand on it that has not passed, and notes them in its
-/// source.
+/// Applies these limits to an arm with a hand on it that has not passed `palpate devices --test`,
+/// and notes them in DeviceInfo::source.
 inline void holdUntested(DeviceInfo& info) {
   info.limits.peak = std::min(info.limits.peak, kUntestedForce);
   info.max_stiffness = std::min(info.max_stiffness, kUntestedStiffness);
@@ -39,27 +41,31 @@ inline void holdUntested(DeviceInfo& info) {
 struct ArmHost {
   /// Prints an instruction for the user. When a lost arm returns, another thread calls it.
   std::function<void(const std::string&)> say = nullptr;
-  /// Returns true if the program should end; waits for the user then end.
+  /// Returns true if the program should end. Every wait for the user then ends too.
   std::function<bool()> stop = nullptr;
   /// The arm's measured friction, for the energy tank; zeros if it is unknown.
   MeasuredArm measured = {};
-  TankUse tank = TankUse::kObserve;  ///< Off if too little is known of the friction.
-  double refill = 0.0;               ///< TankParams::refill [W].
-  bool tests = false;    ///< Being tested: a PID device has its full gain; all limits still hold.
-  double carries = 1.0;  ///< Largest weight at the tip that an arm carries before it has passed its
-                         ///< test [N]. A tested arm carries as much as its motors can.
-  /// Clock for the age of reports and writes [ns]; called in ticks. The machine's clock, or a
-  /// test's.
+  /// Use of the energy tank. If too little is known of the arm's friction, the tank is off.
+  TankUse tank = TankUse::kObserve;
+  double refill = 0.0;  ///< TankParams::refill [W].
+  /// The arm is being tested. A PID device then has its full gain; all other limits still hold.
+  bool tests = false;
+  /// Largest weight at the tip that the motors may carry before the arm has passed its test [N].
+  /// The motors of a tested arm may carry any weight that they can.
+  double carries = 1.0;
+  /// Clock for the age of reports and writes [ns]; called in ticks. A test may pass a clock of its
+  /// own.
   std::int64_t (*now)() noexcept = nowNs;
 };
 
-/// The key under which an arm's test is stored. A test is valid only for this arm with the same
-/// description.
+/// The key under which an arm's test result is stored. The result is valid only for the same arm
+/// with the same description.
 struct ArmIdentity {
-  std::string name;  ///< Name of the description: a profile's name, `plugin:NAME`.
-  std::string own;   ///< Serial number, or the port where it is plugged in; empty: neither.
-  std::uint64_t fingerprint = 0;  ///< Fingerprint of the whole description.
-  bool numbered = true;           ///< `own` is a serial number.
+  std::string name;  ///< Name of the description: a profile's name, or `plugin:NAME`.
+  /// Serial number, or the port where the arm is plugged in. Empty: both are unknown.
+  std::string own;
+  std::uint64_t fingerprint = 0;  ///< fingerprintOf() the whole description.
+  bool numbered = true;           ///< True: `own` is a serial number. False: it is a port.
 };
 
 /// Returns a fingerprint of a text, such as an arm's description or name: FNV-1a.
@@ -71,7 +77,7 @@ struct ArmIdentity {
 
 /// Counts of readings and writes since an arm was opened.
 struct ArmTraffic {
-  std::int64_t dropped = 0;     ///< Readings that were discarded because they were old.
+  std::int64_t dropped = 0;     ///< Reports that were discarded unread because they were old.
   std::int64_t writes = 0;      ///< Forces that were sent.
   std::int64_t longest_ns = 0;  ///< The longest write [ns].
 };
@@ -79,24 +85,26 @@ struct ArmTraffic {
 /// Properties of an arm that never change.
 struct ArmTraits {
   bool drives = true;             ///< The arm has motors.
-  Mat3 moves = Mat3::Identity();  ///< Projects onto the directions of W in which it moves.
+  Mat3 moves = Mat3::Identity();  ///< Projector onto the directions of W in which the arm can move.
   Vec3 down_W = -Vec3::UnitZ();   ///< Direction in which masses fall.
   double input_rate = 1000.0;     ///< Positions per second [Hz].
   double stiffness = 0.0;         ///< Largest coupling stiffness of the tested arm [N/m].
   double workspace_radius = 0.0;  ///< [m]
-  bool carries = false;           ///< The motors carry the arm's weight.
+  bool carries = false;           ///< The motors carry the arm's own weight.
 };
 
 /// An arm with a hand on it.
 class Arm : public Device {
  public:
-  [[nodiscard]] virtual const ArmTraits& traits() const noexcept = 0;  ///< They never change.
-  /// Returns why the last read() was not ready, with a remedy; empty: it was ready. Call it on the
-  /// thread that reads.
+  /// Constant while the arm is open.
+  [[nodiscard]] virtual const ArmTraits& traits() const noexcept = 0;
+  /// Returns why the last read() was not ready, with a remedy; empty if it was ready. Call it on
+  /// the thread that calls read().
   [[nodiscard]] virtual std::string whyNotReady() const = 0;
-  /// Returns the tip's step for one count of each encoder, at the last reading [m]; empty: unknown.
+  /// Returns the tip's travel for one count of each encoder, at the last reading [m]. Empty:
+  /// unknown.
   [[nodiscard]] virtual std::vector<double> steps() const = 0;
-  /// Returns the counts. Call it on the thread that reads.
+  /// Returns the counts since the opening. Call it on the thread that calls read().
   [[nodiscard]] virtual ArmTraffic traffic() const = 0;
 };
 

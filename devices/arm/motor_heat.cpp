@@ -15,7 +15,7 @@ void MotorHeat::pass(double dt) noexcept {
 double MotorHeat::allows(double peak) const noexcept {
   if (!(continuous_ > 0.0)) return peak;
   const double most = continuous_ * continuous_;
-  // Square of the command with which the heat reaches `most` after kHold.
+  // Square of the command that heats the winding from `heat_` to `most` within kHold.
   const double held = heat_ + (most - heat_) / -std::expm1(-kHold / heating_);
   return std::min(allowedByHeat(continuous_, peak, heat_), std::sqrt(std::max(held, 0.0)));
 }

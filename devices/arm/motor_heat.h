@@ -8,27 +8,29 @@ namespace palpate {
 /// The heat of the winding follows the square of its current with one time constant. The heat limit
 /// is the heat of the command that the motor can hold forever (`continuous`). A cool motor may get
 /// its peak command. Above the share kWarm of the heat limit, the allowed command falls
-/// (allowedByHeat); at the limit it is `continuous`. The heat never exceeds the limit, even if a
-/// command holds for kHold, until a guardian takes it off. A motor starts at the heat limit,
-/// because its earlier use is unknown.
+/// (allowedByHeat); at the limit it is `continuous`. The heat never exceeds the limit, even if the
+/// program stops and its last command stays for kHold, until a guardian takes the force off. A
+/// motor starts at the heat limit, because its earlier use is unknown.
 class MotorHeat {
  public:
-  static constexpr double kHold = 0.02;  ///< [s]
+  /// Longest time that a command may stay after the program stops [s].
+  static constexpr double kHold = 0.02;
 
-  /// @param continuous  Command that the motor can hold forever, in any unit; 0: any command.
-  /// @param heating     Time constant of its winding [s]; > 0 if continuous is.
+  /// @param continuous  Command that the motor can hold forever, in any unit; 0: no limit.
+  /// @param heating     Time constant of its winding [s]; > 0 if `continuous` is.
   MotorHeat(double continuous, double heating) noexcept
       : continuous_(continuous), heating_(heating), heat_(continuous * continuous) {}
 
-  /// Advances the heat by `dt` [s] with the last command. RT: no allocation.
+  /// Updates the heat for `dt` [s] with the last command. RT: no allocation.
   void pass(double dt) noexcept PALPATE_NONBLOCKING;
   /// Returns the largest command that is allowed now, up to `peak`. RT: no allocation.
   [[nodiscard]] double allows(double peak) const noexcept PALPATE_NONBLOCKING;
-  void tell(double value) noexcept PALPATE_NONBLOCKING { told_ = value; }  ///< Until the next.
+  /// Sets the command that the motor gets until the next call.
+  void tell(double value) noexcept PALPATE_NONBLOCKING { told_ = value; }
 
  private:
   double continuous_, heating_;
-  double heat_;  ///< Mean of the squares of the commands.
+  double heat_;  ///< Mean of the squared commands over the time constant.
   double told_ = 0.0;
 };
 

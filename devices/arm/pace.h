@@ -1,4 +1,4 @@
-/// Spaces forces evenly, for an arm that accepts so many forces a second.
+/// Spaces the forces sent to an arm that accepts only a limited number per second.
 #pragma once
 
 #include <algorithm>
@@ -6,20 +6,20 @@
 
 namespace palpate {
 
-/// Computes when the next force may go: one period after the last force was allowed to go. If the
-/// last force went a period late, the next may go at once. So in a time T at most T rate + 2 forces
-/// go. Forces that come once a period or less often never wait, if each is late by less than the
-/// time to the next: a late force delays no other.
+/// Computes when the next force may be sent: one period after the time from which the last force
+/// was allowed. If the last force was sent a period or more after that time, the next may follow at
+/// once. So at most T rate + 2 forces are sent in any time T. If forces come at most once a period,
+/// and each is late by less than the time to the next, no force has to wait.
 class Pace {
  public:
-  /// @param rate  [Hz], > 0.
-  /// @param now   [ns], as everywhere here.
+  /// @param rate  Largest number of forces per second [Hz], > 0.
+  /// @param now   Present time [ns], as in the other functions of this class.
   Pace(double rate, std::int64_t now) noexcept
       : period_(static_cast<std::int64_t>(1e9 / rate)), from_(now) {}
 
-  /// Returns the time from which the next force may go.
+  /// Returns the time from which the next force may be sent [ns].
   [[nodiscard]] std::int64_t from() const noexcept { return from_; }
-  /// Records that a force goes.
+  /// Records that a force is sent at `now` [ns].
   void go(std::int64_t now) noexcept { from_ = std::max(from_ + period_, now); }
 
  private:

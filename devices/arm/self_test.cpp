@@ -14,30 +14,34 @@ namespace palpate {
 
 namespace {
 
-constexpr double kLetGo = 2.0;      // [s]
-constexpr double kRest = 1.0;       // [s]
-constexpr double kUneasy = 6.0;     // [s]: starts although the arm never rests
-constexpr double kFell = 0.01;      // [m]: a hand that holds the arm still moves it less
-constexpr double kCaught = 1.0;     // [s]
-constexpr double kGravity = 9.8;    // [m/s^2]
-constexpr double kRamp = 0.4;       // [N/s]
-constexpr double kMoved = 0.002;    // [m]
-constexpr double kBegun = 0.0003;   // [m]: more than encoder steps and trembling
-constexpr double kPushed = 0.012;   // [m] from where it stood
-constexpr double kLongest = 2.0;    // [s] for a phase
-constexpr double kStill = 0.002;    // [m/s]
-constexpr double kBack = 1.5;       // [s]
-constexpr double kSpring = 15.0;    // [N/m]
-constexpr double kDamper = 1.5;     // [N s/m]
-constexpr double kSmooth = 0.01;    // [s]
-constexpr double kStraight = 0.9;   // cosine: a spring that is turned farther gives energy
-constexpr double kLightest = 0.02;  // [kg]
+constexpr double kLetGo = 2.0;  // [s] for the user to let go of the arm
+constexpr double kRest = 1.0;   // [s] without motion before the first push
+// [s]: the pushes start after this time even if the arm never rests.
+constexpr double kUneasy = 6.0;
+// [m]: an arm that moved farther falls; a hand that holds it still moves it less.
+constexpr double kFell = 0.01;
+constexpr double kCaught = 1.0;    // [s]: longest time for which a falling arm is pushed back
+constexpr double kGravity = 9.8;   // [m/s^2]
+constexpr double kRamp = 0.4;      // [N/s], growth of a push
+constexpr double kMoved = 0.002;   // [m]: an arm that moved farther has followed the push
+constexpr double kBegun = 0.0003;  // [m]: smallest motion that exceeds encoder steps and trembling
+constexpr double kPushed = 0.012;  // [m]: length of a push
+constexpr double kLongest = 2.0;   // [s]: longest time in a phase
+constexpr double kStill = 0.002;   // [m/s]: a slower arm counts as standing
+constexpr double kBack = 1.5;      // [s] for the spring to bring the arm back
+constexpr double kSpring = 15.0;   // [N/m], of the spring that brings the arm back
+constexpr double kDamper = 1.5;    // [N s/m], of the damper beside that spring
+constexpr double kSmooth = 0.01;   // [s]: time constant of the velocity filter
+// Cosine between push and motion; at a larger angle the spring that brings the arm back would add
+// energy.
+constexpr double kStraight = 0.9;
+constexpr double kLightest = 0.02;  // [kg], of a real arm; a smaller mass shows a wrong unit
 constexpr double kHeaviest = 2.0;
-constexpr double kAlike = 5.0;   // ratio of masses along the axes
-constexpr double kRuler = 0.1;   // a hand with a ruler errs by less
-constexpr double kAxis = 0.999;  // cosine: an axis turned by less keeps its name
+constexpr double kAlike = 5.0;   // largest ratio between the masses along a real arm's axes
+constexpr double kRuler = 0.1;   // largest relative error of a user who measures with a ruler
+constexpr double kAxis = 0.999;  // cosine: an axis turned by less keeps the name of its letter
 constexpr int kRuns = 6;
-constexpr std::int8_t kFall = -1;  // run number of samples before the pushes
+constexpr std::int8_t kFall = -1;  // number of the run for samples before the pushes
 constexpr int kLatest = 20;        // largest delay of a force [samples]
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
@@ -56,7 +60,8 @@ std::string inWords(const Vec3& v) {
   return words + ")";
 }
 
-/// Reports driven axes whose masses differ by more than a real arm's, if nothing else is wrong.
+/// Reports driven axes whose masses differ by more than those of a real arm. Does nothing if the
+/// test has found other problems.
 void compareMasses(SelfTestResult& result) {
   double light = std::numeric_limits<double>::infinity();
   double heavy = 0.0;
@@ -84,7 +89,8 @@ ArmAxes axesWithin(const Mat3& projector) {
   const auto rank = (solver.eigenvalues().array() > 0.5).count();
   ArmAxes axes;
   if (rank == 3) return axes;
-  // A plane is given by its normal, a line by itself. The nearest axis is turned onto this vector.
+  // A plane is described by its normal, a line by its direction. The smallest rotation turns the
+  // nearest axis onto this vector.
   Vec3 one = solver.eigenvectors().col(rank == 2 ? 0 : 2);
   Eigen::Index next = 0;
   one.cwiseAbs().maxCoeff(&next);
@@ -143,7 +149,7 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
 }
 
 void SelfTest::countPosition(double age) noexcept {
-  // The age is measured a little after `now_`.
+  // `age` is measured slightly after `now_`, so two ages of one position may differ by this time.
   constexpr double kApart = 1e-4;  // [s]
   const double read_at = now_ - age;
   if (positions_ != 0 && !(read_at > read_at_ + kApart)) return;
@@ -187,7 +193,7 @@ Vec3 SelfTest::runPhase() noexcept {
 }
 
 void SelfTest::awaitRest() noexcept {
-  // Starts again whenever the arm moves: the hand lets go.
+  // Restarts the measurement at each motion, because the user's hand may still be letting go.
   if ((position_ - from_).norm() > kBegun) {
     from_ = position_;
     still_since_ = now_;
@@ -209,7 +215,7 @@ void SelfTest::awaitRest() noexcept {
 }
 
 Vec3 SelfTest::catchFall() noexcept {
-  // The arm is back, or held.
+  // The arm stopped or turned back: the motors can hold it.
   if (velocity_.dot(falls_) < kStill) caught_ = true;
   if ((position_ - home_).dot(falls_) < kMoved || inPhase() > kCaught) enter(Phase::kDone);
   return -params_.force * falls_;
@@ -227,7 +233,7 @@ Vec3 SelfTest::raiseForce() noexcept {
     trusted_ = trusted_ && along_[slot] > kStraight;
     enter(trusted_ ? Phase::kPush : Phase::kSettle);
   } else if (inPhase() > params_.force / kRamp + 0.5) {
-    breakaway_[slot] = 0.0;  // the arm trembles, or is held
+    breakaway_[slot] = 0.0;  // the arm trembles, or a hand holds it
     enter(Phase::kSettle);
   }
   return level_ * ahead;
@@ -247,8 +253,8 @@ Vec3 SelfTest::opposeMotion() noexcept {
 
 void SelfTest::awaitStandstill() noexcept {
   if (!(velocity_.norm() < kStill && inPhase() > 0.1) && !(inPhase() > kLongest)) return;
-  // An arm that moves in another direction is not brought back: the other axes are tested from
-  // there.
+  // An arm that has moved in another direction than the push is not brought back. The other axes
+  // are tested from its present position.
   if (trusted_) {
     enter(Phase::kReturn);
   } else {
@@ -258,7 +264,7 @@ void SelfTest::awaitStandstill() noexcept {
 
 Vec3 SelfTest::pullHome() noexcept {
   Vec3 force = Vec3::Zero();
-  // Along the axes that are known to go where they are pushed.
+  // Pulls only along axes on which the arm has moved when pushed.
   for (int a = 0; a < 3; ++a) {
     if (!went_[2 * static_cast<std::size_t>(a)]) continue;
     const Vec3 back = params_.axes.along.col(a);
@@ -289,7 +295,7 @@ std::vector<SelfTest::Way> SelfTest::fall() const {
   for (const Sample& s : samples_) {
     if (s.run != kFall) continue;
     way.path.push_back({s.time, s.position.dot(falls_), s.force.dot(falls_)});
-    // A hand that lets go moves the arm by less than kMoved before the fall.
+    // A hand that lets go of the arm moves it by less than kMoved before it falls.
     gone = gone || s.position.norm() > kFell;
     if (!gone && s.position.norm() < kMoved) way.start = way.path.size();
   }
@@ -297,10 +303,10 @@ std::vector<SelfTest::Way> SelfTest::fall() const {
 }
 
 SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResult& result) const {
-  // Integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time ahead - time back) - bias
-  // t^2 / 2 = int impulse, one row per sample since the arm began to move. A velocity from two
-  // positions would multiply the encoders' error. x0 and v0 are unknown, with values of their own
-  // in each push.
+  // The equation of motion, integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time
+  // ahead - time back) - bias t^2 / 2 = int impulse, with one row per sample since the arm began to
+  // move. A velocity from two positions would magnify the encoders' error. x0 and v0 are unknowns,
+  // with values of their own in each push.
   constexpr int kUnknown = 8;
   using Row = Eigen::Matrix<double, kUnknown, 1>;
   Eigen::Matrix<double, kUnknown, kUnknown> normal =
@@ -308,7 +314,7 @@ SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResu
   Row right = Row::Zero();
   double square = 0.0;
   long rows = 0;
-  constexpr std::size_t kHalf = 4;  // samples on each side of a velocity
+  constexpr std::size_t kHalf = 4;  // samples on each side from which a velocity is computed
   const double whole = std::floor(late);
   const double part = late - whole;
   const auto back = static_cast<std::size_t>(whole);
@@ -319,7 +325,7 @@ SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResu
       return (path[i + kHalf].position - path[i - kHalf].position) /
              (path[i + kHalf].time - path[i - kHalf].time);
     };
-    // The same rows for every delay.
+    // Starts at the same row for every delay, so that the residuals can be compared.
     std::size_t start = std::max(way.start, kHalf + kLatest + 1);
     while (start + kHalf < path.size() && std::abs(speed(start)) < 0.01) ++start;
     if (start + kHalf >= path.size()) continue;
@@ -331,7 +337,7 @@ SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResu
     double area = 0.0;
     for (std::size_t i = start + 1; i + kHalf < path.size(); ++i) {
       const double dt = path[i].time - path[i - 1].time;
-      // The force changes after `part` of the sample.
+      // The older force acts for the share `part` of the sample, the newer one for the rest.
       const double older = path[i - back - 1].force;
       const double newer = path[i - back].force;
       pushed += impulse * dt +
@@ -354,8 +360,8 @@ SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResu
   const long freedom = rows - kUnknown;
   constexpr long kFew = 30;
   if (freedom < kFew) return {};
-  // The ridge splits terms that the data cannot separate: friction and weight if the arm only
-  // falls; the unknowns of a path that is missing.
+  // The ridge makes the matrix invertible if the data cannot separate two terms: friction and
+  // weight of an arm that only falls, or x0 and v0 of a missing path.
   constexpr double kRidge = 1e-9;
   for (int i = 0; i < kUnknown; ++i) {
     normal(i, i) = normal(i, i) > 0.0 ? (1.0 + kRidge) * normal(i, i) : 1.0;
@@ -387,7 +393,7 @@ void SelfTest::fitDelay(const std::vector<Way>& ways, AxisResult& result) const 
   for (int late = 1; late <= kLatest; ++late) {
     if (left(late) < left(least)) least = late;
   }
-  // Fractions of a sample, by ternary search.
+  // Refines the best whole number of samples to a fraction, by ternary search.
   double most = std::min<double>(kLatest, least + 1.0);
   least = std::max(0.0, least - 1.0);
   for (int i = 0; i < 20; ++i) {
@@ -401,7 +407,8 @@ void SelfTest::fitDelay(const std::vector<Way>& ways, AxisResult& result) const 
   const double best = 0.5 * (least + most);
   const Left found = fit(ways, best, result);
   if (found.freedom == 0) return;
-  // The sum of squares grows by its mean if the delay is off by one standard error.
+  // A delay that is off by one standard error increases the sum of squares by its mean per degree
+  // of freedom. The error follows from the increase at a delay that is off by kFar.
   constexpr double kFar = 1.0;  // samples
   const double grows = left(best + kFar) - found.square;
   const double mean = found.square / static_cast<double>(found.freedom);
@@ -520,7 +527,8 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
 }
 
 std::string SelfTest::fitTrouble(const AxisResult& axis) const {
-  // No real arm has these values: the scale of an encoder or motor differs from the profile.
+  // No real arm has a clearly negative friction: the scale of an encoder or motor in the profile
+  // must be wrong.
   if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
     return "its friction cannot be measured: let go of it; if that does not help, its steps are "
            "too coarse";

@@ -14,43 +14,48 @@ namespace palpate {
 /// The axes of the hand's world, turned by the smallest rotation into the directions in which the
 /// arm can move.
 struct ArmAxes {
-  Mat3 along = Mat3::Identity();              ///< Columns: x, y, z; orthonormal.
-  std::array<bool, 3> has{true, true, true};  ///< False: the arm cannot move along it.
-  /// Returns a name such as "x"; for a turned axis with its direction.
+  /// Columns are the unit vectors of x, y, z; orthonormal.
+  Mat3 along = Mat3::Identity();
+  std::array<bool, 3> has{true, true, true};  ///< False: the arm cannot move along this axis.
+  /// Returns the axis' name, such as "x"; for a turned axis the name includes its direction.
   [[nodiscard]] std::string name(int axis) const;
 };
-/// Returns the axes of the directions that a projector keeps (ProfileFacts::moves,
+/// Returns axes within the directions onto which `projector` projects (ProfileFacts::moves or
 /// HandState::drives).
 [[nodiscard]] ArmAxes axesWithin(const Mat3& projector);
 
 /// Axes, forces and distances of a test, and limits for the arm's reports.
 struct SelfTestParams {
-  ArmAxes axes;              ///< Axes along which the arm is pushed.
-  double force = 0.5;        ///< Largest force [N].
-  double travel = 0.04;      ///< Largest distance from the start [m]; a larger one ends the test.
-  Vec3 down = Vec3::Zero();  ///< Direction in which its masses fall, a unit vector; zero: unknown.
-  double input_rate = 0.0;   ///< Expected positions per second; 0: not judged.
-  double stale = 0.0;        ///< Longest allowed pause between two positions [s]; 0: not judged.
+  ArmAxes axes;        ///< Axes along which the arm is pushed.
+  double force = 0.5;  ///< Largest force [N].
+  /// Largest distance from the start [m]; a larger distance ends the test.
+  double travel = 0.04;
+  /// Direction in which the arm's masses fall, a unit vector; zero: unknown.
+  Vec3 down = Vec3::Zero();
+  double input_rate = 0.0;  ///< Expected positions per second [Hz]; 0: the rate is not checked.
+  /// Longest allowed pause between two positions [s]; 0: pauses are not checked.
+  double stale = 0.0;
 };
 
-/// Results along one of ArmAxes.
+/// Results along one axis of ArmAxes.
 struct AxisResult {
-  bool driven = false;     ///< The arm has a motor there; if not, the fields below are not set.
-  bool moved = false;      ///< The arm moved within the largest force.
-  double breakaway = 0.0;  ///< [N], the force at which it began to move, mean of both directions.
-  double along = 0.0;      ///< Cosine between push and motion, the worse of both directions;
-                           ///< 1: aligned.
-  double mass = 0.0;       ///< m [kg] of m v' = F - b v - c sign(v) + bias.
-  double viscous = 0.0;    ///< b [N s/m].
-  double coulomb = 0.0;    ///< c [N].
-  double bias = 0.0;       ///< bias [N]: gravity, a spring.
-  double delay = 0.0;      ///< Delay from a position to the force that follows from it [s].
+  /// The arm has a motor for this axis. If not, the fields below are not set.
+  bool driven = false;
+  bool moved = false;      ///< A force up to the largest moved the arm.
+  double breakaway = 0.0;  ///< [N], force at which the arm began to move, mean of both directions.
+  /// Cosine between push and motion, the smaller of the two directions; 1: aligned.
+  double along = 0.0;
+  double mass = 0.0;           ///< m [kg] of m v' = F - b v - c sign(v) + bias.
+  double viscous = 0.0;        ///< b [N s/m].
+  double coulomb = 0.0;        ///< c [N].
+  double bias = 0.0;           ///< bias [N], a constant force such as gravity or a spring.
+  double delay = 0.0;          ///< Delay from a position to the force that follows from it [s].
   double viscous_error = 0.0;  ///< Standard error of b [N s/m].
   double coulomb_error = 0.0;  ///< Standard error of c [N].
-  double delay_error = 0.0;    ///< Standard error of the delay [s]. All three assume residuals that
-                               ///< are independent from row to row: they are too low, so use three
-                               ///< standard errors or more.
-  bool fitted = false;         ///< The fit has finite numbers and a mass > 0.
+  /// Standard error of the delay [s]. The three standard errors assume that residuals of different
+  /// rows are independent. That makes them too small, so use three standard errors or more.
+  double delay_error = 0.0;
+  bool fitted = false;  ///< The fit has finite numbers and a mass > 0.
 };
 
 /// Results of a test. The arm has passed if there are no problems.
@@ -59,37 +64,46 @@ struct SelfTestResult {
   /// The path that the arm reports, divided by the path that the user measured along the axis; 0:
   /// not measured.
   std::array<double, 3> scale{};
-  Vec3 falls = Vec3::Zero();  ///< Direction in which the released arm goes by itself, a unit
-                              ///< vector; zero: it stays.
-  double weight = 0.0;        ///< Force that moves it there [N]; 0: unknown.
-  bool held = false;   ///< The arm could be held. If not, `weight` is what friction does not hold.
-  double noise = 0.0;  ///< Noise of the position at rest, rms [m].
+  /// Direction in which the released arm moves by itself, a unit vector; zero: it stays.
+  Vec3 falls = Vec3::Zero();
+  /// Force that moves the released arm in that direction [N]; 0: unknown.
+  double weight = 0.0;
+  /// The test force could stop the falling arm. If false, `weight` excludes the part that friction
+  /// holds.
+  bool held = false;
+  double noise = 0.0;                 ///< RMS noise of the position at rest [m].
   double slowest = 0.0;               ///< Longest pause between new positions [s].
-  std::int64_t positions = 0;         ///< New positions.
+  std::int64_t positions = 0;         ///< Number of new positions.
   double seconds = 0.0;               ///< Duration of the test [s].
   std::vector<std::string> problems;  ///< Problems with remedies, as text; empty: passed.
 };
 
-/// A test that returns the force that it wants, in each tick. Pure: no clock, no device.
+/// A test that computes, in each tick, the force to apply. Uses no clock and no device.
 ///
 /// The user has two seconds to let go of the arm, and the arm must rest for one second. If the arm
 /// falls, the test pushes it back, which gives its weight, and ends. Otherwise the test pushes
 /// along +x, -x, +y, ... in turn, if the arm has motors there. Each push grows by 0.4 N/s until the
-/// arm moves by 2 mm. The largest force then holds until 12 mm, and opposes the motion until the
-/// arm stands. If the arm is known to go where it is pushed, a weak spring brings it back. The
-/// friction is a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all
-/// samples in motion, with the delay of F that fits best. RT: next() does not allocate.
+/// arm has moved by 2 mm. The largest force then stays on until 12 mm, and is reversed until the
+/// arm stands. If the arm has moved in the direction of its pushes, a weak spring brings it back.
+/// The friction is a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to
+/// all samples in motion, with the delay of F that fits best. RT: next() does not allocate.
 class SelfTest {
  public:
-  explicit SelfTest(const SelfTestParams& params = {});  ///< Allocates what next() fills.
+  /// Allocates the memory that next() fills.
+  explicit SelfTest(const SelfTestParams& params = {});
 
-  /// Returns the force wanted; zero when the test is done. `hand`: position and its age; `now` [s],
-  /// ascending; `sent`: the force that limitForce let through after the previous call [N]. The fit
-  /// finds the time at which it acted.
+  /// Returns the force to apply; zero when the test is done.
+  ///
+  /// @param hand  Position and its age.
+  /// @param now   Time [s], ascending.
+  /// @param sent  Force that limitForce let through after the previous call [N]. The fit finds the
+  /// delay with which it acted.
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
-  [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }  ///< No more force.
-  [[nodiscard]] bool begun() const noexcept { return started_; }  ///< next() was called.
-  /// Returns the result after done(). Fits every axis for about sixty delays: not in a tick.
+  /// True if the test has ended and applies no more force.
+  [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
+  /// True if next() was called at least once.
+  [[nodiscard]] bool begun() const noexcept { return started_; }
+  /// Returns the result after done(). Not for a tick: fits every axis for about sixty delays.
   [[nodiscard]] SelfTestResult result() const;
 
  private:
@@ -97,7 +111,7 @@ class SelfTest {
   struct Sample {
     double time;
     Vec3 position, force;
-    std::int8_t run;  ///< Number of its push.
+    std::int8_t run;  ///< Index of the push, or kFall before the pushes.
   };
   /// One path of the arm: all points of one push.
   struct Way {
@@ -108,7 +122,7 @@ class SelfTest {
           force;     ///< Force that was sent, along the path [N].
     };
     std::vector<Point> path;
-    std::size_t start = 0;  ///< Index from which the arm moves by itself.
+    std::size_t start = 0;  ///< Index of the first point at which the arm moves by itself.
   };
   [[nodiscard]] Vec3 axis() const noexcept;
   /// Returns the pushes along an axis, in both directions.
@@ -120,11 +134,11 @@ class SelfTest {
   [[nodiscard]] double inPhase() const noexcept { return now_ - entered_; }
   /// Counts the position if it is new, and measures the pause before it.
   void countPosition(double age) noexcept;
-  /// Keeps this tick for the fit, if the phase is one that is fitted.
+  /// Stores this tick for the fit, if the fit uses the present phase.
   void recordSample(const Vec3& sent) noexcept;
-  /// Returns the force of the present phase, and enters the next one when it is over.
+  /// Returns the force of the present phase, and enters the next phase if this one is over.
   Vec3 runPhase() noexcept;
-  // The phases: kRest, kCatch, kRamp, kPush, kOppose, kSettle, kReturn.
+  // One function per phase: kRest, kCatch, kRamp, kPush, kOppose, kSettle, kReturn.
   void awaitRest() noexcept;
   Vec3 catchFall() noexcept;
   Vec3 raiseForce() noexcept;
@@ -132,29 +146,30 @@ class SelfTest {
   Vec3 opposeMotion() noexcept;
   void awaitStandstill() noexcept;
   Vec3 pullHome() noexcept;
-  /// Residuals of a fit.
+  /// Sum and degrees of freedom of a fit's residuals.
   struct Left {
     double square = 0.0;  ///< Sum of squares over all rows.
     long freedom = 0;     ///< Rows minus unknowns; 0: too few rows.
   };
-  /// Fits with the force delayed by `late` samples, which need not be whole; fills in `result`.
-  /// Takes one or two paths.
+  /// Fits the model with the force delayed by `late` samples, which may be a fraction; fills in
+  /// `result`. Takes one or two paths.
   Left fit(const std::vector<Way>& ways, double late, AxisResult& result) const;
-  /// Fits with the delay of the force that leaves the smallest residuals.
+  /// Finds the delay with the smallest residuals and fits the model with it.
   void fitDelay(const std::vector<Way>& ways, AxisResult& result) const;
-  /// Returns the problem of an arm that falls, as text; fills in SelfTestResult::weight.
+  /// Returns the problem of an arm that falls, as text; sets SelfTestResult::weight.
   [[nodiscard]] std::string weigh(SelfTestResult& result) const;
   /// Returns the mean period of the ticks [s].
   [[nodiscard]] double period() const noexcept {
     return (now_ - began_) / static_cast<double>(ticks_);
   }
-  /// Reports positions that come too seldom, or after too long a pause.
+  /// Reports a problem if positions come at a lower rate than expected, or after too long a pause.
   void checkReadings(SelfTestResult& result) const;
   /// Fills in the result of axis `a`, and reports its problems.
   void judgeAxis(int a, SelfTestResult& result) const;
-  /// Reports a push that moved the arm elsewhere. `where`: direction of the push, as text.
+  /// Reports a problem if the arm moved in another direction than the push. `where`: direction of
+  /// the push, as text.
   void checkDirection(std::size_t run, const std::string& where, SelfTestResult& result) const;
-  /// Returns the problem of a fit, as text; empty: none.
+  /// Returns the problem of a fit, as text; empty if the fit is good.
   [[nodiscard]] std::string fitTrouble(const AxisResult& axis) const;
 
   SelfTestParams params_;
@@ -168,18 +183,18 @@ class SelfTest {
   Vec3 home_ = Vec3::Zero();
   Vec3 falls_ = Vec3::Zero();  ///< SelfTestResult::falls.
   double still_since_ = 0.0;   ///< [s]
-  bool caught_ = false;        ///< The falling arm came to rest, or back.
+  bool caught_ = false;        ///< The falling arm came to rest or turned back.
   Vec3 from_ = Vec3::Zero();
   Vec3 position_ = Vec3::Zero();  ///< In the last tick [m].
   Vec3 velocity_ = Vec3::Zero();
   double level_ = 0.0;  ///< Force of the push [N].
   bool trusted_ = true;
   bool far_ = false;
-  std::array<double, 6> breakaway_{};  ///< 0: did not move.
+  std::array<double, 6> breakaway_{};  ///< [N] per push; 0: the arm did not move.
   std::array<bool, 6> went_{};
   std::array<double, 6> along_{};
   std::vector<Sample> samples_;
-  // At rest.
+  // Used in the phase kRest.
   Vec3 sum_ = Vec3::Zero();
   double sum2_ = 0.0;
   std::int64_t rest_ = 0;
@@ -189,11 +204,11 @@ class SelfTest {
   std::int64_t positions_ = 0;
 };
 
-/// Compares the path `way` [m] that the arm reports with the distance `length` by which a hand has
-/// moved its tip along the axis. Returns the problem as text; empty: a hand with a ruler would not
-/// find one. The pushes do not find wrong encoders or geometry: the arm still goes where it is
-/// pushed, but feels as many times stiffer than it should. If signs are wrong twice, of encoders
-/// and of motors, the arm shows a mirrored world.
+/// Compares the path `way` [m] that the arm reports with the distance `length` [m] by which a user
+/// has moved its tip along the axis. Returns the problem as text; empty if the difference is within
+/// a ruler's error. The pushes cannot find this problem: with wrong encoders or geometry the arm
+/// still moves in the direction of the push, but renders a wrong stiffness. If the signs of both
+/// encoders and motors are wrong, the arm renders a mirrored world.
 [[nodiscard]] std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes,
                                        int axis);
 

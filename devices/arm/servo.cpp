@@ -9,9 +9,10 @@
 namespace palpate {
 namespace {
 
-constexpr double kSlowest = 10.0;  // [Hz]: at three periods the tick is late
+// [Hz]: at a lower rate three periods exceed the time after which a tick is late.
+constexpr double kSlowest = 10.0;
 constexpr double kFastest = 1e5;
-constexpr double kStands = 0.01;  // of a period; a shorter step counts as no time
+constexpr double kStands = 0.01;  // share of a period; a shorter time step counts as zero
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;

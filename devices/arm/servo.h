@@ -1,5 +1,6 @@
 /// Runs palpate inside another program's servo loop, such as that of CHAI3D, OpenHaptics or a
-/// robot. That loop reads the arm and moves it; a Servo computes a force from a position.
+/// robot. The other program's loop reads the arm and sends the force; a Servo computes the force
+/// from a position.
 #pragma once
 
 #include <memory>
@@ -10,41 +11,41 @@
 
 namespace palpate {
 
-/// Does all that a HapticLoop does, one call per tick: it watches the hand, engages, limits and
-/// slew-limits the force, and cuts the force if something is wrong. Its clock is the caller's.
+/// Does the work of a HapticLoop, one call per tick: it watches the hand, engages, limits and
+/// slew-limits the force, and cuts the force after a fault. The caller supplies the time.
 ///
-/// Two threads use it: the servo's thread calls `tick`, the application's thread the other
+/// Two threads use it: the servo's thread calls `tick`, the application's thread calls the other
 /// functions.
 class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's mailboxes
  public:
   /// @param arm   Description of the arm, in particular its limits. `hand` may be false only if no
-  ///              hand can be on it: then forces do not engage and positions are not watched.
+  ///              hand can be on the arm: then forces do not engage and positions are not watched.
   /// @param rate  Nominal rate of the servo [Hz], 10 to 100000.
-  /// Throws DeviceError if a number is not usable.
+  /// Throws DeviceError if a number is out of range.
   Servo(DeviceInfo arm, double rate);
 
-  /// Runs one tick. The servo sends the returned force unchanged. In a cycle without this call the
-  /// servo sends zero.
+  /// Runs one tick. The servo must send the returned force unchanged. In a cycle without this call
+  /// the servo must send zero.
   ///
   /// @param hand  Reading in W [m], as HandState; usually only the position. A fault that the arm
   ///              reports goes into HandState::fault, the age of the position into HandState::age.
-  ///              If the same position comes again, bit by bit, HandState::still counts from the
-  ///              first: a driver that has stopped reading its arm loses its force (StillFade).
+  ///              While the position stays the same, bit by bit, HandState::still counts up. So a
+  ///              driver that has stopped reading its arm loses its force (StillFade).
   /// @param dt    Time since the last call [s]. The force is cut until clear() if dt exceeds a
-  ///              period by 5 ms, or by three periods if these are longer (WatchLimits::late). It
-  ///              is also cut if ticks for that long have a dt below a hundredth of the period or
-  ///              not finite.
+  ///              period by 5 ms, or by three periods if three periods are longer than 5 ms
+  ///              (WatchLimits::late). It is also cut if, for that time, every dt is not finite or
+  ///              below a hundredth of the period.
   /// @return      Force for the arm in W [N].
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;
 
   /// Sets the scene for the next tick; the force is zero until a scene is set.
   void publish(std::shared_ptr<const Scene> scene) noexcept { loop_.publish(std::move(scene)); }
-  /// Returns the newest tick, with the reason if its force is cut.
+  /// Returns the telemetry of the newest tick, with the reason if its force is cut.
   [[nodiscard]] const Telemetry& latest() noexcept { return loop_.latest(); }
-  /// Cuts the force with the next tick, until clear(). From any thread.
+  /// Cuts the force from the next tick until clear(). Callable from any thread.
   void cut() noexcept { loop_.cut(); }
-  /// Gives force again after a fault, with an engagement. From any thread.
+  /// Gives force again after a fault, with an engagement. Callable from any thread.
   void clear() noexcept { loop_.clear(); }
 
  private:
@@ -68,7 +69,8 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   double period_;       ///< [s]
   double now_ = 0.0;    ///< [s]
   double still_ = 0.0;  ///< How long the position has been the same [s].
-  double stood_ = 0.0;  ///< Sum of periods in which the caller's time stood still [s].
+  /// Time for which the caller's clock has not advanced, as a sum of periods [s].
+  double stood_ = 0.0;
 };
 
 }  // namespace palpate

@@ -20,7 +20,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Reads the file. Returns an empty object if there is no readable file: no arm is tested then.
+/// Reads the file of tested arms. Returns an empty object, that is no tested arm, if the file
+/// cannot be read.
 Json tested() {
   std::ifstream in(testedArmsFile());
   constexpr int kDeepest = 8;
@@ -38,7 +39,8 @@ std::string printOf(const ArmIdentity& arm) {
   return fmt::format("{:016x}", arm.fingerprint);
 }
 
-/// Returns the record of an arm that has passed with this description, or null.
+/// Returns the record of an arm that has passed its test with the present description; null if
+/// there is no such record.
 Json recordOf(const ArmIdentity& arm) {
   if (arm.own.empty()) return nullptr;
   const Json json = tested();
@@ -46,15 +48,15 @@ Json recordOf(const ArmIdentity& arm) {
   if (record == json.end() || !record->is_object()) return nullptr;
   const auto print = record->find("profile");
   const bool same = print != record->end() && *print == printOf(arm);
-  // Older tests, which measured one axis, stored a number here.
+  // Earlier versions measured one axis only and stored a number here. Such records do not count.
   const auto scale = record->find("scale");
   return same && scale != record->end() && scale->is_array() ? *record : Json();
 }
 
-constexpr double kMostDelay = 0.02;  // [s]
-constexpr double kSure = 3.0;        // standard errors
+constexpr double kMostDelay = 0.02;  // [s], largest delay that the test can find
+constexpr double kSure = 3.0;        // standard errors on each side of a measured delay
 
-/// Writes the file completely or not at all.
+/// Writes the whole file, or leaves it unchanged.
 void write(const Json& json) {
   const std::filesystem::path file = testedArmsFile();
   std::error_code error;
@@ -82,7 +84,7 @@ void write(const Json& json) {
 std::filesystem::path testedArmsFile() {
   const char* state = std::getenv("XDG_STATE_HOME");
   const char* home = std::getenv("HOME");
-  // A relative path must be ignored (XDG Base Directory Specification).
+  // The XDG Base Directory Specification requires programs to ignore a relative path.
   if (state != nullptr && *state == '/') return std::filesystem::path(state) / "palpate/arms.json";
   return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
 }
@@ -128,8 +130,8 @@ MeasuredArm measuredArm(const ArmIdentity& identity) {
   measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
   measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
   measured.mass = std::max(0.0, *std::min_element(mass.begin(), mass.end()));
-  // Half a millisecond for effects outside the fit: friction other than b and c, the amplifiers'
-  // lag, the times within a tick at which the arm reads and gives.
+  // Half a millisecond for effects that the fit does not model: friction other than b and c, the
+  // amplifiers' lag, and the times within a tick at which the arm is read and written.
   constexpr double kUnknown = 0.5e-3;
   double early = kMostDelay;
   double late = 0.0;
@@ -159,7 +161,7 @@ void rememberTest(const ArmIdentity& identity, const SelfTestResult& result) {
        {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay", "delay_error"}) {
     arm[key] = Json::array();
   }
-  // An axis without a motor was not measured.
+  // Skips axes without a motor, which were not measured.
   for (const AxisResult& axis : result.axes) {
     if (!axis.driven) continue;
     arm["viscous"].push_back(axis.viscous);

@@ -11,9 +11,9 @@ namespace palpate {
 
 namespace {
 
-constexpr std::size_t kLongest = 4096;   // bytes of a report
-constexpr std::size_t kShown = 64;       // bytes shown
-constexpr std::size_t kMostReads = 512;  // per call
+constexpr std::size_t kLongest = 4096;   // longest report [bytes]
+constexpr std::size_t kShown = 64;       // bytes of a report that are printed
+constexpr std::size_t kMostReads = 512;  // reports read per call
 
 double seconds(std::int64_t ns) {
   return 1e-9 * static_cast<double>(ns);
@@ -183,7 +183,7 @@ std::string ArmWatch::arm(std::int64_t now) const {
                          p_W.z());
     }
     if (pose.reachable) {
-      // Pucks send no reports while they rest.
+      // A puck sends no reports while it rests.
       const double age = seconds(now - oldest);
       const bool old = age > profile_.limits.stale && profile_.rate_control <= 0.0;
       out += old ? fmt::format(", {:.2f} s ago\n", age) : "\n";

@@ -12,12 +12,14 @@
 namespace palpate {
 namespace {
 
-constexpr double kMostStep = 5e-3;    // [m], of the tip by one count
-constexpr double kMostAsked = 20.0;   // times the limit of a motor's field
-constexpr double kMostCarried = 0.5;  // of its continuous limit; contact forces need the rest
-constexpr double kSame = 1e-4;        // [m]: nearer places are equal
+constexpr double kMostStep = 5e-3;  // [m]: largest travel of the tip for one count
+// Largest ratio of the needed motor value to the limit of the motor's field.
+constexpr double kMostAsked = 20.0;
+// Share of the motor's continuous limit; contact forces need the rest.
+constexpr double kMostCarried = 0.5;
+constexpr double kSame = 1e-4;  // [m]: places closer than this count as equal
 
-/// Checks that motors' fields have no "rest", and other fields no "scale" or "offset".
+/// Checks that fields of motors have no "rest", and that other fields have no "scale" or "offset".
 void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   for (std::size_t f = 0; f < profile.output->fields.size(); ++f) {
     const bool motor = isMotor(profile, f);
@@ -31,11 +33,11 @@ void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   }
 }
 
-/// Checks counters of an arm that reports by itself that it is homed. The first reading counts as
-/// the one nearest to the middle of the hand's world. So no other range of the counter may bring
-/// the tip into that world.
+/// Checks the counters of an arm that itself reports that it is homed. The first reading is taken
+/// as the value nearest to the middle of the hand's world. So a further turn of the counter must
+/// not bring the tip into that world.
 void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileFacts& facts) {
-  if (profile.home_at_open || !profile.home.empty()) return;  // homing makes it known
+  if (profile.home_at_open || !profile.home.empty()) return;  // homing determines the turn
   const ArmPose middle = profile.kinematics->at(facts.middle);
   for (std::size_t i = 0; i < profile.joints.size(); ++i) {
     const HidJoint& joint = profile.joints[i];
@@ -44,7 +46,7 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
     const double range =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
     const double way = range * middle.jacobian[i].norm();
-    // Whole turns lead to the same place.
+    // If a range is a whole turn, it leads to the same place.
     Joints turned = facts.middle;
     turned[i] += range;
     const bool same =
@@ -104,7 +106,8 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       strongest = &motor;
     }
   }
-  // A motor across the force has little to do, so only the strongest is checked.
+  // A motor across the direction of the force needs little torque, so only the motor with the
+  // largest share is checked.
   if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
     root.child("kinematics")
         .child("joints")
@@ -180,7 +183,7 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
                 "remove it and \"heating\", or the limits of the joints");
     }
   }
-  // A counter is zero wherever it was switched on.
+  // A counter that wraps starts at zero wherever the arm was switched on, so it needs homing.
   const bool homed = profile.home_at_open || !profile.home.empty() ||
                      std::any_of(profile.flags.begin(), profile.flags.end(), [](const HidFlag& f) {
                        return f.means == HidFlag::Means::kHomed;

@@ -1,5 +1,5 @@
-/// Private to devices: checks that the numbers of an arm's profile agree. Each check throws as its
-/// node does, with the path of the wrong entry.
+/// Private to devices: checks that the numbers of an arm's profile agree. Each check throws the
+/// error of its JSON node, which names the path of the wrong entry.
 #pragma once
 
 #include <cstddef>
@@ -10,17 +10,17 @@
 namespace palpate {
 
 /// Smallest share of a motor's limit that the profile's largest force must use. A smaller share
-/// indicates a wrong unit.
+/// shows a wrong unit.
 inline constexpr double kLeastAsked = 1e-3;
 
-/// True if a joint's motor is driven by the output field of this index.
+/// Returns true if the output field with this index drives a joint's motor.
 [[nodiscard]] bool isMotor(const HidProfile& profile, std::size_t field);
 
-/// Checks that an output and its rate are given together, and the rate's range.
+/// Checks that the profile gives an output and its rate together, and that the rate is in range.
 void checkRates(const JsonNode& root, const HidProfile& profile, bool drives);
 
-/// Checks that no counter of reports shares bits with a joint or a flag. These do not change with
-/// every report, so new reports of a still arm would count as old.
+/// Checks that no report counter shares bits with a joint or a flag. Joints and flags of a still
+/// arm do not change from report to report, so its new reports would count as repetitions.
 void checkSequences(const JsonNode& input, const HidProfile& profile);
 
 /// Checks the parts of the profile against each other: closing time, limits, homing, motors,

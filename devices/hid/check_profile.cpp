@@ -91,7 +91,7 @@ HidReportSpec reportOf(const FileReport& file, const Node& node, bool output) {
   return report;
 }
 
-/// Reads the report that drives motors. No two fields may share a bit, and the report must fit a
+/// Reads the report that drives motors. Its fields must not share a bit, and it must fit into a
 /// guardian's buffer.
 HidReportSpec outputOf(const FileReport& file, const Node& node) {
   HidReportSpec report = reportOf(file, node, true);
@@ -127,7 +127,7 @@ class Fields {
     }
     unknown(node, name, names, "input");
   }
-  /// @param motors  Whether a motor's field is permitted.
+  /// @param motors  True: the field may be one that drives a motor.
   [[nodiscard]] std::size_t output(const Node& node, const std::string& name, bool motors) const {
     std::vector<std::string> names;
     if (!profile_.output) node.fail("this arm has no output", "remove it, or add \"output\"");
@@ -240,7 +240,7 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
   return to;
 }
 
-/// Reads one more joint of the profile.
+/// Reads the next joint of the profile.
 HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
                  const HidProfile& profile) {
   HidJoint joint = file.joint;
@@ -264,7 +264,7 @@ HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
   return joint;
 }
 
-/// Reads a step and resolves its fields.
+/// Reads a step of a sequence and resolves its fields.
 HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
                const HidProfile& profile) {
   HidStep step = file.step;
@@ -281,7 +281,7 @@ HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
     }
     step.values.emplace_back(to, raw);
   }
-  // Only the engine's force limit may drive a motor.
+  // A step must not drive a motor: only forces that have passed the engine's force limit may.
   for (const auto& sent : step.values) {
     if (isMotor(profile, sent.first)) {
       at.child("send").fail("a step drives a motor",
@@ -300,8 +300,8 @@ std::vector<HidStep> stepsOf(const std::vector<FileStep>& file, const Node& root
   return steps;
 }
 
-/// Reads the reports. A device must be able to distinguish them, and a reader of the file their
-/// fields.
+/// Reads the reports. Checks that a device can distinguish the reports and a reader of the file
+/// their fields.
 void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile) {
   const Node input = root.child("input");
   std::set<std::string> names;
@@ -355,8 +355,8 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
   }
 }
 
-/// Reads the axes of a PID device, each once, and sorts them. Until its descriptor is known,
-/// positions are shares of travel and forces shares of full force.
+/// Reads the axes of a PID device, each once, and sorts them. Until the device's descriptor is
+/// known, positions are shares of the travel and forces are shares of the full force.
 void takePid(const Node& root, HidProfile& profile) {
   const Node axes = root.child("pid").child("axes");
   std::vector<PidAxisSpec>& all = profile.pid;
@@ -406,7 +406,7 @@ void takePid(const Node& root, HidProfile& profile) {
   }
   profile.input[0].size = profile.output->size = 4 * all.size();
   profile.kinematics = makeSlides(directions);
-  // All axes share the reports per second.
+  // A device sends one report per axis, so the axes share the reports per second.
   profile.output_rate /= static_cast<double>(all.size());
 }
 

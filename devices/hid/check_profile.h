@@ -6,9 +6,9 @@
 namespace palpate {
 
 /// Resolves field names and checks that the numbers are consistent, which detects wrong units.
-/// Throws as `root` does, with the path of the wrong entry.
+/// Throws the error of `root`, which names the path of the wrong entry.
 ///
-/// @param root  The file that `file` was read from.
+/// @param root  JSON of the file from which `file` was read.
 [[nodiscard]] HidProfile checkedProfile(ProfileFile file, const JsonNode& root);
 
 }  // namespace palpate

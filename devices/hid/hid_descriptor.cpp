@@ -11,12 +11,12 @@ namespace {
 
 using Way = DescribedReport::Way;
 
-constexpr std::uint64_t kMostBits = 131072;  // of a report: Linux' HID_MAX_BUFFER_SIZE, 16 kB
+constexpr std::uint64_t kMostBits = 131072;  // bits of a report: Linux' HID_MAX_BUFFER_SIZE, 16 kB
 constexpr std::size_t kMostPushed = 64;
 
 constexpr std::size_t kMostFields = 1024;  // items that describe fields
-constexpr std::size_t kMostUsages = 1024;  // of an item
-constexpr std::size_t kDeepest = 32;       // nested collections
+constexpr std::size_t kMostUsages = 1024;  // usages of one item
+constexpr std::size_t kDeepest = 32;       // levels of nested collections
 
 /// Tag and type of a short item, without its length (6.2.2.4, 6.2.2.7 and 6.2.2.8).
 enum Tag : std::uint8_t {
@@ -55,7 +55,7 @@ struct Item {
   }
 };
 
-/// State that holds for all fields that follow.
+/// State that holds for all later fields, until an item changes it.
 struct Globals {
   std::uint64_t size = 0;  ///< Bits of a field.
   std::uint64_t count = 0;
@@ -66,14 +66,15 @@ struct Globals {
   std::uint32_t unit = 0;
 };
 
-/// Returns the ends of a range. They are signed if the lower one is below 0, whichever came first.
+/// Returns the ends of a range. Both are signed if the lower end is below 0, in whichever order the
+/// items came.
 std::pair<std::int64_t, std::int64_t> range(const Item& least, const Item& most) {
   const std::int64_t low = least.withSign();
   return {low, low < 0 ? most.withSign() : static_cast<std::int64_t>(most.value)};
 }
 
-/// Returns the exponent: four bits with a sign by the standard, or a whole number as most devices
-/// write it.
+/// Returns the exponent. By the standard it has four bits with a sign, but most devices write it as
+/// a whole number.
 int exponentOf(const Item& item) {
   const auto whole = static_cast<int>(std::clamp<std::int64_t>(item.withSign(), -8, 15));
   return whole > 7 ? whole - 16 : whole;
@@ -82,7 +83,7 @@ int exponentOf(const Item& item) {
 /// State that holds for the next main item only.
 class Locals {
  public:
-  /// Returns false if there are too many.
+  /// Adds an item. Returns false if there are too many usages.
   [[nodiscard]] bool take(const Item& item) {
     if (item.tag == kFirstUsageTag) {
       first_ = item;
@@ -94,7 +95,7 @@ class Locals {
     if (item.tag == kLastUsageTag) first_.reset();
     return true;
   }
-  /// Short usages have the page that is set at the main item (6.2.2.8).
+  /// Returns the usages. A short usage gets the page that is set at the main item (6.2.2.8).
   [[nodiscard]] std::vector<DescribedUsages> usages(std::uint32_t page) const {
     const auto whole = [&](const Item& item) {
       return item.length == 4 ? item.value : page << 16U | item.value;
@@ -115,10 +116,10 @@ class Locals {
   std::optional<Item> first_;
 };
 
-/// Counts the bits of each report, in the order of their first fields.
+/// Counts the bits of each report. Keeps the reports in the order of their first fields.
 class Bits {
  public:
-  /// Returns the index of the first new bit; no value if the report would be too large.
+  /// Adds fields. Returns the index of their first bit; no value if the report would be too large.
   [[nodiscard]] std::optional<std::uint64_t> add(Way way, std::uint8_t id, std::uint64_t bits) {
     auto at = std::find_if(reports_.begin(), reports_.end(),
                            [&](const Report& r) { return r.way == way && r.id == id; });
@@ -131,7 +132,7 @@ class Bits {
     HidDescriptor out;
     out.numbered = numbered;
     for (const Report& report : reports_) {
-      // If some reports are numbered, a report without a number cannot be addressed.
+      // If some reports have numbers, a report without a number cannot be addressed.
       if (numbered && report.id == 0) continue;
       if (report.bits > 0) out.reports.push_back({report.way, report.id, (report.bits + 7) / 8});
     }
@@ -168,13 +169,13 @@ std::string bytesOf(std::size_t size) {
   return std::to_string(size) + (size == 1 ? " byte" : " bytes");
 }
 
-/// A report of a profile, or a part of one.
+/// A report that a profile needs, or a part of it.
 struct Wanted {
   std::string path;
   Way way;
   std::optional<std::uint8_t> id;
   std::size_t size;
-  bool at_least = false;  ///< The device's report may be longer.
+  bool at_least = false;  ///< The device's report may be longer than this.
 };
 
 std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescriptor& device) {
@@ -245,7 +246,7 @@ std::optional<std::uint32_t> DescribedFields::placeOf(std::uint32_t usage) const
 
 namespace {
 
-/// Takes the first item off the bytes; no value if it is cut off.
+/// Takes the first item off the bytes. Returns no value if the bytes end within the item.
 std::optional<Item> takeItem(std::span<const std::byte>& bytes) {
   const auto first = std::to_integer<std::uint8_t>(bytes[0]);
   if (first == kLongItem) {
@@ -253,7 +254,7 @@ std::optional<Item> takeItem(std::span<const std::byte>& bytes) {
     const std::size_t length = 3 + std::to_integer<std::size_t>(bytes[1]);
     if (bytes.size() < length) return std::nullopt;
     bytes = bytes.subspan(length);
-    return Item{};  // without meaning
+    return Item{};  // an item without meaning
   }
   Item item;
   item.tag = static_cast<std::uint8_t>(first & 0xFCU);

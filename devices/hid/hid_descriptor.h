@@ -15,14 +15,14 @@ namespace palpate {
 
 /// A report of a device.
 struct DescribedReport {
-  /// The sender: the device (input), the host (output), or either on request (feature).
+  /// The sender: the device (input), the host (output), or either of them on request (feature).
   enum class Way : std::uint8_t { kInput, kOutput, kFeature };
-  Way way = Way::kInput;  ///< Each direction may use the same number.
-  std::uint8_t id = 0;    ///< Its number; 0: the device does not number its reports.
+  Way way = Way::kInput;  ///< Direction. A number may occur once in each direction.
+  std::uint8_t id = 0;    ///< Number of the report; 0: the device does not number its reports.
   std::size_t size = 0;   ///< Bytes without the number.
 };
 
-/// A range of usages, the meanings of fields; the page is in the upper 16 bits.
+/// A range of usages. A usage is the meaning of a field; its upper 16 bits are its page.
 struct DescribedUsages {
   std::uint32_t first = 0;  ///< Lowest usage.
   std::uint32_t last = 0;   ///< Highest usage.
@@ -31,21 +31,22 @@ struct DescribedUsages {
 /// Adjacent fields that one item of a descriptor describes.
 struct DescribedFields {
   DescribedReport::Way way = DescribedReport::Way::kInput;  ///< Direction of their report.
-  std::uint8_t id = 0;                                      ///< Number of their report; 0: none.
-  std::uint32_t bit = 0;                ///< Lowest bit of the first field, in the bytes after the
-                                        ///< number.
-  std::uint32_t bits = 0;               ///< Bits of each field, > 0.
-  std::uint32_t count = 0;              ///< Number of fields, > 0.
-  bool constant = false;                ///< The fields have no meaning.
-  bool array = false;                   ///< Each field holds an index into `usages`; `least` is the
-                                        ///< first.
-  bool relative = false;                ///< The fields hold changes.
-  std::int64_t least = 0;               ///< Lowest raw ("logical") value.
-  std::int64_t most = 0;                ///< Highest raw value.
-  double physical_least = 0.0;          ///< Meaning of `least`, in 10^exponent units; default
-                                        ///< `least`.
-  double physical_most = 0.0;           ///< Meaning of `most`, in 10^exponent units; default
-                                        ///< `most`.
+  /// Number of their report; 0: it has no number.
+  std::uint8_t id = 0;
+  std::uint32_t bit = 0;    ///< Lowest bit of the first field, in the bytes after the
+                            ///< number.
+  std::uint32_t bits = 0;   ///< Bits of each field, > 0.
+  std::uint32_t count = 0;  ///< Number of fields, > 0.
+  bool constant = false;    ///< The fields are padding without meaning.
+  /// Each field holds an index into `usages`, counted from `least`.
+  bool array = false;
+  bool relative = false;   ///< The fields hold changes, not positions.
+  std::int64_t least = 0;  ///< Lowest raw ("logical") value.
+  std::int64_t most = 0;   ///< Highest raw value.
+  /// Physical value of `least`, in 10^exponent units; default `least`.
+  double physical_least = 0.0;
+  /// Physical value of `most`, in 10^exponent units; default `most`.
+  double physical_most = 0.0;
   std::uint32_t unit = 0;               ///< Raw code of the unit; 0: none.
   int exponent = 0;                     ///< Power of ten, -8 to 7.
   std::vector<DescribedUsages> usages;  ///< In the descriptor's order.
@@ -55,14 +56,15 @@ struct DescribedFields {
   /// Returns the usage of field i. If there are too few usages, returns the last; without usages,
   /// 0.
   [[nodiscard]] std::uint32_t usage(std::uint32_t i) const noexcept;
-  /// Returns the index of a usage, counted from the first one; no value if `usages` does not
-  /// contain it.
+  /// Returns the index of a usage, counted from the first; no value if `usages` does not contain
+  /// it.
   [[nodiscard]] std::optional<std::uint32_t> placeOf(std::uint32_t usage) const noexcept;
 };
 
 /// A parsed descriptor. Each report appears once, by direction and number.
 struct HidDescriptor {
-  bool numbered = false;                 ///< All reports have a number; else no report has one.
+  /// True: all reports have a number. False: no report has a number.
+  bool numbered = false;
   std::vector<DescribedReport> reports;  ///< At least one after parsing, in the order of their
                                          ///< first fields.
   std::vector<DescribedFields> fields;   ///< All lie within their reports; in the descriptor's
@@ -85,10 +87,10 @@ struct DescriptorComplaint {
   std::string remedy;  ///< The change to make in the profile, or the check.
 };
 
-/// Returns the first report of a profile that differs from the device's: a missing or superfluous
-/// number, a report that does not exist, another size, a feature report that does not fit. A
-/// profile without an output may leave the end of a report unread. Returns no value if profile and
-/// device agree.
+/// Compares a profile with the device's descriptor and returns the first difference: a missing or
+/// superfluous report number, a report that does not exist, another size, or a feature report that
+/// does not fit. A profile without an output may leave the end of a report unread. Returns no value
+/// if both agree.
 [[nodiscard]] std::optional<DescriptorComplaint> complaintAbout(const HidProfile& profile,
                                                                 const HidDescriptor& device);
 

@@ -15,7 +15,8 @@ namespace palpate {
 namespace {
 
 constexpr auto kFirstReport = std::chrono::seconds(1);
-constexpr auto kAsk = std::chrono::milliseconds(10);  // some firmware only answers
+// Some firmware sends a report only when asked.
+constexpr auto kAsk = std::chrono::milliseconds(10);
 constexpr auto kMend = std::chrono::milliseconds(50);
 using Clock = std::chrono::steady_clock;
 
@@ -174,8 +175,8 @@ HidDevice::~HidDevice() {
 }
 
 void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
-  // A report that was not sent may succeed the next time. The steps run one by one: the amplifiers
-  // are switched off even if a wait for the arm fails.
+  // Repeats a report that could not be sent. Runs all steps even if one fails, so that the
+  // amplifiers are switched off although a wait for the arm failed.
   constexpr int kTries = 3;
   const auto insist = [](auto&& goes_out) {
     for (int i = 0; i < kTries && !goes_out(); ++i) continue;
@@ -272,7 +273,7 @@ void HidDevice::waitFor(ReportPort& port, HidInput& input, const HidStep& step,
     return input.came(report);
   };
   const bool asked = !step.words.empty();
-  (void)look();  // discards older reports
+  (void)look();  // discards the reports that came during the preparation
   if (host_.say && asked) host_.say(name + ": " + step.words);
   bool begun = !asked || (input.known(report) && !is());
   for (bool says = false; !begun || !says;) {
@@ -302,7 +303,7 @@ ZeroForce HidDevice::zeroForce() const noexcept {
 void HidDevice::closePort() noexcept {
   open_port_ = nullptr;
   while (reading_ || writing_) std::this_thread::sleep_for(std::chrono::microseconds(100));
-  // A miscounted device is still connected and would keep the last force.
+  // A device whose counters may have wrapped is still connected, and would keep the last force.
   leave(*port_, mended_);
   port_.reset();
 }
@@ -325,7 +326,8 @@ void HidDevice::mendLoop() noexcept {
                                : "palpate homes it again"));
         }
       }
-      // An arm whose home was its pose at the opening has lost its position.
+      // An arm with home_at_open has its home where it stood at the opening, so it cannot be homed
+      // again.
       if (host_.find && !profile_.home_at_open && !homeless_) port = host_.find();
       if (port != nullptr) {
         mended_.forget();
@@ -335,7 +337,7 @@ void HidDevice::mendLoop() noexcept {
       port.reset();
     }
     if (port != nullptr) {
-      // The guardian's descriptor leads to the new device, with the same number.
+      // Redirects the guardian's descriptor to the new device; its number stays the same.
       if (guard_ >= 0) (void)dup3(port->guardDescriptor(), guard_, O_CLOEXEC);
       port_ = std::move(port);
       gone_ = false;
@@ -348,10 +350,10 @@ void HidDevice::mendLoop() noexcept {
 
 ArmDissipation HidDevice::dissipation() const noexcept {
   ArmDissipation arm;
-  // The friction of a joint is unknown if no motor has pushed it.
+  // The test measures friction by pushing. The friction of a joint without a motor is unknown.
   if (!undriven_.empty()) return arm;
-  // In another pose a lever may be longer by this factor. Then a count moves the tip farther, and
-  // there is less friction at the tip.
+  // Assumes that in another pose a lever may be longer by this factor. Then one count moves the tip
+  // farther, and the joint's friction is smaller at the tip.
   constexpr double kElsewhere = 2.0;
   arm.viscous = host_.measured.viscous / (kElsewhere * kElsewhere);
   arm.coulomb = host_.measured.coulomb / kElsewhere;
@@ -364,7 +366,7 @@ ArmDissipation HidDevice::dissipation() const noexcept {
   const auto steps = resolution();
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     arm.step += kElsewhere * steps[i];
-    // Rounding changes the force by up to a step of each motor.
+    // Rounding the motor's value changes the force by up to one step of the field.
     const HidJoint& joint = profile_.joints[i];
     if (!joint.to) continue;
     const ReportField& motor = profile_.output->fields[*joint.to];
@@ -373,7 +375,8 @@ ArmDissipation HidDevice::dissipation() const noexcept {
       arm.coulomb -= std::abs(joint.ratio * joint.torque_constant / motor.scale) / lever;
     }
   }
-  // If the steps add more energy than friction takes, the tank cannot rely on the arm.
+  // If the steps can add more energy than friction dissipates, the tank must not rely on the arm's
+  // friction.
   if (arm.coulomb < 0.0) arm = {};
   return arm;
 }

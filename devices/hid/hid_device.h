@@ -24,41 +24,43 @@ namespace palpate {
 
 /// Functions and settings that an arm on a HID device needs from its program. All may be empty.
 struct HidHost : ArmHost {
-  /// Finds the device again by its numbers; null while it is absent. Not called in a tick.
+  /// Finds the device again by its vendor and product numbers and its serial number or port;
+  /// returns null while it is absent. Not called in a tick.
   std::function<std::unique_ptr<ReportPort>()> find = nullptr;
 };
 
 /// Counts of writes.
 struct HidWrites {
-  std::int64_t count = 0;       ///< Reports given to the port, including refused ones.
-  std::int64_t weakened = 0;    ///< Forces that a motor's limit or heat has reduced, direction
-                                ///< kept.
-  std::int64_t longest_ns = 0;  ///< Longest time until the port had sent one [ns].
+  /// Reports that were given to the port, including those that it refused.
+  std::int64_t count = 0;
+  /// Forces that were reduced, with their direction kept, because of a motor's limit or heat.
+  std::int64_t weakened = 0;
+  std::int64_t longest_ns = 0;  ///< Longest time that the port took to send one report [ns].
 };
 
 /// Reads and drives an arm. The haptic thread calls read() and write(). A second thread sends the
-/// newest force, one report a tick and at most output_rate a second, because sending waits for the
-/// wire. A third thread finds the device again after it was unplugged.
+/// newest force, because sending blocks until the device has the report: at most one report a tick
+/// and output_rate reports a second. A third thread finds the device again after it was unplugged.
 ///
-/// The kernel keeps the OLDEST 63 reports. If that many wait, all are old and are discarded. After
-/// a pause of more than HidLimits::stale without read(), the arm is not ready until a fresh report
-/// comes.
+/// The kernel keeps the OLDEST 63 reports. If that many wait, all of them are old and are
+/// discarded. After a pause of more than HidLimits::stale without read(), the arm is not ready
+/// until a new report comes.
 ///
-/// Faults: Fault::kGone while the device is absent. Fault::kMiscounted comes before it if counters
-/// may have wrapped unnoticed. Fault::kWrite if nothing was sent for 20 ms more than a period of
-/// output_rate while a force waits. An arm not homed, not enabled or out of reach is not ready.
+/// Faults: Fault::kGone while the device is absent. Fault::kMiscounted, before kGone, if counters
+/// may have wrapped unnoticed. Fault::kWrite if a force waits and nothing was sent for 20 ms plus a
+/// period of output_rate. An arm that is not homed, not enabled or out of reach is not ready.
 class HidDevice final : public Arm {
  public:
-  /// Runs the profile's "open" and "home" on this thread (slow), and "close" if they fail. Throws
-  /// DeviceError with the problem in words.
+  /// Runs the profile's "open" and "home" steps on this thread (slow), and its "close" steps if
+  /// they fail. Throws DeviceError with the problem in words.
   ///
-  /// @param tested  The arm has passed `palpate devices --test`; else kUntestedForce and
-  ///                kUntestedStiffness hold.
+  /// @param tested  True: the arm has passed `palpate devices --test`. False: the limits are
+  ///                kUntestedForce and kUntestedStiffness.
   HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
-  /// Sends zero force, then runs the profile's "close" (at most kLongestClose).
+  /// Sends zero force, then runs the profile's "close" steps (at most kLongestClose).
   ~HidDevice() override;
 
-  /// Has the profile's limits, or those of an untested arm; never changes.
+  /// Returns the profile's limits, or those of an untested arm. They never change.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
@@ -69,7 +71,7 @@ class HidDevice final : public Arm {
   [[nodiscard]] double given() const noexcept override { return given_; }
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
-  /// Returns the profile as given.
+  /// Returns the profile that the constructor got.
   [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
   [[nodiscard]] const ArmTraits& traits() const noexcept override { return traits_; }
   [[nodiscard]] std::string whyNotReady() const override;
@@ -82,9 +84,10 @@ class HidDevice final : public Arm {
   /// Returns the counts of reports. Call it on the thread that reads, or after that thread has
   /// ended.
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
-  /// Returns the counts since the opening, without those of the profile's steps. Any thread.
+  /// Returns the counts since the opening, without the reports of the profile's steps. Callable
+  /// from any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
-  /// Returns how often the device was plugged in since the opening, including the first time.
+  /// Returns how often the device was plugged in since the opening; the first time counts.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
 
  private:
@@ -92,7 +95,7 @@ class HidDevice final : public Arm {
   struct Outgoing {
     std::array<std::byte, 1025> bytes{};
   };
-  /// Keeps the port open while it is used.
+  /// Prevents the closing of the port during this object's life.
   class Using {
    public:
     Using(std::atomic<ReportPort*>& port, std::atomic<bool>& in) noexcept : in_(in) {
@@ -111,49 +114,50 @@ class HidDevice final : public Arm {
     ReportPort* port_;
   };
 
-  /// Completes the opening, once the arm is prepared.
+  /// Completes the opening after the arm is prepared.
   void begin();
-  /// Sets the time of flags that came during the preparation to `now`.
+  /// Sets the time of flags that came during the preparation to `now` [ns].
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;
   /// Opens and homes the arm. Throws DeviceError.
   void prepare(ReportPort& port, HidInput& input);
-  /// Sends zero force and runs "close". Ignores failures, since the device may be gone.
+  /// Sends zero force and runs "close". Ignores failures, because the device may be absent.
   void leave(ReportPort& port, HidInput& input) noexcept;
-  /// Runs the steps of a sequence. A step that waits for the user needs a new action; an earlier
-  /// one does not count.
+  /// Runs the steps of a sequence. If a step waits for an action of the user, an action before the
+  /// step does not count.
   ///
   /// @param stop  Called between two steps, and while a step waits.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
-  /// Waits until a field has its value. Throws DeviceError if it does not get it.
+  /// Waits until a field has its value. Throws DeviceError if the field does not get that value in
+  /// time.
   void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                const std::function<bool()>& stop);
-  /// Takes the newest reports and follows the joints; sets `hand.fault` if the device is absent.
+  /// Takes the newest reports and updates the joints. Sets `hand.fault` if the device is absent.
   void readReports(std::int64_t now, double dt, HandState& hand) noexcept;
-  /// Takes over the input of a device that was plugged in again.
+  /// Adopts the input of a device that was plugged in again.
   void adoptMended(std::int64_t now) noexcept;
-  /// Makes the arm wait for fresh reports, after a pause.
+  /// Makes the arm wait for new reports after a pause.
   void forgetReports(std::int64_t now) noexcept;
   void forgetCounters() noexcept;
   /// Reads buttons, orientation, gripper and joints.
   void lookAtHandle() noexcept;
-  /// Sets readiness and fault by the last values of the flags.
+  /// Sets readiness and fault from the last values of the flags.
   void applyFlags(HandState& hand) noexcept;
-  /// Checks the age of reports with flags. If one is too old, `hand` is stale; if one has not come,
-  /// it is not ready.
+  /// Checks the age of reports with flags. If such a report is too old, sets `hand` stale; if one
+  /// has never come, sets `hand` not ready.
   void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
-  /// Checks that no force waits too long, in the writer thread or in a write.
+  /// Sets a fault if a force waits too long, in the writer thread or in a write.
   void lookAtWrites(std::int64_t now, HandState& hand) noexcept;
-  /// Returns the dissipation that the energy tank may rely on, in the current pose.
+  /// Returns the dissipation on which the energy tank may rely, in the current pose.
   [[nodiscard]] ArmDissipation dissipation() const noexcept;
-  /// Returns true if the joints' counters can still be followed after a pause [s].
+  /// Returns true if the joints' counters cannot have wrapped unnoticed during a pause [s].
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
   void lookForMotion(std::int64_t now) noexcept;
   /// Returns HandState::drives in the current pose.
   [[nodiscard]] Mat3 drivesHere() const noexcept;
-  /// True for devices that send no reports while they rest.
+  /// Returns true for devices that send no reports while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
   /// Updates the motors' heat for the time since the last write; returns that time [s].
@@ -171,66 +175,75 @@ class HidDevice final : public Arm {
   HidHost host_;
   std::vector<std::byte> zero_;  ///< The report that drives no motor.
 
-  std::unique_ptr<ReportPort> port_;             ///< Changed by the repair thread only.
+  /// Only the thread that finds the device again changes it.
+  std::unique_ptr<ReportPort> port_;
   std::atomic<ReportPort*> open_port_{nullptr};  ///< Null while the device is absent.
   std::atomic<bool> reading_{false};
   std::atomic<bool> writing_{false};
   std::atomic<bool> gone_{false};
-  std::atomic<bool> miscounted_{false};  ///< Treated as gone, because its counters cannot be
-                                         ///< followed.
+  /// The counters may have wrapped. The device is then treated as absent.
+  std::atomic<bool> miscounted_{false};
   std::atomic<bool> quit_{false};
-  std::atomic<int> guard_{-1};  ///< Keeps its descriptor number when the device changes.
+  /// Guardian's descriptor; its number stays the same when the device changes.
+  std::atomic<int> guard_{-1};
   std::atomic<std::uint32_t> plugging_{1};
 
-  // Used by the repair thread; read after it is done.
+  // Used by the thread that finds the device again; the haptic thread reads it after that.
   HidInput mended_;
-  bool homeless_ = false;  ///< Only the user can give its position.
+  /// Palpate cannot home the arm: only its user can bring it to its home pose.
+  bool homeless_ = false;
 
   // Used by the haptic thread.
   HidInput input_;
-  std::vector<Unwrapped> counters_;     ///< One for each joint.
-  std::vector<double> about_;           ///< For counters that wrap: the raw value near which the
-                                        ///< first reading is placed, the middle of the hand's world
-                                        ///< or home.
-  bool ticked_ = false;                 ///< read() has been called.
-  std::vector<double> home_raw_;        ///< Raw values of joints in the home pose, if home_at_open.
+  std::vector<Unwrapped> counters_;  ///< One for each joint.
+  /// For counters that wrap: the raw value near which the first reading is placed. It belongs to
+  /// the middle of the hand's world, or to home.
+  std::vector<double> about_;
+  bool ticked_ = false;  ///< read() has been called at least once.
+  /// Raw values of joints in the home pose, if the profile has home_at_open.
+  std::vector<double> home_raw_;
   std::vector<bool> flags_in_;          ///< The report has a flag.
   std::vector<std::int64_t> flags_at_;  ///< Time of its last report [ns]; kNever: none since the
                                         ///< opening.
-  bool heard_ = false;                  ///< A report has come since the last opening.
+  bool heard_ = false;                  ///< A report has come since the device was last opened.
   std::uint32_t plugging_seen_ = 1;
   std::int64_t heard_at_ = 0;    ///< Time of the last report [ns].
   std::int64_t counted_at_ = 0;  ///< Time of the last report that moved the joints [ns].
   std::int64_t read_at_ = 0;     ///< Time of the last call of read() [ns].
-  bool numbered_ = false;        ///< A report that is sent again can be recognised.
-  std::vector<double> counts_;   ///< Raw values of joints at the last reading.
-  std::int64_t moved_at_ = 0;    ///< Time of their last change [ns].
+  /// The reports have a counter, by which a repeated report is recognised.
+  bool numbered_ = false;
+  std::vector<double> counts_;  ///< Raw values of joints at the last reading.
+  std::int64_t moved_at_ = 0;   ///< Time of the last change of `counts_` [ns].
   Joints joints_{};
   ArmPose pose_;
-  Mat3 drives_W_ = Mat3::Identity();   ///< ProfileFacts::drives.
+  Mat3 drives_W_ = Mat3::Identity();   ///< ProfileFacts::drives, in W.
   std::vector<std::size_t> undriven_;  ///< Joints that move the tip and have no motor.
   Vec3 position_W_ = Vec3::Zero();
   Handle handle_;
   double given_ = 1.0;
   std::vector<MotorHeat> heat_;  ///< Heat of the joints' motors.
   double cool_ = 1.0;            ///< Share of the force that the motors' heat permits.
-  std::int64_t told_at_ = 0;     ///< Time of the last call of write() [ns]; 0: none yet.
+  std::int64_t told_at_ = 0;     ///< Time of the last call of write() [ns]; 0: not called yet.
   bool tested_;
-  bool carries_ = false;            ///< carry() permits it.
-  bool upright_ = false;            ///< The last reading permits it.
+  bool carries_ = false;  ///< carry() permits the motors to carry the arm's weight.
+  /// The last reading permits the motors to carry the arm's weight.
+  bool upright_ = false;
   double carried_share_ = 0.0;      ///< Share of the weight that is carried so far.
-  std::uint32_t written_seen_ = 0;  ///< Last value of written_ that was seen.
-  std::int64_t written_at_ = 0;     ///< Time from which it is unchanged while forces wait [ns].
+  std::uint32_t written_seen_ = 0;  ///< Value of written_ at the last check.
+  /// Time since which written_ has not changed while forces wait [ns].
+  std::int64_t written_at_ = 0;
 
   Mailbox<Outgoing> out_;
-  std::atomic<bool> rests_{false};         ///< The last published report drives no motor.
-  std::atomic<std::uint32_t> sent_{0};     ///< Counts published reports.
-  std::atomic<std::uint32_t> written_{0};  ///< Value of sent_ that the writer has finished.
+  std::atomic<bool> rests_{false};      ///< The last published report drives no motor.
+  std::atomic<std::uint32_t> sent_{0};  ///< Counts published reports.
+  /// Value of sent_ for the last report that the writer has finished: sent, or failed to send.
+  std::atomic<std::uint32_t> written_{0};
   std::atomic<std::int64_t> count_{0}, weakened_{0}, longest_ns_{0};
 
   std::thread writer_;
   std::thread mender_;
-  std::mutex mend_mutex_;  ///< For the sleep of the repair thread; no tick locks it.
+  /// For the waits of the thread that finds the device again; no tick locks it.
+  std::mutex mend_mutex_;
   std::condition_variable mend_;
 };
 

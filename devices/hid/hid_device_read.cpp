@@ -11,8 +11,10 @@ namespace palpate {
 
 namespace {
 
-constexpr std::int64_t kWriteTime = 20000000;  // [ns]: a longer write is blocked
-constexpr double kLongestStep = 0.02;          // [s]: most time a read for a puck or a weight
+constexpr std::int64_t kWriteTime = 20000000;  // [ns]: a write that takes longer is blocked
+// [s]: longest time for which one read moves a rate-controlled position or raises the carried
+// weight.
+constexpr double kLongestStep = 0.02;
 
 }  // namespace
 
@@ -59,7 +61,7 @@ void HidDevice::lookAtHandle() noexcept {
   if (!of.orientation.empty()) {
     handle.orientation = {turned.w(), turned.x(), turned.y(), turned.z()};
   }
-  // Fields may be floats of any value. If one is not finite, the handle keeps its last state.
+  // A field may be a float of any value. If a value is not finite, the handle keeps its last state.
   bool finite = std::isfinite(handle.gripper) && turned.coeffs().allFinite();
   for (const double joint : handle.joints) finite = finite && std::isfinite(joint);
   if (!finite) {
@@ -86,7 +88,7 @@ HandState HidDevice::read() noexcept {
   applyFlags(hand);
   lookAtFlags(now, hand);
   lookAtWrites(now, hand);
-  // The carried weight grows like every force, and ends at once.
+  // The carried weight rises as slowly as a force after a start, and ends at once.
   upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= profile_.limits.stale;
   const double step = std::min(dt, kLongestStep) / kEngage;
   carried_share_ = carries_ && upright_ ? std::min(1.0, carried_share_ + step) : 0.0;
@@ -100,17 +102,19 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
     plugging_seen_ = plugging;
     adoptMended(now);
   }
-  // The arm may have moved since the opening. An arm that reports by itself that it is homed is
-  // where it now reports. An arm homed at the opening must be followed from there on.
+  // The arm may have moved between the opening and this first read. If the arm itself reports that
+  // it is homed, its counters restart at the present position. If it was homed at the opening, its
+  // counters must be followed from then on.
   if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
     forgetCounters();
   }
-  // After a pause the waiting reports are old; the next report gives the position.
+  // The reports that wait after a pause are old. They are dropped, and the next report gives the
+  // position.
   const bool paused = dt > profile_.limits.stale;
   if (paused) forgetReports(now);
   ReadStatus got = port ? input_.takeNewest(*port) : ReadStatus::kGone;
   if (paused && got == ReadStatus::kReport && !silent()) got = ReadStatus::kNothing;
-  // The counters may have wrapped, so only homing can give the position.
+  // The counters may have wrapped unnoticed, so only homing can give the position again.
   if (got == ReadStatus::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
     miscounted_ = true;
     got = ReadStatus::kGone;
@@ -129,8 +133,8 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
   for (std::size_t r = 0; r < flags_at_.size(); ++r) {
     if (input_.came(r) && !paused) flags_at_[r] = now;
   }
-  // A puck that is held off its rest sends reports repeatedly. If they stop, the last report
-  // is valid until it is stale.
+  // A 3D mouse sends reports repeatedly while it is deflected. If they stop, the last report is
+  // valid until it is stale.
   const double since = 1e-9 * static_cast<double>(now - heard_at_);
   const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
   if (got == ReadStatus::kReport || (got == ReadStatus::kNothing && silent())) follow(moves);
@@ -158,10 +162,10 @@ void HidDevice::forgetCounters() noexcept {
 
 void HidDevice::applyFlags(HandState& hand) noexcept {
   for (const HidFlag& flag : profile_.flags) {
-    // Flags without a report are ignored here; lookAtFlags waits for them.
+    // Ignores flags whose report has never come; lookAtFlags makes the arm wait for it.
     if (!silent() && flags_at_[flag.field.report] == kNever) continue;
     const bool says = input_.raw(flag.field) == flag.equals;
-    // Homing sets counters, so their earlier values are not a reference.
+    // Homing resets the counters, so their values before homing must not be used as a reference.
     if (flag.means == HidFlag::Means::kHomed && !says) forgetCounters();
     if (flag.means == HidFlag::Means::kHomed || flag.means == HidFlag::Means::kEnabled) {
       hand.ready = hand.ready && says;
@@ -199,8 +203,8 @@ void HidDevice::lookAtWrites(std::int64_t now, HandState& hand) noexcept {
 void HidDevice::lookForMotion(std::int64_t now) noexcept {
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const double raw = input_.raw(profile_.joints[i].from);
-    // A joint that does not move the tip, such as a wrist's, does not show that the others are
-    // read.
+    // Ignores joints that do not move the tip, such as a wrist's: their motion does not show that
+    // the position is still measured.
     if (raw != counts_[i] && !pose_.jacobian[i].isZero(0.0)) moved_at_ = now;
     counts_[i] = raw;
   }
@@ -208,7 +212,7 @@ void HidDevice::lookForMotion(std::int64_t now) noexcept {
 
 Mat3 HidDevice::drivesHere() const noexcept {
   Mat3 onto = drives_W_;
-  // A joint that turns freely bears no force in the direction of its motion.
+  // A joint without a motor turns freely, so no force can act in the direction of its motion.
   for (const std::size_t i : undriven_) {
     const Vec3 free = onto * (profile_.world_from_device * pose_.jacobian[i]);
     constexpr double kNone = 1e-6;  // [m/rad]
@@ -222,12 +226,13 @@ bool HidDevice::countedOn(double pause) const noexcept {
     const HidJoint& joint = profile_.joints[i];
     const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
     if (!field.wraps || !counters_[i].known()) continue;
-    // Travel of the tip per joint unit; near a singular pose at least the workspace radius.
+    // Travel of the tip per joint unit. Near a singular pose this lever vanishes, so it is taken as
+    // at least the workspace radius.
     const double lever = std::max(pose_.jacobian[i].norm(), profile_.limits.workspace_radius);
     const double half =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits) - 1);
-    // No counter can wrap beyond the arm's reach.
-    constexpr double kReach = 3.0;  // workspace radii, from one end of an arm's reach to the other
+    // During a long pause the tip can move no farther than the arm's reach.
+    constexpr double kReach = 3.0;  // workspace radii between the two ends of an arm's reach
     const double farthest =
         std::min(profile_.limits.speed * pause, kReach * profile_.limits.workspace_radius);
     if (lever * half < farthest) return false;

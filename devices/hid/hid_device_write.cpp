@@ -10,7 +10,8 @@ namespace palpate {
 
 namespace {
 
-constexpr std::int64_t kLongestSleep = 1000000;  // [ns] of the writer, so that it can end
+// [ns]: longest sleep of the writer, after which it checks whether it should end.
+constexpr std::int64_t kLongestSleep = 1000000;
 
 }  // namespace
 
@@ -53,7 +54,8 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
   for (MotorHeat& motor : heat_) motor.tell(0.0);
   std::copy(zero_.begin(), zero_.end(), report.begin());
   const Vec3 force_D = profile_.world_from_device.transpose() * (drivesHere() * force_W);
-  // If a motor's limit is exceeded, reduce all motors by the same share to keep the direction.
+  // If a motor's limit is exceeded, reduces all motors by the same share, so that the force keeps
+  // its direction.
   std::array<double, kMostJoints> raw{};
   std::array<double, kMostJoints> room{};
   const std::array<double, kMostJoints> weight = carried();
@@ -73,8 +75,9 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
     room[i] = std::max(end, 0.0);
     if (std::abs(raw[i]) > room[i]) share = std::min(share, room[i] / std::abs(raw[i]));
   }
-  // Reduce all motors likewise if one is too hot for the force that remains beside its carried
-  // weight. The reduction comes at once; the force returns as slowly as after a start.
+  // Also reduces all motors by the same share if a motor is too hot for its part of the force
+  // beside the weight that it carries. The reduction acts at once; the force returns as slowly as
+  // after a start.
   cool_ = std::min(1.0, cool_ + dt / kEngage);
   const auto unit = [&](std::size_t i) {
     return std::abs(profile_.output->fields[*profile_.joints[i].to].scale);
@@ -124,7 +127,7 @@ void HidDevice::writeLoop() noexcept {
   request.lock_memory = false;
   request.awake = false;
   (void)becomeRealtime(request, StayAwake(false));
-  // Uses the machine's clock. A report that drives no motor goes at once.
+  // Uses the machine's clock. A report that drives no motor is sent without waiting.
   Pace pace(profile_.output_rate, nowNs());
   bool drives = false;
   for (std::uint32_t seen = 0;;) {
@@ -136,7 +139,7 @@ void HidDevice::writeLoop() noexcept {
     seen = sent_.load(std::memory_order_acquire);
     if (quit_) return;
     out_.refresh();
-    // A miscounted device is still connected and accepts zero force.
+    // A device whose counters may have wrapped is still connected and accepts zero force.
     const Using port(open_port_, writing_);
     if (!port) continue;
     const std::int64_t began = host_.now();

@@ -7,8 +7,9 @@ namespace palpate {
 
 namespace {
 
-constexpr std::size_t kFullRing = 60;    // of the kernel's 63: later reports are lost
-constexpr std::size_t kMostReads = 128;  // per call
+// Reports that wait in a full ring; the kernel keeps 63 and drops later ones.
+constexpr std::size_t kFullRing = 60;
+constexpr std::size_t kMostReads = 128;  // reports read per call
 
 }  // namespace
 
@@ -49,7 +50,7 @@ HidInput::Taken HidInput::take(std::span<const std::byte> report) noexcept {
 }
 
 void HidInput::forget() noexcept {
-  // A puck that has not reported yet rests.
+  // Before its first report a 3D mouse is assumed to be at rest.
   for (std::size_t r = 0; r < profile_.input.size(); ++r) {
     for (std::size_t f = 0; f < profile_.input[r].fields.size(); ++f) {
       const ReportField& field = profile_.input[r].fields[f];
@@ -89,7 +90,7 @@ ReadStatus HidInput::takeNewest(ReportPort& port) noexcept {
     return ReadStatus::kNothing;
   }
   counts_.taken += good;
-  // Reports without a joint's field do not give a position.
+  // A position needs a new report for every joint's field.
   for (std::size_t r = 0; r < fresh_.size(); ++r) {
     if (joints_in_[r] && !fresh_[r]) return ReadStatus::kNothing;
   }

@@ -12,21 +12,22 @@
 
 namespace palpate {
 
-/// The newest values that a device has sent. For one thread.
+/// The newest values that a device has sent. Use each object on one thread only.
 class HidInput {
  public:
   explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
 
-  /// Takes all waiting reports. Returns kReport if all reports with a joint's field are new.
-  /// Returns kNothing also if the kernel's ring had overflowed, since its reports were old. RT: as
-  /// ReportPort::read.
+  /// Takes all waiting reports. Returns kReport if, since the last kReport, every report with a
+  /// joint's field has come. Returns kNothing if one is missing, or if the kernel's ring had
+  /// overflowed, because its reports were old. RT: as ReportPort::read.
   [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
-  /// Returns true if this report has come since forget() and no overflow has lost reports since.
+  /// Returns true if this report has come since forget() and since the last overflow of the
+  /// kernel's ring.
   [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
-  /// Returns true if the last takeNewest has taken this report.
+  /// Returns true if this report came in the last takeNewest().
   [[nodiscard]] bool came(std::size_t report) const noexcept { return came_[report]; }
-  /// Returns the last raw value of a field. Before the first report it is 0, or with rate control
-  /// the value of a puck at rest. This holds for the fields of each report.
+  /// Returns the last raw value of a field. Before the field's report has come, this is 0; for a
+  /// device with rate control it is the value at rest.
   [[nodiscard]] double raw(const FieldRef& field) const noexcept {
     return values_[first_[field.report] + field.field];
   }
@@ -38,12 +39,14 @@ class HidInput {
 
   /// Numbers of reports since the construction, by their use.
   struct Counts {
-    std::int64_t reports = 0;    ///< Used.
-    std::int64_t taken = 0;      ///< Every kind that the profile has.
-    std::int64_t passed_by = 0;  ///< Not used, because a newer one waited.
+    std::int64_t reports = 0;    ///< Positions that were used.
+    std::int64_t taken = 0;      ///< Valid reports of all kinds that the profile has.
+    std::int64_t passed_by = 0;  ///< Reports that were not used because a newer one waited.
     std::int64_t dropped = 0;    ///< Discarded after an overflow of the ring.
-    std::int64_t strange = 0;    ///< Too short, or with a number that the profile does not have.
-    std::int64_t repeated = 0;   ///< Sent again, by HidReportSpec::sequence.
+    /// Reports that are too short, or whose number the profile does not have.
+    std::int64_t strange = 0;
+    /// Repetitions of a report, recognised by HidReportSpec::sequence.
+    std::int64_t repeated = 0;
   };
   [[nodiscard]] const Counts& counts() const noexcept { return counts_; }  ///< Counts so far.
 
@@ -52,14 +55,15 @@ class HidInput {
   [[nodiscard]] Taken take(std::span<const std::byte> report) noexcept;
 
   const HidProfile& profile_;
-  std::size_t head_ = 0;            ///< Bytes of the number before a report: 1 if reports are
-                                    ///< numbered.
+  /// Bytes before a report's content: 1 if reports have numbers, else 0.
+  std::size_t head_ = 0;
   std::vector<std::size_t> first_;  ///< Index of each report's fields in values_.
   std::vector<double> values_;
   std::vector<bool> joints_in_;  ///< The report has a joint's field.
-  std::vector<bool> fresh_;      ///< The report has come since the last kReport.
-  std::vector<bool> came_;       ///< The report has come in the last takeNewest.
-  std::vector<bool> known_;      ///< The report has come since forget() and the last overflow.
+  std::vector<bool> fresh_;      ///< The report has come since takeNewest() last returned kReport.
+  std::vector<bool> came_;       ///< The report came in the last takeNewest().
+  /// The report has come since forget() and since the last overflow.
+  std::vector<bool> known_;
   Counts counts_;
   std::array<std::byte, 2048> buffer_{};
 };

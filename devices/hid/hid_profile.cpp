@@ -40,8 +40,8 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
 
 namespace {
 
-/// Returns the names that an invalid profile seems to give, its own or a button's. It may not even
-/// be JSON.
+/// Returns all texts after "name" in an invalid profile: its own name and those of buttons.
+/// Searches the text, because the file may not be valid JSON.
 std::set<std::string> namesIn(const std::filesystem::path& file) {
   constexpr const char* kKey = "\"name\"";
   std::ifstream in(file);
@@ -97,7 +97,8 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
     HidProfile profile = parseHidProfile(text, std::string("palpate's own ") + name);
     const bool replaced = std::any_of(profiles.begin(), profiles.end(),
                                       [&](const HidProfile& p) { return p.name == profile.name; });
-    // A user whose own profile is invalid does not want palpate's numbers instead.
+    // Omits palpate's own profile if an invalid file of the user has its name. The user does not
+    // want palpate's numbers instead of those in the file.
     if (!replaced && broken.count(profile.name) == 0) profiles.push_back(std::move(profile));
   }
   return profiles;
@@ -106,7 +107,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
 std::filesystem::path hidProfileFolder() {
   const char* config = std::getenv("XDG_CONFIG_HOME");
   const char* home = std::getenv("HOME");
-  // A relative path must be ignored (XDG Base Directory Specification).
+  // The XDG Base Directory Specification requires programs to ignore a relative path.
   if (config != nullptr && *config == '/') return std::filesystem::path(config) / "palpate/arms";
   return std::filesystem::path(home != nullptr ? home : "/") / ".config/palpate/arms";
 }

@@ -21,9 +21,9 @@ namespace palpate {
 
 /// USB identification of a device of this profile. Members without a value match any device.
 struct HidMatch {
-  std::uint16_t vendor = 0;                 ///< USB's idVendor; always needed.
-  std::uint16_t product = 0;                ///< USB's idProduct; always needed.
-  std::optional<std::uint16_t> usage_page;  ///< Page of its top-level collection.
+  std::uint16_t vendor = 0;                 ///< USB's idVendor; always required.
+  std::uint16_t product = 0;                ///< USB's idProduct; always required.
+  std::optional<std::uint16_t> usage_page;  ///< Usage page of its top-level collection.
   std::optional<std::uint16_t> usage;       ///< Usage of its top-level collection.
 };
 
@@ -31,11 +31,11 @@ struct HidMatch {
 struct HidReportSpec {
   std::optional<std::uint8_t> id;   ///< Number, if the device numbers its reports.
   std::size_t size = 0;             ///< Bytes without the number.
-  std::vector<ReportField> fields;  ///< In the order of their names.
+  std::vector<ReportField> fields;  ///< Sorted by name.
   /// Input: the field that counts reports. A report with the count of the previous report is a
   /// repetition of it.
   std::optional<std::size_t> sequence;
-  double stale = 0.0;  ///< Input: longest age of its flags [s]; 0: HidLimits::stale.
+  double stale = 0.0;  ///< Input: largest age of the report's flags [s]; 0: HidLimits::stale.
 };
 
 /// An input field, resolved from its name.
@@ -48,28 +48,31 @@ struct FieldRef {
 struct HidFlag {
   /// The state while the flag is up, and its effect on the force.
   enum class Means : std::uint8_t {
-    kHomed,      ///< The encoders know the arm's position; else no force.
-    kEnabled,    ///< The dead-man switch is held; else no force.
+    kHomed,      ///< The encoders know the arm's position; without it there is no force.
+    kEnabled,    ///< The user holds the dead-man switch; without it there is no force.
     kHot,        ///< Fault::kTemperature.
     kUnpowered,  ///< Fault::kPower.
     kOpen,       ///< Fault::kSwitch.
   };
-  FieldRef field;               ///< The field to compare.
-  double equals = 1.0;          ///< Its raw number while the flag is up.
-  Means means = Means::kHomed;  ///< The first two are conditions, the others faults.
+  FieldRef field;       ///< The field to compare.
+  double equals = 1.0;  ///< Its raw number while the flag is up.
+  /// State of the arm. The first two are conditions for a force, the others are faults.
+  Means means = Means::kHomed;
 };
 
-/// A joint of the kinematics: joint = value / ratio + home. The motor's torque is the joint's over
-/// ratio. The number sent is the motor's torque over the torque constant.
+/// A joint of the kinematics: joint = value / ratio + home. The motor's torque is the joint's
+/// torque divided by ratio. The number sent is the motor's torque divided by the torque constant.
 struct HidJoint {
-  FieldRef from;                  ///< Field of its encoder; no two joints share bits.
-  double ratio = 1.0;             ///< Field units per joint unit; the sign is the direction.
-  double home = 0.0;              ///< Joint position at field zero, or at home [rad or m].
-  std::optional<std::size_t> to;  ///< Output field of its motor; empty: only sensed.
+  FieldRef from;  ///< Field of its encoder. Fields of two joints share no bits.
+  /// Field units per joint unit; its sign is that of the direction.
+  double ratio = 1.0;
+  /// Joint position when the field is zero, or in the home pose [rad or m].
+  double home = 0.0;
+  std::optional<std::size_t> to;  ///< Output field of its motor; empty: the joint has no motor.
   double torque_constant = 1.0;   ///< [N m per unit of the output field]
-  double continuous = 0.0;  ///< Value that its motor can hold forever [unit of the output field];
-                            ///< 0: all that the field gives.
-  double heating = 0.0;     ///< Time constant of its winding's heat [s].
+  /// Value that its motor can hold forever [unit of the output field]; 0: any value of the field.
+  double continuous = 0.0;
+  double heating = 0.0;  ///< Time constant of its winding's heat [s].
 };
 
 /// A mass that the arm's motors carry.
@@ -104,93 +107,104 @@ struct HidHandle {
   std::optional<HidTurn> gripper;  ///< How far it is open; its axis is unused.
 };
 
-/// A step of a sequence that a device needs before or after use.
+/// A step of a sequence that a device needs before or after its use.
 struct HidStep {
   /// Action: send a report, wait for a field, pause, send a feature report.
   enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
-  Kind kind = Kind::kPause;  ///< Decides which of the members below are used.
-  std::vector<std::pair<std::size_t, double>> values;  ///< kSend: output fields, raw; others are at
-                                                       ///< rest.
-  FieldRef field;                                      ///< kWait: the field to wait for.
-  double equals = 0.0;                                 ///< kWait: its expected value.
-  double seconds = 0.0;                                ///< kWait: the longest wait; kPause: the
-                                                       ///< pause [s].
-  std::string words;                                   ///< kWait: instruction for the user.
-  std::vector<std::byte> bytes;                        ///< kFeature: the whole report.
+  Kind kind = Kind::kPause;  ///< Action of this step; decides which of the members below are used.
+  /// kSend: raw values of output fields; all other fields are at rest.
+  std::vector<std::pair<std::size_t, double>> values;
+  FieldRef field;       ///< kWait: the field to wait for.
+  double equals = 0.0;  ///< kWait: the expected raw value.
+  /// kWait: longest wait [s]; kPause: length of the pause [s].
+  double seconds = 0.0;
+  std::string words;             ///< kWait: instruction for the user.
+  std::vector<std::byte> bytes;  ///< kFeature: the whole report.
 };
 
 inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};  ///< Names in profiles.
 
 /// An axis of a device of USB's PID class, which reports neither metres nor newtons.
 struct PidAxisSpec {
-  int axis = 0;        ///< 0 is x: its usage in the device's descriptor, and the arm's axis.
-  double way = 0.0;    ///< Travel from least to most position [m]; < 0: in the other direction.
-  double force = 0.0;  ///< Force at full magnitude and gain [N]; < 0: in the other direction.
+  /// 0 is x. Selects both the usage in the device's descriptor and the axis of the arm.
+  int axis = 0;
+  /// Travel from the smallest to the largest position [m]; < 0: in the opposite direction.
+  double way = 0.0;
+  double force = 0.0;  ///< Force at full magnitude and gain [N]; < 0: in the opposite direction.
 };
 
-/// Limits of the arm. All [SI]; required if the arm has motors.
+/// Limits of the arm, in SI units; required if the arm has motors.
 struct HidLimits {
   double force = 0.0;             ///< [N]
   double slew = 2000.0;           ///< [N/s]
   double stiffness = 0.0;         ///< [N/m]
   double damping = 0.0;           ///< [N s/m]
   double workspace_radius = 0.0;  ///< [m]
-  double stale = 0.05;            ///< [s]; a puck that stops reporting keeps its velocity as long.
-  double speed = 3.0;             ///< [m/s]
-  double continuous = 0.0;        ///< [N] at the tip; 0: the peak, or HidJoint::continuous.
-  double heating = 0.0;           ///< [s]
+  /// Largest age of a position [s]. A 3D mouse that stops reporting keeps its velocity for this
+  /// time.
+  double stale = 0.05;
+  double speed = 3.0;  ///< [m/s]
+  /// Force at the tip that the arm can hold forever [N]; 0: `force`, unless joints have limits
+  /// (HidJoint::continuous).
+  double continuous = 0.0;
+  double heating = 0.0;  ///< Time constant of the motors' heat [s].
 };
 
-/// Longest total time of the waits and pauses in a profile's "close" [s]; the end of the program
-/// waits for them.
+/// Longest total time of the waits and pauses in a profile's "close" [s]. A program that ends has
+/// to wait for them.
 inline constexpr double kLongestClose = 5.0;
 
 /// One arm, as read and checked by parseHidProfile.
 struct HidProfile {
-  std::string name;               ///< Name in `hid:NAME`.
-  std::string description;        ///< One line for people.
-  std::string firmware;           ///< The firmware that the arm needs, and whether it has its own
-                                  ///< watchdog.
-  std::string source;             ///< The file, for errors.
-  std::uint64_t fingerprint = 0;  ///< Hash of the whole profile; shows that the tested profile is
-                                  ///< in use.
-  std::vector<HidMatch> match;    ///< One match is enough.
-  double input_rate = 1000.0;     ///< [Hz], from the maker.
+  std::string name;         ///< Name in `hid:NAME`.
+  std::string description;  ///< One line for people.
+  std::string firmware;     ///< The firmware that the arm needs, and whether it has its own
+                            ///< watchdog.
+  std::string source;       ///< The file, for error messages.
+  /// Hash of the whole profile. It shows whether a stored test result is for this profile.
+  std::uint64_t fingerprint = 0;
+  /// Devices of this profile; a device needs to match only one entry.
+  std::vector<HidMatch> match;
+  double input_rate = 1000.0;  ///< Positions per second by the maker's data [Hz].
   double output_rate =
       1000.0;  ///< Largest number of sent reports per second [Hz]; 0 without an output.
-  std::vector<HidReportSpec> input;     ///< At least one; if several, each has its id.
-  std::optional<HidReportSpec> output;  ///< Empty: input only.
+  std::vector<HidReportSpec> input;     ///< At least one; if there are several, each has its `id`.
+  std::optional<HidReportSpec> output;  ///< Empty: the arm has no motors.
   /// Axes of a device of USB's PID class, x before y; empty for other devices. The device's own
-  /// descriptor gives the rest (describedBy). Until it is known, `input` and `output` are shares of
-  /// travel and force.
+  /// descriptor supplies the fields (describedBy). Until the descriptor is known, `input` and
+  /// `output` are shares of travel and force.
   std::vector<PidAxisSpec> pid;
   std::vector<HidFlag> flags;                    ///< Conditions for any force, and faults.
   std::shared_ptr<const Kinematics> kinematics;  ///< Maps joints to the tip; not null.
   std::vector<HidJoint> joints;                  ///< One for each joint of the kinematics.
-  bool home_at_open = false;  ///< When opened, the arm is in its home pose, `home` of every joint.
-  std::string home_words;     ///< Describes the home pose.
-  double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: off.
-  Mat3 world_from_device = Mat3::Identity();  ///< Pose of the arm in the hand's world:
-  Vec3 origin_D = Vec3::Zero();               ///< p_W = world_from_device (p_D - origin_D).
-  std::vector<HidMass> masses;                ///< Masses that its motors carry; may be empty.
-  Vec3 down_D = -Vec3::UnitZ();               ///< Direction of gravity.
-  HidHandle handle;                           ///< Buttons, orientation, gripper.
-  std::vector<HidStep> open,                  ///< Runs before the first report.
-      home,                                   ///< Runs after it, until the arm knows its position.
-      close;         ///< Runs at the end, or if opening or homing has failed.
-  HidLimits limits;  ///< Required in the file with an output.
-  std::map<std::string, std::string> sources;  ///< Sources of numbers, by JSON pointer.
+  /// The arm is in its home pose, with every joint at its `home`, when it is opened.
+  bool home_at_open = false;
+  std::string home_words;  ///< Describes the home pose to the user.
+  /// For rate control, the velocity at position 1 of the kinematics [m/s]: the position then means
+  /// a velocity. 0: no rate control.
+  double rate_control = 0.0;
+  /// Rotation from the arm's axes to those of the hand's world.
+  Mat3 world_from_device = Mat3::Identity();
+  Vec3 origin_D = Vec3::Zero();  ///< [m], for p_W = world_from_device (p_D - origin_D).
+  std::vector<HidMass> masses;   ///< Masses that its motors carry; may be empty.
+  Vec3 down_D = -Vec3::UnitZ();  ///< Direction of gravity in the arm's axes.
+  HidHandle handle;              ///< Buttons, orientation, gripper.
+  std::vector<HidStep> open,     ///< Steps before the first report.
+      home,          ///< Steps after the first report, until the arm knows its position.
+      close;         ///< Steps at the end, or after "open" or "home" has failed.
+  HidLimits limits;  ///< Required in a file with an output.
+  std::map<std::string, std::string> sources;  ///< Source of each number, keyed by JSON pointer.
 };
 
-/// Reads and checks a profile. Throws DeviceError (file and JSON path).
+/// Reads and checks a profile. Throws DeviceError with the file and the JSON path of the error.
 [[nodiscard]] HidProfile parseHidProfile(const std::string& text, const std::string& source);
-/// Reads and checks a profile's file. Throws DeviceError also if it cannot be read.
+/// Reads and checks a profile's file. Also throws DeviceError if the file cannot be read.
 [[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
 
-/// Returns palpate's own profiles and the user's in `folder`, which replace palpate's of the same
-/// name. Problems of a user's file or its name are added to `notes`, one line each. If a user's
-/// file is invalid, the profile that it would have replaced, by its name or its file's, is also
-/// left out.
+/// Returns palpate's own profiles and the user's in `folder`. A profile of the user replaces
+/// palpate's profile of the same name. Adds problems of a user's file to `notes`, one line each. If
+/// a user's file is invalid, also omits palpate's profile with the name of that file or with a name
+/// in it.
 [[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
                                                   std::vector<std::string>& notes);
 /// Returns the folder of the user's profiles: $XDG_CONFIG_HOME/palpate/arms or
@@ -202,13 +216,13 @@ struct HidProfile {
 
 /// Published limits of a well-known arm.
 struct KnownArm {
-  std::string name;       ///< Common name; appears twice if two sources disagree.
+  std::string name;       ///< Common name. An arm occurs twice if two sources disagree.
   double force,           ///< Peak force [N].
       stiffness,          ///< Largest stiffness of a coupling [N/m].
       damping,            ///< Largest damping of a coupling [N s/m].
       workspace_radius;   ///< [m]
   std::string transport;  ///< Interface by which it could be driven.
-  std::string source;     ///< Source of the numbers, and its file.
+  std::string source;     ///< Source of the numbers, and file of the source.
 };
 /// Reads devices/hid/known_arms.json.
 [[nodiscard]] std::vector<KnownArm> knownArms();

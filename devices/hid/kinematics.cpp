@@ -14,7 +14,8 @@ namespace palpate {
 
 namespace {
 
-/// Margin to the pose at which a parallel arm's motors lose hold, as the sine between its rods.
+/// Distance that a parallel arm keeps from the pose at which its motors cannot hold the tip, as the
+/// sine of the angle between its rods.
 constexpr double kHold = 1e-2;
 
 void requireLengths(const char* model, std::initializer_list<double> lengths) {
@@ -59,7 +60,7 @@ class Chain final : public Kinematics {
   [[nodiscard]] std::size_t links() const noexcept override { return links_.size(); }
   [[nodiscard]] ArmPose on(std::size_t end, const Vec3& place,
                            const Joints& joints) const noexcept override {
-    // Each joint's axis and a point on it, then the step to the next link.
+    // Stores each joint's axis and a point on it, then goes on to the next link.
     std::array<Vec3, kMostJoints> axis;
     std::array<Vec3, kMostJoints> point;
     Mat3 turned = Mat3::Identity();
@@ -106,7 +107,7 @@ class CapstanArm final : public Kinematics {
     const double sb = std::sin(joints[1]);
     const double cc = std::cos(joints[2]);
     const double sc = std::sin(joints[2]);
-    // At A = 0: the position, and its derivatives by B and C.
+    // The position at A = 0, and its derivatives with respect to B and C.
     const Vec3 upper(sb, 0.0, cb);
     const Vec3 upper_turns(cb, 0.0, -sb);
     const Vec3 lower(sc, 0.0, -cc);
@@ -147,7 +148,8 @@ class Pantograph final : public Kinematics {
     const Vec3 left(std::cos(joints[1]), std::sin(joints[1]), 0.0);
     const Vec3 elbow = length_[0] * right;
     const Vec3 other = length_[3] * left - Vec3(base_, 0.0, 0.0);
-    // Intersection of the circles about both elbows: along the line between them, then off it.
+    // The tip is an intersection of two circles, one about each elbow: first the point on the line
+    // between the elbows, then the distance from that line.
     const Vec3 between = other - elbow;
     const double distance = std::max(between.norm(), 1e-12);
     const Vec3 ahead = between / distance;
@@ -175,14 +177,14 @@ class Pantograph final : public Kinematics {
   [[nodiscard]] std::size_t links() const noexcept override { return 4; }
   [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
                            const Joints& joints) const noexcept override {
-    // The motor whose bar is this link, or ends where this link begins.
+    // The motor that turns this link's bar, or the bar at whose end this link begins.
     const std::size_t motor = link < 2 ? 0 : 1;
     const double bar = length_[motor == 0 ? 0 : 3];
     const Vec3 out(std::cos(joints[motor]), std::sin(joints[motor]), 0.0);
     const Vec3 base(motor == 0 ? 0.0 : -base_, 0.0, 0.0);
     ArmPose pose = at(joints);
-    std::array<Vec3, 2> begins{Vec3::Zero(), Vec3::Zero()};  // derivatives of its origin
-    std::array<Vec3, 2> turns = begins;                      // derivatives of its direction
+    std::array<Vec3, 2> begins{Vec3::Zero(), Vec3::Zero()};  // derivatives of the link's origin
+    std::array<Vec3, 2> turns = begins;                      // derivatives of the link's direction
     Vec3 from = base;
     Vec3 ahead = out;
     if (link == 0 || link == 3) {
@@ -212,7 +214,8 @@ class Delta final : public Kinematics {
       : base_(base), shift_(base - plate), upper_(upper), fore_(fore) {}
   [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
-    // Elbows, moved in by the plate's radius: the spheres about all three meet at the tip.
+    // Moves the elbows inwards by the plate's radius, so that the spheres about all three meet at
+    // the tip.
     std::array<Vec3, 3> elbow;
     std::array<Vec3, 3> moves;
     for (std::size_t i = 0; i < 3; ++i) {

@@ -14,19 +14,18 @@
 
 namespace palpate {
 
-inline constexpr std::size_t kMotors = 3;  ///< Only the first joints may have motors; others are
-                                           ///< only sensed.
+/// Largest number of joints with motors; these joints come first.
+inline constexpr std::size_t kMotors = 3;
 /// Joints of a model, in order; surplus entries are unused.
 using Joints = std::array<double, kMostJoints>;
 
-/// The tip's pose at given joints.
+/// The tip's position and its derivatives at given joints.
 struct ArmPose {
   Vec3 position_D = Vec3::Zero();  ///< [m]
-  /// Column i: d position / d joint i [m/rad]; [-] for a joint that slides.
+  /// Column i: d position / d joint i [m/rad], dimensionless for a sliding joint.
   std::array<Vec3, kMostJoints> jacobian = standing();
-  /// False at joints that the arm cannot have (links that do not meet), and where a parallel arm's
-  /// motors lose hold of its tip. Then `position_D` is the nearest possible position, and no motor
-  /// may be driven.
+  /// False if the links cannot meet at these joints, or if a parallel arm's motors cannot hold its
+  /// tip there. Then `position_D` is the nearest possible position, and no motor may be driven.
   bool reachable = true;
 
   /// Returns the Jacobian of a point that does not move with any joint.
@@ -37,7 +36,7 @@ struct ArmPose {
   }
 };
 
-/// The geometry of an arm. Const and shared.
+/// The geometry of an arm. Immutable and shared.
 class Kinematics {
  public:
   Kinematics() = default;
@@ -51,34 +50,35 @@ class Kinematics {
   /// us.
   [[nodiscard]] virtual ArmPose at(const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 
-  /// Number of moving links, counted from the base. The factory functions below define the frame of
-  /// each link in which `on` takes a place.
+  /// Returns the number of moving links, counted from the base. The factory functions below define
+  /// each link's frame, in which `on` takes a place.
   [[nodiscard]] virtual std::size_t links() const noexcept = 0;
-  /// Returns the pose of a point fixed to a link, such as a mass; as `at` for the tip.
+  /// Returns the position and Jacobian of a point fixed to a link, such as a centre of mass, as
+  /// `at` does for the tip.
   ///
   /// @pre link < links().
   [[nodiscard]] virtual ArmPose on(std::size_t link, const Vec3& place,
                                    const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 
-  /// Returns the torque of joint i for a force at the tip: tau_i = J_i . f [N m], [N] for a joint
-  /// that slides. Zero if the arm is not reachable.
+  /// Returns the torque of joint i for a force at the tip: tau_i = J_i . f [N m], or [N] for a
+  /// sliding joint. Returns zero if the pose is not reachable.
   [[nodiscard]] static double torque(const ArmPose& pose, std::size_t joint,
                                      const Vec3& force_D) noexcept {
     return pose.reachable ? pose.jacobian[joint].dot(force_D) : 0.0;
   }
 };
 
-/// Makes three slides: the joints are the position. Link i moves with the slides up to i, in the
-/// arm's axes.
+/// Makes three sliding joints along x, y, z, so that the joints are the position. Link i moves with
+/// slides 0 to i; its frame has the arm's axes.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCartesian();
-/// Makes slides along some of the axes only: 0 is x.
+/// Makes sliding joints along the given axes only; 0 is x.
 ///
 /// @pre 1 to 3 axes, each once.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeSlides(std::span<const int> axes);
 
 /// One link of a chain by Denavit and Hartenberg: turn about z by joint + turn, shift along z by
-/// `along`, along the new x by `across`, turn about it by `twist`. The link's own frame is the one
-/// at its end.
+/// `along`, shift along the new x by `across`, turn about that x by `twist`. The link's own frame
+/// is the frame after these four steps.
 struct ChainLink {
   double turn = 0.0;    ///< theta [rad]
   double along = 0.0;   ///< d [m]
@@ -96,25 +96,28 @@ struct ChainLink {
 ///   x = cos A (b sin B + c sin C), y = sin A (b sin B + c sin C), z = a + b cos B - c cos C
 /// (Kinematics::computePosition of haptikfabrikenapi, forsslund/haptikfabrikenapi).
 ///
-/// Link 0 is the part that turns with A only, in the arm's frame at A = 0. Links 1 and 2 are the
-/// upper and the lower link: x along it from the joint where it begins, y as A turns, z as its
-/// angle grows. Throws DeviceError for lengths that are not positive.
+/// Link 0 turns with A only; its frame is the arm's at A = 0. Links 1 and 2 are the upper and the
+/// lower link. Their origin is the joint where the link begins, x points along the link, y in the
+/// direction in which A turns, z in the direction in which its own angle grows. Throws DeviceError
+/// for lengths that are not positive.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCapstanArm(double a, double b, double c);
 
 /// Makes a planar loop of five bars (Campion, Wang and Hayward 2005). Motors at (0, 0) and (-base,
-/// 0) turn bars of length[0] and length[3]. From their ends, bars of length[1] and length[2] meet
-/// at the tip, on the side of larger y. z is 0. The links are the bars: x along it from the motor's
-/// side, y to the left of x. Throws DeviceError for lengths that are not positive.
+/// 0) turn bars of length[0] and length[3]. From the ends of these, bars of length[1] and length[2]
+/// meet at the tip, on the side of larger y. z is 0. The links are the bars, with x along the bar,
+/// away from the motor, and y to the left of x. Throws DeviceError for lengths that are not
+/// positive.
 [[nodiscard]] std::shared_ptr<const Kinematics> makePantograph(const std::array<double, 4>& length,
                                                                double base);
 
 /// Makes Clavel's delta. Three motors on a circle of radius `base`, at 0, 120 and 240 degrees about
 /// z, turn upper arms down from the horizontal. Forearms in parallelograms carry a plate whose
-/// joints are on a circle of radius `plate`. The tip is below.
+/// joints are on a circle of radius `plate`. The tip is below the motors.
 ///
-/// Links 0 to 2 are the upper arms: x along it from its motor, y level, z up of it. Link 3 is the
-/// plate, from the tip, in the arm's axes. Of a forearm's mass one half goes with its upper arm's
-/// end, one with the plate. Throws DeviceError for lengths that are not positive.
+/// Links 0 to 2 are the upper arms: the origin is the motor, x points along the arm, y is
+/// horizontal, z is perpendicular to both and points up. Link 3 is the plate, with its origin at
+/// the tip and the arm's axes. Assign half of a forearm's mass to the end of its upper arm and half
+/// to the plate. Throws DeviceError for lengths that are not positive.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeDelta(double base, double plate, double upper,
                                                           double fore);
 

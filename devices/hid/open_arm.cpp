@@ -23,7 +23,8 @@ bool matches(const HidMatch& match, const HidDeviceName& device) {
          (!match.usage || *match.usage == device.usage);
 }
 
-/// Adds the fields of a device's own descriptor to a PID profile; returns other profiles unchanged.
+/// Adds the fields of the device's own descriptor to a profile of a PID device. Returns other
+/// profiles unchanged.
 HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   const auto described = parseHidDescriptor(device.descriptor);
   if (profile.pid.empty() || !described) return profile;
@@ -34,7 +35,7 @@ HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   }
 }
 
-/// Returns the profile of a name. Throws DeviceError if no profile has that name.
+/// Returns the profile with this name. Throws DeviceError if no profile has this name.
 const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile>& profiles,
                            const std::vector<std::string>& notes) {
   std::vector<std::string> names;
@@ -103,7 +104,7 @@ std::optional<ArmName> parseArmName(const std::string& name) {
   if (name == "hid") return ArmName{};
   if (name.rfind("hid:", 0) != 0) return std::nullopt;
   const std::string text = name.substr(4);
-  // A path or a serial number may have any character; a profile's name has no @.
+  // A path or a serial number may contain any character; a profile's name contains no @.
   std::size_t end = text.find('@');
   for (std::size_t at = text.find(kEnding); at != std::string::npos;
        at = text.find(kEnding, at + 1)) {
@@ -223,8 +224,8 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
         device.path, others[0]));
   }
   HidHost host{asked};
-  // The path changes when the arm comes back. Without a serial number, the device at the same port
-  // is taken for the arm.
+  // The path changes when the arm is plugged in again. If the arm has no serial number, a device at
+  // the same port counts as the same arm.
   host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&

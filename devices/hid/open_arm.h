@@ -16,63 +16,65 @@ namespace palpate {
 
 /// A plugged-in device and the profiles that match it.
 struct FoundArm {
-  HidDeviceName device;              ///< With the first of its usages that a profile matches.
-  std::vector<HidProfile> profiles;  ///< At least one.
-  bool may_open = false;             ///< This user may open the device.
+  /// The device, with the first of its usages that matches a profile.
+  HidDeviceName device;
+  std::vector<HidProfile> profiles;  ///< Profiles that match the device; at least one.
+  bool may_open = false;             ///< This user has permission to open the device.
 
-  /// Returns the serial number that distinguishes it from others of its kind. Empty if its firmware
-  /// gives no number, or gives all devices the same one (mbed's "0123456789").
+  /// Returns the serial number that distinguishes this arm from others of its kind. Empty if the
+  /// firmware gives no number, or gives all devices the same number (mbed's "0123456789").
   [[nodiscard]] std::string serial() const;
-  /// Returns the identity for names and stored tests: its serial number, or else its port. Two arms
-  /// without a number that swap ports are mistaken for each other. Empty if neither is known.
+  /// Returns the identity for names and stored tests: the serial number, or else the port. If two
+  /// arms without serial numbers swap ports, each is taken for the other. Empty if both are
+  /// unknown.
   [[nodiscard]] std::string identity() const;
-  /// Returns the difference between the device's own report descriptor and a profile
-  /// (complaintAbout). No value if they agree, or if the system does not show the descriptor.
+  /// Compares the device's own report descriptor with a profile (complaintAbout). Returns the first
+  /// difference; no value if they agree, or if the system does not show the descriptor.
   [[nodiscard]] std::optional<DeviceError> against(const HidProfile& profile) const;
-  /// Returns the name for openArm: `hid:PROFILE@IDENTITY`.
+  /// Returns a name that openArm accepts: `hid:PROFILE@IDENTITY`.
   [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
 
-/// Returns the plugged-in devices that a profile matches, each once. Slow.
+/// Returns the plugged-in devices that match a profile, each once. Slow.
 [[nodiscard]] std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles);
 
-/// The parts of `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`. An arm
-/// without a serial number has its port in that place.
+/// The parts of `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`. For an arm
+/// without a serial number, SERIAL is its port.
 struct ArmName {
-  std::string profile;  ///< A name, or a path that ends in .json; empty: any.
-  std::string serial;   ///< Empty: any. May have any character.
+  std::string profile;  ///< A profile's name, or a path that ends in .json; empty: any profile.
+  std::string serial;   ///< Empty: any arm. May contain any character.
   [[nodiscard]] bool isFile()
       const;  ///< True if it ends in .json, even if the file does not exist.
 };
 /// Splits a name into its parts. Returns no value if it is not the name of an arm.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
 
-/// Returns the profile of a name; `hid` alone has none. Throws DeviceError with a similar name if
-/// no profile has that name.
+/// Returns the profile that a name selects; `hid` alone selects none. If no profile has that name,
+/// throws DeviceError with a similar name.
 ///
-/// @param say  Receives messages about user's files that cannot be used; may be empty.
+/// @param say  Receives messages about the user's files that cannot be used; may be empty.
 [[nodiscard]] HidProfile namedProfile(const ArmName& name,
                                       const std::function<void(const std::string&)>& say);
 
 /// A plugged-in arm, chosen by its name.
 struct ChosenArm {
-  FoundArm arm;        ///< Was not open in this process when it was found.
-  HidProfile profile;  ///< The profile of `arm` that the name means.
+  FoundArm arm;        ///< The arm; this process had not opened it when it was found.
+  HidProfile profile;  ///< The profile of `arm` that the name selects.
 };
 
-/// Finds the arm of that name that is not yet open in this program. Throws DeviceError with the
-/// matching names and the remedy if no arm or several arms match.
+/// Finds the arm of that name that this program has not opened yet. If no arm or several arms
+/// match, throws DeviceError with the matching names and the remedy.
 [[nodiscard]] ChosenArm findArm(const std::string& name,
                                 const std::function<void(const std::string&)>& say);
 
-/// An open arm, and the identity for its test.
+/// An open arm, and the key under which its test is stored.
 struct OpenedArm {
   std::unique_ptr<Arm> device;  ///< Not null.
   ArmIdentity identity;         ///< Key under which its test is stored.
 };
 
-/// Finds an arm by its name, `hid...` (findArm), and opens it. Throws DeviceError, also if its
-/// reports differ from the profile's.
+/// Finds an arm by its name, `hid...` (findArm), and opens it. Throws DeviceError, also if the
+/// device's reports differ from the profile's.
 [[nodiscard]] OpenedArm openArm(const std::string& name, const ArmHost& host);
 
 /// Returns the key under which the test of an arm of this profile is stored; `own` is

@@ -16,14 +16,14 @@ using Way = DescribedReport::Way;
 constexpr std::uint32_t kMostSideBySide = 64;
 constexpr std::uint32_t kButtons = 0x090000;
 
-/// Returns no value if the field cannot be read or written as one number.
+/// Returns the i-th field of an item; no value if it cannot be read or written as one number.
 std::optional<ReportField> fieldAt(const DescribedFields& of, std::uint32_t i) {
   if (of.bits > 32) return std::nullopt;
   ReportField field;
   field.bit = of.bit + i * of.bits;
   field.bits = of.bits;
   field.type = of.least < 0 ? ReportField::Type::kSigned : ReportField::Type::kUnsigned;
-  // A descriptor may give a range larger than its bits.
+  // A descriptor may give a range that does not fit into the field's bits.
   const double half = std::ldexp(1.0, static_cast<int>(of.bits) - 1);
   const bool with_sign = of.least < 0;
   const double low = with_sign ? -half : 0.0;
@@ -41,7 +41,7 @@ std::uint32_t innermost(const DescribedFields& of) {
   return of.inside.empty() ? 0 : of.inside.back();
 }
 
-/// Adds the choices that an array's number stands for.
+/// Adds the choices that the numbers of an array stand for.
 void addArray(const DescribedFields& of, const ReportField& field, PidReport& to) {
   std::uint32_t place = 0;
   for (const DescribedUsages& some : of.usages) {
@@ -60,7 +60,7 @@ void addArray(const DescribedFields& of, const ReportField& field, PidReport& to
 void addTo(PidReport& to, const DescribedFields& of) {
   if (of.constant || (of.usages.empty() && !of.array)) return;
   if (of.array) {
-    // Only the first of several numbers is used.
+    // If an array holds several numbers, only the first is used.
     const std::optional<ReportField> field = fieldAt(of, 0);
     if (field) addArray(of, *field, to);
     return;
@@ -68,7 +68,7 @@ void addTo(PidReport& to, const DescribedFields& of) {
   for (std::uint32_t i = 0; i < std::min(of.count, kMostSideBySide); ++i) {
     const std::optional<ReportField> field = fieldAt(of, i);
     if (!field) return;
-    // The last usage also holds for surplus fields, so the first field of a usage counts.
+    // The last usage also holds for all surplus fields, so only the first field of a usage counts.
     PidField found{of.usage(i), innermost(of), *field, 1.0, of.unit != 0};
     const double range = static_cast<double>(of.most) - static_cast<double>(of.least);
     if (range > 0.0 && of.physical_most > of.physical_least) {
@@ -91,7 +91,7 @@ std::size_t sizeOf(const HidDescriptor& device, Way way, std::uint8_t id) {
   return at == device.reports.end() ? 0 : at->size;
 }
 
-/// Returns the first report with fields for which `is` holds, with all its fields of this kind.
+/// Returns the first report that has fields for which `is` holds, with all its fields of that kind.
 template <class Is>
 std::optional<PidReport> reportOf(const HidDescriptor& device, Is is) {
   std::optional<PidReport> found;
@@ -184,7 +184,7 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   map.free = reportOf(device, pid::kBlockFree);
   map.gain = reportOf(device, pid::kGainReport);
   map.pool = reportOf(device, pid::kPool);
-  // Descriptors name its collection in two ways.
+  // Finds the report by its usages, because descriptors name its collection in two different ways.
   map.control = reportOf(device, [](const DescribedFields& of) {
     return of.placeOf(pid::kStopAll) || of.placeOf(pid::kEnable) || of.placeOf(pid::kDisable);
   });

@@ -37,7 +37,7 @@ inline constexpr std::uint32_t kGainReport = kPage | 0x7D;
 inline constexpr std::uint32_t kDeviceGain = kPage | 0x7E;
 inline constexpr std::uint32_t kPool = kPage | 0x7F;
 inline constexpr std::uint32_t kAtOnce =
-    kPage | 0x83;  ///< Largest number of effects that play at a time.
+    kPage | 0x83;  ///< Largest number of effects that can play at the same time.
 inline constexpr std::uint32_t kBlockLoad = kPage | 0x89;
 inline constexpr std::uint32_t kLoaded = kPage | 0x8C;
 inline constexpr std::uint32_t kLoadFull = kPage | 0x8D;
@@ -51,19 +51,19 @@ inline constexpr std::uint32_t kActuators = kPage | 0xA0;
 inline constexpr std::uint32_t kSafety = kPage | 0xA4;
 inline constexpr std::uint32_t kPower = kPage | 0xA6;
 inline constexpr std::uint32_t kCreate = kPage | 0xAB;
-inline constexpr std::uint32_t kX = 0x010030;  ///< Y and Z follow.
+inline constexpr std::uint32_t kX = 0x010030;  ///< Y and Z have the next two numbers.
 }  // namespace pid
 
 /// A field of a report.
 struct PidField {
   std::uint32_t usage = 0;   ///< Its meaning.
   std::uint32_t inside = 0;  ///< The innermost collection around it.
-  ReportField at;            ///< `least` and `most` are the descriptor's.
+  ReportField at;            ///< Its `least` and `most` come from the descriptor.
   double step = 1.0;         ///< Size of one count in units, with the exponent applied.
   bool unit = false;         ///< The descriptor gives a unit.
 };
 
-/// One choice of several, such as "start": a number in an array, or a bit of its own.
+/// One of several choices, such as "start": a number in an array, or a bit of its own.
 struct PidChoice {
   ReportField at;
   double raw = 1.0;
@@ -73,7 +73,7 @@ struct PidChoice {
 struct PidReport {
   DescribedReport report;
   std::vector<PidField> fields;
-  std::vector<std::pair<std::uint32_t, PidChoice>> choices;  ///< By usage.
+  std::vector<std::pair<std::uint32_t, PidChoice>> choices;  ///< Usage and choice.
 
   [[nodiscard]] const PidField* find(std::uint32_t usage) const noexcept;     ///< Null: not found.
   [[nodiscard]] const PidChoice* choice(std::uint32_t usage) const noexcept;  ///< Null: not found.
@@ -85,28 +85,29 @@ struct PidInput {
   ReportField at;
 };
 
-/// Reports and fields of a device. Only a constant force's index, type, magnitude and operation are
-/// required. PidPort does not send missing reports.
+/// Reports and fields of a device. Only index, type, magnitude and operation of a constant force
+/// are required. PidPort does not send reports that the device lacks.
 struct PidMap {
-  bool numbered = false;                             ///< Its reports have numbers.
+  bool numbered = false;                             ///< The device's reports have numbers.
   std::vector<DescribedReport> reports;              ///< All reports.
   std::array<std::optional<PidInput>, 3> axes;       ///< x, y, z.
   std::vector<PidInput> buttons;                     ///< At most HandleInfo::kMostButtons.
-  std::optional<PidInput> actuators, safety, power;  ///< State bits: 1 is good.
-  PidReport constant;                                ///< Index and magnitude.
-  PidReport operation;                               ///< Index, start and stop.
+  std::optional<PidInput> actuators, safety, power;  ///< State bits; 1 means good.
+  /// Report for a constant force: index and magnitude.
+  PidReport constant;
+  /// Report for an operation: index, start and stop.
+  PidReport operation;
   std::optional<PidReport> effect, create, load, free, control, gain, pool;
 };
 
-/// Finds the reports and fields in a descriptor. Throws DeviceError that names a required one that
-/// is missing. Any descriptor is safe. If more than 64 fields of one kind are adjacent, only the
-/// first ones are used.
+/// Finds the reports and fields in a descriptor. Throws DeviceError that names a required field
+/// that is missing. Any descriptor is safe. If more than 64 fields of one kind are adjacent, uses
+/// only the first 64.
 [[nodiscard]] PidMap readPidMap(const HidDescriptor& device, const std::string& name);
 
 /// Returns the profile of a PID device (HidProfile::pid) with the fields of the device. Inputs are
-/// positions as the device sends them, in counts. Each axis has 32 output bits of magnitude, in
-/// counts, from which PidPort makes reports. Throws DeviceError for an axis that the device does
-/// not have.
+/// the device's positions, in counts. Each axis has 32 output bits of magnitude, in counts, from
+/// which PidPort makes reports. Throws DeviceError for an axis that the device lacks.
 [[nodiscard]] HidProfile describedBy(const PidMap& map, HidProfile profile);
 
 }  // namespace palpate

@@ -38,7 +38,8 @@ PidDevice::PidDevice(const HidProfile& profile, std::span<const std::byte> descr
   params.name = "arm " + profile.name;
   for (const PidAxisSpec& axis : profile.pid) params.axes.push_back(axis.axis);
   const bool has_gain = map_.gain && map_.gain->find(pid::kDeviceGain) != nullptr;
-  // Magnitudes are always those of full gain: firmware that ignores the gain gives them in full.
+  // The magnitudes that are sent are those of full gain. So firmware that ignores the gain gives
+  // them in full.
   params.gain = tested || host.tests || !has_gain ? 1.0 : kUntestedGain;
   params.now = host.now;
   HidProfile described = describedBy(map_, profile);
@@ -68,14 +69,15 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
   for (const PidAxisSpec& axis : profile.pid) {
     info_.limits.peak = std::min(info_.limits.peak, std::abs(axis.force));
   }
-  // A position may be one input period old. The last axis' report is sent after all others.
+  // A position may be one input period old, and the report of the last axis is sent after all
+  // others.
   const double period = 1.0 / info_.output_rate;
   double delay = 1.0 / profile.input_rate + period;
   if (measured.viscous > 0.0) delay = measured.delay + measured.doubt;
   ArmParams known;
   known.viscous = measured.viscous > 0.0 ? measured.viscous : kLikelyViscous;
   known.delay = delay;
-  // A coupling's damping takes a part of the same friction.
+  // The coupling's damping uses a part of the friction that passivity needs.
   info_.max_damping = std::min(info_.max_damping, 0.5 * known.viscous);
   const double most = passiveStiffness(known, info_.output_rate, info_.max_damping);
   info_.max_stiffness = std::min(info_.max_stiffness, most);

@@ -16,10 +16,12 @@ namespace {
 
 using Way = DescribedReport::Way;
 
-constexpr int kAsks = 20;          // for an effect's block: some firmware needs milliseconds
-constexpr int kRounds = 8;         // rounds of timed writes
-constexpr double kRenewals = 4.0;  // per duration
-constexpr std::int64_t kEnableAgain = 1000000000;  // [ns]
+// Attempts to get an effect's block: some firmware needs milliseconds.
+constexpr int kAsks = 20;
+constexpr int kRounds = 8;         // timed writes of each axis at the opening
+constexpr double kRenewals = 4.0;  // restarts of an effect within its duration
+// [ns]: shortest time between two attempts to enable the actuators.
+constexpr std::int64_t kEnableAgain = 1000000000;
 
 std::vector<std::byte> empty(const PidReport& report) {
   std::vector<std::byte> bytes(report.report.size + 1);
@@ -31,7 +33,7 @@ std::span<std::byte> bodyOf(std::vector<std::byte>& bytes) {
   return std::span(bytes).subspan(1);
 }
 
-/// Writes a field if the report has it.
+/// Writes a field if the report has that field.
 void put(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_t usage, double raw) {
   if (const PidField* field = report.find(usage)) putRaw(bodyOf(bytes), field->at, raw);
 }
@@ -41,7 +43,7 @@ void choose(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_
   }
 }
 
-/// Sets all bits of a field, whatever its range: "none".
+/// Sets all bits of a field, which means "none" whatever the field's range.
 void putNone(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_t usage) {
   const PidField* field = report.find(usage);
   if (field == nullptr) return;
@@ -52,20 +54,21 @@ void putNone(const PidReport& report, std::vector<std::byte>& bytes, std::uint32
   putRaw(bodyOf(bytes), whole, whole.most);
 }
 
-/// Returns a field's raw value if its bytes have come.
+/// Returns a field's raw value; no value if the bytes end before the field.
 std::optional<double> told(std::span<const std::byte> body, const ReportField& field) {
   if (body.size() < field.end()) return std::nullopt;
   return rawOf(body, field);
 }
 
-/// Returns seconds per count of a duration: milliseconds if the descriptor has no unit.
+/// Returns the seconds per count of a duration field. If the descriptor has no unit, a count is a
+/// millisecond.
 double secondsACount(const PidField& field) {
   const double step = field.unit ? field.step : 1e-3;
   return step > 0.0 && std::isfinite(step) ? step : 1e-3;
 }
 
-/// Returns the raw number of the shortest duration from PidPort::kDuration on. The largest number
-/// is excluded, because it means forever.
+/// Returns the raw number of the shortest duration that is at least PidPort::kDuration. Excludes
+/// the largest number, because it means forever.
 double durationIn(const PidField& field) {
   const double wanted = std::ceil(PidPort::kDuration / secondsACount(field) - 1e-9);
   const double least = std::max(1.0, field.at.least);
@@ -216,11 +219,11 @@ int PidPort::loadedIndex() {
         why = "it reports that the effect failed";
         break;
       }
-      // If the report cannot show success, the index must suffice.
+      // If the report has no field that shows success, the index alone must show it.
       const bool loaded = map_.load->choice(pid::kLoaded) == nullptr || says(pid::kLoaded);
       const auto at = index != nullptr ? told(body, index->at) : std::nullopt;
       if (loaded && at && goodIndex(*at)) return static_cast<int>(*at);
-      // An answer with the index of an earlier effect is outdated.
+      // An answer with the index of an earlier effect is outdated and does not count.
       if (loaded && at) {
         why = "it has given the effect the index " + std::to_string(std::llround(*at)) +
               (*at >= 1.0 ? ", which another effect has or its reports cannot hold" : "");
@@ -265,8 +268,8 @@ void PidPort::prepare(Effect& effect, int axis) {
   }
   putNone(report, effect.set, pid::kTriggerButton);
   put(report, effect.set, pid::kX + static_cast<std::uint32_t>(axis), 1.0);
-  // A direction distinguishes two axes, clockwise from away: x is a quarter turn. On a device with
-  // three axes each has its own bit.
+  // A device with two axes takes a direction as an angle, clockwise from "away from the user": x is
+  // a quarter turn. A device with three axes has a bit for each axis.
   const bool plane = report.find(pid::kX + 2) == nullptr && axis < 2;
   const auto direction = std::find_if(report.fields.begin(), report.fields.end(),
                                       [](const auto& f) { return f.inside == pid::kDirection; });
@@ -292,7 +295,8 @@ void PidPort::measure() {
 }
 
 void PidPort::undo() noexcept {
-  // The device may be gone, so refusals are ignored. The report that stops all effects goes first.
+  // The device may be gone, so refusals are ignored. The report that stops all effects is sent
+  // first.
   (void)control(pid::kStopAll);
   for (Effect& effect : effects_) {
     if (effect.stop.empty()) continue;
@@ -307,7 +311,7 @@ void PidPort::undo() noexcept {
 bool PidPort::sendMagnitude(Effect& effect, double raw) noexcept {
   putRaw(bodyOf(effect.magnitude), map_.constant.find(pid::kMagnitude)->at, raw);
   const bool good = send(map_.constant, effect.magnitude);
-  // If the device refuses a magnitude, the current one is unknown.
+  // After the device has refused a magnitude, its present magnitude is unknown.
   effect.sent = good ? raw : std::numeric_limits<double>::quiet_NaN();
   return good;
 }
@@ -316,7 +320,7 @@ bool PidPort::renew(bool enable) noexcept {
   bool good = true;
   if (enable) {
     enabled_ = params_.now();
-    // Some devices return to full gain when enabled.
+    // Some devices return to full gain when they are enabled.
     good = control(pid::kEnable) && sendGain();
     for (const Effect& effect : effects_) {
       good = good && (!map_.effect || send(*map_.effect, effect.set));
@@ -339,13 +343,13 @@ bool PidPort::write(std::span<const std::byte> report) noexcept {
     rests = rests && raw[i] == 0.0;
   }
   const std::int64_t now = params_.now();
-  // Some firmware switches its actuators off when all effects are stopped, as by a guardian. They
-  // come back without a force, because the loop has latched a fault.
+  // Some firmware switches its actuators off when all effects are stopped, for example by a
+  // guardian. Enabling them again gives no force, because the loop has latched a fault.
   const bool off =
       state_.fallen() == PidState::kActuators && rests && now - enabled_ > kEnableAgain;
   const bool due =
       duration_ > 0.0 && static_cast<double>(now - started_) >= 1e9 * duration_ / kRenewals;
-  // Reductions of the force go first.
+  // Sends reductions of the force before increases.
   bool good = true;
   for (std::size_t i = 0; i < effects_.size(); ++i) {
     const bool less = !(std::abs(raw[i]) >= std::abs(effects_[i].sent));
@@ -379,7 +383,7 @@ void PidPort::keepState(std::span<const std::byte> report) noexcept {
     if (!*input || !has(**input)) continue;
     now = rawOf(body, (*input)->at) != 0.0 ? now | bit : now & ~bit;
   }
-  // In this order, so that a newly set bit never counts as fallen.
+  // Writes `now` before `ever`, so that a newly set bit never counts as fallen.
   state_.now = now;
   state_.ever = state_.ever | now;
   std::uint32_t buttons = state_.buttons;

@@ -1,5 +1,5 @@
-/// Private to devices: drives a device of USB's PID class by magnitudes of its axes. Creates,
-/// updates, renews and frees the effects, and keeps the state that the device reports.
+/// Private to devices: drives a device of USB's PID class by the magnitudes of its axes. Creates,
+/// updates, renews and frees the effects, and stores the state that the device reports.
 #pragma once
 
 #include <array>
@@ -17,53 +17,58 @@
 
 namespace palpate {
 
-/// State that a device has reported. Written by the thread that reads its port, read by that thread
-/// or another.
+/// State that a device has reported. Written by the thread that reads the device's port; any thread
+/// may read it.
 struct PidState {
   static constexpr std::uint32_t kActuators = 1;
   static constexpr std::uint32_t kPower = 2;
   static constexpr std::uint32_t kSafety = 4;
-  std::atomic<std::uint32_t> now{0};      ///< Bits as last reported.
-  std::atomic<std::uint32_t> ever{0};     ///< Bits that were ever set since the opening.
+  std::atomic<std::uint32_t> now{0};      ///< Bits of the last report.
+  std::atomic<std::uint32_t> ever{0};     ///< Bits that were set at least once since the opening.
   std::atomic<std::uint32_t> buttons{0};  ///< Pressed buttons, like Handle::buttons.
-  /// Returns the bits that were set and are no longer set. Bits that were never set have no
-  /// meaning: firmware leaves bits at 0 that it does not know.
+  /// Returns the bits that were set earlier and are not set now. A bit that was never set has no
+  /// meaning, because firmware leaves unknown bits at 0.
   [[nodiscard]] std::uint32_t fallen() const noexcept { return ever & ~now; }
 };
 
 /// Settings of a PidPort.
 struct PidParams {
-  std::string name;                        ///< Name in errors, such as "arm mine".
-  std::vector<int> axes;                   ///< In the order of magnitudes; 0 is x.
-  double gain = 1.0;                       ///< Share of its full force, 0 to 1.
-  std::int64_t (*now)() noexcept = nowNs;  ///< [ns]
+  std::string name;                        ///< Name for error messages, such as "arm mine".
+  std::vector<int> axes;                   ///< Axes in the order of the magnitudes; 0 is x.
+  double gain = 1.0;                       ///< Share of the device's full force, 0 to 1.
+  std::int64_t (*now)() noexcept = nowNs;  ///< Clock [ns].
   std::int64_t settle = 10000000;          ///< Pause after a reset [ns], by the machine's clock.
 };
 
-/// One device, from its reset to the end of its last effect. Each axis has a constant force.
+/// One device, from its reset to the end of its last effect. Each axis has an effect with a
+/// constant force.
 ///
 /// If duration() > 0, each effect ends by itself after duration(), so the force ends if the writes
-/// stop; while magnitudes are written, it is started again after a quarter of duration(). If
-/// duration() is 0, the force stays, and only a report ends it (stoppingReport). Durations that
-/// firmware may take as infinite, 0 and the largest that the device can express, are never sent.
+/// stop. While magnitudes are written, effects are restarted every quarter of duration(). If
+/// duration() is 0, the force stays until a report ends it (stoppingReport). Firmware may take the
+/// durations 0 and the largest possible one as infinite; these two are never sent.
 class PidPort final : public ReportPort {
  public:
-  static constexpr double kDuration = 0.5;      ///< Wanted duration() [s], rounded up to counts.
-  static constexpr double kMostDuration = 2.0;  ///< [s], longest duration().
+  /// Wanted duration() [s]; it is rounded up to counts.
+  static constexpr double kDuration = 0.5;
+  static constexpr double kMostDuration = 2.0;  ///< Longest accepted duration() [s].
 
   /// Resets the device, enables it, sets its gain, makes an effect for each axis and starts all
-  /// effects with magnitude 0. Slow. Throws DeviceError, after undoing the steps already done.
+  /// effects with magnitude 0. Slow. On failure undoes the steps already done, then throws
+  /// DeviceError.
   ///
-  /// @param map    Must outlive this object; so must `state`.
+  /// @param map    Must outlive this object.
+  /// @param state  Must outlive this object.
   PidPort(const PidMap& map, PidParams params, std::unique_ptr<ReportPort> port, PidState& state);
-  /// Sets magnitudes to 0; stops and frees the effects, stops all, disables the actuators.
+  /// Sets the magnitudes to 0, stops and frees the effects, stops all other effects, disables the
+  /// actuators.
   ~PidPort() override;
 
-  /// Passes reports on unchanged; updates PidState. RT: as the port's own.
+  /// Passes reports on unchanged and updates PidState. RT: as the wrapped port.
   [[nodiscard]] ReadStatus read(std::span<std::byte> to,
                                 std::size_t& size) noexcept PALPATE_NONBLOCKING override;
-  /// Sends the magnitudes, in the layout of describedBy: a report for each one that has changed.
-  /// Returns false if the device is gone.
+  /// Sends the magnitudes, in the layout of describedBy: one report for each magnitude that has
+  /// changed. Returns false if the device is gone.
   [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override;
   [[nodiscard]] bool sendFeature(std::span<const std::byte> /*report*/) noexcept override {
     return false;
@@ -73,22 +78,23 @@ class PidPort final : public ReportPort {
   /// Returns how long an effect lasts [s]; 0: the device does not support durations, and effects
   /// last forever.
   [[nodiscard]] double duration() const noexcept { return duration_; }
-  /// Returns the time to send one magnitude report [s], the median of several at the opening.
+  /// Returns the time to send one magnitude report [s]: the median of several, measured at the
+  /// opening.
   [[nodiscard]] double writeTime() const noexcept { return write_time_; }
 
  private:
   static constexpr std::size_t kAxes = 3;
   using Bytes = std::vector<std::byte>;
   struct Effect {
-    int index = 0;  ///< Index of its block, from the device; 0: not made.
+    int index = 0;  ///< Index of the effect's block, given by the device; 0: no effect was made.
     Bytes set, magnitude, start, stop, free;
-    double sent = 0.0;  ///< The magnitude last sent; NaN if not known.
+    double sent = 0.0;  ///< The magnitude that was sent last; NaN if unknown.
   };
 
   void open();
   void undo() noexcept;
   [[nodiscard]] bool sendGain() noexcept;
-  /// Returns true if no other effect has this index and the reports can carry it.
+  /// Returns true if no other effect has this index and the reports' fields can hold it.
   [[nodiscard]] bool goodIndex(double index) const noexcept;
   [[nodiscard]] int makeEffect();
   [[nodiscard]] int loadedIndex();
@@ -112,8 +118,8 @@ class PidPort final : public ReportPort {
   std::int64_t enabled_ = 0;  ///< Last time the actuators were enabled [ns].
 };
 
-/// Returns the single report, its number first, that takes the force off a device. Empty if write()
-/// cannot send it.
+/// Returns the single report, with its number first, that takes the force off a device. Empty if
+/// write() cannot send such a report.
 [[nodiscard]] std::vector<std::byte> stoppingReport(const PidMap& map);
 
 }  // namespace palpate

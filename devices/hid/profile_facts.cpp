@@ -17,18 +17,19 @@ Joints jointsAtHome(const HidProfile& profile) {
   return joints;
 }
 
-/// Moves `joints` to the nearest pose found for a place; returns the remaining distance [m].
+/// Changes `joints` so that the tip comes as near to `place` as the search finds; returns the
+/// remaining distance [m].
 double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   constexpr int kSteps = 60;
   const std::size_t n = arm.joints();
-  double damping = 1e-3;  // share of the Jacobian's size
+  double damping = 1e-3;  // as a share of the trace of J J^T
   ArmPose pose = arm.at(joints);
   const auto off_of = [&](const ArmPose& p) {
     return p.reachable ? (place - p.position_D).norm() : std::numeric_limits<double>::infinity();
   };
   double off = off_of(pose);
   for (int i = 0; i < kSteps && std::isfinite(off) && off > 1e-9; ++i) {
-    // J J^T is 3 x 3 for any number of joints.
+    // J J^T is 3 x 3 for any number of joints, so this matrix is solved instead of J^T J.
     Mat3 square = Mat3::Zero();
     for (std::size_t j = 0; j < n; ++j) square += pose.jacobian[j] * pose.jacobian[j].transpose();
     square.diagonal().array() += damping * square.trace() + 1e-12;
@@ -49,7 +50,8 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   return off;
 }
 
-/// Projects onto the directions that levers reach, from the sum of their squares.
+/// Returns the projector onto the directions in which the levers can move the tip. `squares` is the
+/// sum of the levers' squares.
 Mat3 within(const Mat3& squares) {
   constexpr double kNone = 0.01;  // of the longest lever; shorter levers count as zero
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(squares);
@@ -61,9 +63,10 @@ Mat3 within(const Mat3& squares) {
   return onto;
 }
 
-/// Sets ProfileFacts::moves and drives.
+/// Sets ProfileFacts::moves and ProfileFacts::drives, from poses around the middle.
 void lookAbout(const HidProfile& profile, ProfileFacts& facts) {
-  constexpr double kAside = 0.3;  // [rad]; [m] for a slide, whose levers are constant
+  // [rad]: distance of these poses in each joint; [m] for a sliding joint, whose lever is constant.
+  constexpr double kAside = 0.3;
   constexpr int kPoses = 27;
   Mat3 moves = Mat3::Zero();
   Mat3 drives = Mat3::Zero();
@@ -107,7 +110,8 @@ Vec3 forceOf(const HidProfile& profile, const ArmPose& pose, const Joints& torqu
     square += pose.jacobian[i] * pose.jacobian[i].transpose();
     pull += torques[i] * pose.jacobian[i];
   }
-  constexpr double kDamping = 1e-6;  // of the levers' squares, for directions without a lever
+  // Share of the levers' squares, so that directions without a lever can be solved.
+  constexpr double kDamping = 1e-6;
   square.diagonal().array() += kDamping * square.trace() + 1e-12;
   return square.ldlt().solve(pull);
 }
@@ -119,10 +123,10 @@ ProfileFacts factsOf(const HidProfile& profile) {
   facts.home_W = profile.world_from_device * (arm.at(home).position_D - profile.origin_D);
   facts.off = std::numeric_limits<double>::infinity();
   Joints middle = home;
-  // Starts from home, then from poses around it with the first three joints varied.
-  constexpr double kApart = 0.8;  // [rad]; [m] for a slide
+  // Starts at the home pose, then at poses around it in which the first three joints differ.
+  constexpr double kApart = 0.8;  // [rad]; [m] for a sliding joint
   constexpr int kWide = 5;
-  constexpr double kThere = 1e-6;  // [m]
+  constexpr double kThere = 1e-6;  // [m]: the tip is then at the place
   const std::size_t turned = std::min<std::size_t>(3, arm.joints());
   const int starts = static_cast<int>(std::pow(kWide, turned));
   for (int start = 0; start < starts && !(facts.off < kThere); ++start) {
@@ -165,7 +169,8 @@ ProfileFacts factsOf(const HidProfile& profile) {
 
 namespace {
 
-/// Inverse of jointAt(), for an arm without home_at_open.
+/// Returns the raw number for a joint's value, the inverse of jointAt(), for an arm without
+/// home_at_open.
 double rawAt(const HidProfile& profile, std::size_t joint, double value) {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];
@@ -193,7 +198,7 @@ std::vector<double> rawAtHome(const HidProfile& profile) {
 double jointAt(const HidProfile& profile, std::size_t joint, double raw, double home_raw) noexcept {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];
-  // At home a joint has its `home`, independent of the raw value of its field.
+  // In the home pose a joint has its `home`, whatever the raw value of its field.
   const double value =
       profile.home_at_open ? field.scale * (raw - home_raw) : field.scale * raw + field.offset;
   return value / of.ratio + of.home;

@@ -8,7 +8,7 @@
 namespace palpate {
 namespace {
 
-// No desktop arm is larger, stronger or faster: larger numbers are in another unit.
+// No desktop arm is larger, stronger or faster than these limits. A larger number has a wrong unit.
 constexpr double kMostLength = 2.0;     // [m]
 constexpr double kMostAngle = 6.2832;   // [rad]
 constexpr double kMostForce = 100.0;    // [N]
@@ -18,15 +18,16 @@ constexpr double kMostDamping = 500.0;  // [N s/m]
 constexpr double kMostMass = 5.0;       // [kg]
 constexpr double kMostHeating = 1e4;    // [s]
 constexpr double kLeastHeating = 0.1;   // [s]
-constexpr double kMostStale = 2.0;      // [s]: an older switch state is not reliable
+// [s]: a switch state that is older than this is not reliable.
+constexpr double kMostStale = 2.0;
 constexpr double kMostSeconds = 600.0;  // [s]
-constexpr int kMostBytes = 1024;        // of a report
+constexpr int kMostBytes = 1024;        // largest report [bytes]
 constexpr std::size_t kMostFlags = 1024;
 constexpr std::size_t kMostReports = 16;
 constexpr std::size_t kMostSteps = 64;
 constexpr std::size_t kMostMasses = 16;
 
-/// True for the norm of a vector that has a direction and a finite square.
+/// Returns true if a vector with this norm has a direction and a finite square.
 bool isLength(double norm) {
   return norm > 1e-6 && norm < 1e6;
 }
@@ -35,14 +36,14 @@ JsonType<double> lengthType() {
   return jsonPositiveUpTo(kMostLength, "metres");
 }
 
-/// A position in metres.
+/// Returns the type of a position in metres.
 JsonType<Vec3> placeType() {
   return jsonNumbers<3>(jsonUpTo(kMostLength, "metres")).as<Vec3>([](const auto& v) {
     return Vec3(v[0], v[1], v[2]);
   });
 }
 
-/// Numbers of a device are written in hexadecimal, as is usual: "16C0".
+/// Returns the type of a USB number, which is written in hexadecimal, as is usual: "16C0".
 JsonType<std::uint16_t> hexType() {
   return jsonMatching("^(0[xX])?[0-9A-Fa-f]{1,4}$", "it is not a hexadecimal number of 16 bits",
                       "write it as lsusb prints it, such as \"16C0\"")
@@ -200,7 +201,7 @@ auto to(T FileGeometry::*member) {
   return [member](ProfileFile& file, T value) { file.geometry.*member = std::move(value); };
 }
 
-/// One row per model: its lengths, its number of joints and its factory function.
+/// Returns one row per model: its lengths, its number of joints and its factory function.
 Rows kinematicsRows(const JsonType<FileJoint>& joint) {
   const auto model = [&](std::size_t least, std::size_t most, const char* why, const char* says,
                          auto make) {
@@ -288,7 +289,7 @@ JsonType<HidMass> massType() {
       .type();
 }
 
-/// `down` is a direction and is normalised.
+/// Returns the rows of "gravity". `down` is normalised.
 Rows gravityRows() {
   return Rows()
       .may("down",
@@ -464,7 +465,7 @@ JsonObject<HidLimits> limitsRows() {
       .needs("heating", "continuous", kHeat, kBoth);
 }
 
-/// An axis of a PID device.
+/// Returns the type of an axis of a PID device.
 JsonType<PidAxisSpec> pidAxisType() {
   const auto not_zero = [](double value) { return value != 0.0; };
   const JsonSchema no_zero = {{"not", {{"const", 0}}}};

@@ -1,5 +1,5 @@
 /// Private to devices: the format of an arm's profile as a table (json_table.h): shapes, ranges and
-/// units. check_profile.cpp and check_consistency.cpp check whether its parts agree.
+/// units. check_profile.cpp and check_consistency.cpp check whether the parts of a profile agree.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@
 
 namespace palpate {
 
-/// A field as in the file; distinguishes missing values from given ones.
+/// A field as given in the file; distinguishes a missing value from a given one.
 struct FileField {
   std::optional<ReportField::Type> type;
   int bit = 0;
@@ -36,7 +36,7 @@ struct FileReport {
   double stale = 0.0;
 };
 
-/// Their fields are names; checkedProfile resolves them later.
+/// A flag whose fields are still names; checkedProfile resolves them.
 struct FileFlag {
   HidFlag flag;
   std::string field;
@@ -70,7 +70,7 @@ struct FileGeometry {
 
 /// A profile as in its file, before names are resolved.
 struct ProfileFile {
-  HidProfile profile;  ///< All parts that need no other part of the file.
+  HidProfile profile;  ///< The parts of the profile that refer to no other part of the file.
   std::vector<FileReport> input;
   std::optional<FileReport> output;
   std::vector<FileFlag> flags;
@@ -84,10 +84,10 @@ struct ProfileFile {
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
 };
 
-/// Returns the table that reads a profile's file and prints its schema.
+/// Returns the table that reads a profile's file and gives its schema.
 [[nodiscard]] const JsonObject<ProfileFile>& profileTable();
 
-/// Returns the whole schema: title, table and definitions.
+/// Returns the whole JSON Schema: title, table and definitions.
 [[nodiscard]] JsonSchema profileTableSchema();
 
 }  // namespace palpate

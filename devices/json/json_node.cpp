@@ -19,7 +19,7 @@ std::string listed(const std::vector<std::string>& names) {
 
 void JsonNode::fail(const std::string& why, const std::string& remedy) const {
   raise_(source_ + ": " + (path_.empty() ? "/" : path_), why, remedy);
-  throw Error(source_, why, remedy);  // a JsonRaise does not return
+  throw Error(source_, why, remedy);  // a JsonRaise throws and does not return
 }
 
 JsonNode JsonNode::child(const std::string& key) const {

@@ -1,6 +1,6 @@
 /// Private to devices and scenes: tables of the allowed content of a JSON file. One table reads the
-/// file, rejects unknown content, and prints the file's JSON Schema, so that the three always
-/// agree. Slow: for reading files.
+/// file, rejects unknown content, and gives the file's JSON Schema, so reader, check and schema
+/// always agree. Slow: for reading files only.
 #pragma once
 
 #include <algorithm>
@@ -20,34 +20,35 @@
 
 namespace palpate {
 
-/// A JSON Schema, draft 7, with keys in the order in which they were given.
+/// A JSON Schema, draft 7, which keeps its keys in the order in which they were added.
 using JsonSchema = nlohmann::ordered_json;
 
-/// The type of a value: the schema that describes the value, and the function that reads it. `read`
-/// rejects all that the schema rejects, and may reject more.
+/// The type of a value: a schema that describes the value, and a function that reads it. `read`
+/// rejects everything that the schema rejects, and may reject more.
 template <class T>
 struct JsonType {
   JsonSchema schema;
   std::function<T(const JsonNode&)> read;
 
-  /// Returns the same type with a description in its schema.
+  /// Returns this type with a description in its schema.
   [[nodiscard]] JsonType says(const char* description) const {
     JsonType type = *this;
     type.schema["description"] = description;
     return type;
   }
-  /// Returns the same type with more keys in its schema.
+  /// Returns this type with more keys in its schema.
   [[nodiscard]] JsonType also(const JsonSchema& more) const {
     JsonType type = *this;
     type.schema.update(more);
     return type;
   }
-  /// Returns a type that converts the value by `make`.
+  /// Returns a type that reads the value, then converts it by `make`.
   template <class U, class Make>
   [[nodiscard]] JsonType<U> as(Make make) const {
     return {schema, [read = read, make](const JsonNode& node) -> U { return make(read(node)); }};
   }
-  /// Returns a type that rejects values unless `good` holds, which a schema cannot express.
+  /// Returns a type that also rejects values for which `good` is false. A schema cannot express
+  /// this condition.
   template <class Good>
   [[nodiscard]] JsonType where(Good good, const char* why, const char* remedy) const {
     return {schema, [read = read, good, why, remedy](const JsonNode& node) {
@@ -56,14 +57,14 @@ struct JsonType {
               return value;
             }};
   }
-  /// Adds the schema to "definitions" by a name, and returns a type that refers to it.
+  /// Adds the schema to "definitions" under a name. Returns a type whose schema refers to it.
   [[nodiscard]] JsonType defined(const char* name, JsonSchema& definitions) const {
     definitions[name] = schema;
     return {{{"$ref", std::string("#/definitions/") + name}}, read};
   }
 };
 
-// Types of single values. Their ranges are inclusive, except for jsonPositive().
+// Types of single values. Their ranges include both ends, except for jsonPositive().
 
 [[nodiscard]] JsonType<double> jsonNumber();
 [[nodiscard]] JsonType<double> jsonPositive();
@@ -71,22 +72,22 @@ struct JsonType {
 [[nodiscard]] JsonType<int> jsonWhole(int least, int most);
 [[nodiscard]] JsonType<bool> jsonFlag();
 [[nodiscard]] JsonType<std::string> jsonText();
-[[nodiscard]] JsonType<std::string> jsonName();  ///< A text that is not empty.
+[[nodiscard]] JsonType<std::string> jsonName();  ///< A text with at least one character.
 
-/// A number > 0 and at most `most`.
+/// A number > 0 and at most `most`; `why` and `remedy` are the error for all other values.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* why, const char* remedy);
 /// A number > 0 and at most `most` in `unit`; detects values in millimetres or degrees.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* unit);
 /// A number >= 0 and at most `most` in `unit`.
 [[nodiscard]] JsonType<double> jsonNotNegativeUpTo(double most, const char* unit);
-/// A number of at most this size in `unit`, positive or negative.
+/// A number between -`most` and `most` in `unit`.
 [[nodiscard]] JsonType<double> jsonUpTo(double most, const char* unit);
-/// A text that matches a regular expression of ECMAScript. Its repetitions have to be bounded: the
-/// library matches them by recursion.
+/// A text that matches an ECMAScript regular expression. The expression's repetitions must be
+/// bounded, because the library matches them by recursion.
 [[nodiscard]] JsonType<std::string> jsonMatching(const char* pattern, const char* why,
                                                  const char* remedy);
 
-/// N numbers, each of its own type.
+/// An array of N numbers, each with its own type.
 template <std::size_t N>
 [[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
     const std::array<JsonType<double>, N>& each) {
@@ -99,7 +100,7 @@ template <std::size_t N>
             return values;
           }};
 }
-/// N numbers of one type.
+/// An array of N numbers of one type.
 template <std::size_t N>
 [[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
     const JsonType<double>& number = jsonNumber()) {
@@ -110,7 +111,7 @@ template <std::size_t N>
   return type;
 }
 
-/// A text that is one of these words.
+/// A text that is one of the given words; returns the value that belongs to the word.
 template <class T>
 [[nodiscard]] JsonType<T> jsonWord(std::vector<std::pair<const char*, T>> words) {
   JsonSchema names = JsonSchema::array();
@@ -118,7 +119,7 @@ template <class T>
   return {{{"enum", names}},
           [words = std::move(words)](const JsonNode& node) { return node.word<T>(words); }};
 }
-/// A value of this enum, as its word of wordFor().
+/// A value of the enum T, written as its wordFor().
 template <class T>
 [[nodiscard]] JsonType<T> jsonWordOf(std::initializer_list<T> values) {
   std::vector<std::pair<const char*, T>> words;
@@ -151,8 +152,8 @@ template <class T>
   return list;
 }
 
-/// Values by names that the file's author chooses; `why` and `remedy` are the error if there are
-/// fewer than `least`.
+/// An object whose keys are names that the file's author chooses. `why` and `remedy` are the error
+/// if there are fewer than `least` names.
 template <class T>
 [[nodiscard]] JsonType<std::map<std::string, T>> jsonMap(const JsonType<T>& value,
                                                          std::size_t least, const char* why,
@@ -167,7 +168,7 @@ template <class T>
           }};
 }
 
-/// A number, or an object.
+/// A number, or an object in its place.
 template <class T>
 [[nodiscard]] JsonType<T> jsonNumberOr(const JsonType<T>& number, const JsonType<T>& other) {
   return {{{"oneOf", JsonSchema::array({number.schema, other.schema})}},
@@ -183,13 +184,13 @@ template <class T>
 [[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
                                         const JsonSchema& object, const JsonSchema& definitions);
 
-/// The keys that an object may have, row by row, and their places in a Spec. Rows are read in their
-/// order, rows of a choice after the rows beside it.
+/// The keys that an object may have, one row per key, each with the place in a Spec where its value
+/// goes. Rows are read in their order; rows of a choice are read after the common rows.
 template <class Spec>
 class JsonObject {
  public:
   /// Adds a key that is required (need) or optional (may). `put`: a member of Spec, or a function
-  /// of the Spec and the value.
+  /// that gets the Spec and the value.
   template <class T, class Put>
   JsonObject& need(const char* key, const JsonType<T>& type, Put put) {
     return add(key, type, put, true);
@@ -198,11 +199,11 @@ class JsonObject {
   JsonObject& may(const char* key, const JsonType<T>& type, Put put) {
     return add(key, type, put, false);
   }
-  /// Adds a text for people, which is not used.
+  /// Adds a key for a remark, a text that the program ignores.
   JsonObject& remark(const char* key) {
     return may(key, jsonText(), [](Spec&, const std::string&) {});
   }
-  /// Adds the format's version.
+  /// Adds a key for the version of the file's format.
   JsonObject& version(const char* key, int number, const char* description) {
     rows_.push_back({key,
                      {{"const", number}, {"description", description}},
@@ -215,41 +216,41 @@ class JsonObject {
                      }});
     return *this;
   }
-  /// Adds an object with rows for the same Spec, optional (mayHold) or required (mustHold).
+  /// Adds an object whose rows belong to the same Spec, optional (mayHold) or required (mustHold).
   JsonObject& mayHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, false);
   }
   JsonObject& mustHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, true);
   }
-  /// Rejects keys that are probably a mistake, with a message of their own.
+  /// Rejects keys that are probably a mistake, with their own error message.
   JsonObject& refuse(std::vector<const char*> keys, const char* why, const char* remedy) {
     for (const char* key : keys) refusals_.push_back({key, why, remedy});
     return *this;
   }
-  /// Rejects `key` without `other`.
+  /// Rejects a file with `key` but without `other`.
   JsonObject& needs(const char* key, const char* other, const char* why, const char* remedy) {
     relations_.push_back({key, other, true, why, remedy});
     return *this;
   }
-  /// Rejects `key` together with `other`.
+  /// Rejects a file with both `key` and `other`.
   JsonObject& either(const char* key, const char* other, const char* why, const char* remedy) {
     relations_.push_back({key, other, false, why, remedy});
     return *this;
   }
-  /// Calls `set` wherever these rows apply, before they are read.
+  /// Calls `set` before the rows are read, whenever this table is used.
   JsonObject& always(std::function<void(Spec&)> set) {
     set_.push_back(std::move(set));
     return *this;
   }
 
-  /// Adds several sets of further rows; the word of `key` selects one set.
+  /// Adds several alternative sets of rows. The value of `key` selects the set.
   JsonObject& choose(const char* key, std::vector<std::pair<const char*, JsonObject>> objects) {
     key_ = key;
     for (auto& [word, object] : objects) choices_.push_back({word, std::move(object)});
     return *this;
   }
-  /// Adds several sets of further rows; the set applies that has its first key in the file.
+  /// Adds several alternative sets of rows. The set is used whose first key is in the file.
   JsonObject& chooseByKey(std::vector<JsonObject> objects) {
     for (JsonObject& object : objects) {
       std::string first = object.rows_.front().key;
@@ -258,7 +259,7 @@ class JsonObject {
     return *this;
   }
 
-  /// Adds all content of another object, which has no choices.
+  /// Adds all rows of another object, which must have no choices.
   JsonObject& with(const JsonObject& other) {
     assert(other.choices_.empty());
     rows_.insert(rows_.end(), other.rows_.begin(), other.rows_.end());
@@ -273,7 +274,7 @@ class JsonObject {
     addKeys(all);
     node.object(all, refused());
     std::vector<const JsonObject*> chosen{this};
-    std::string words;  // words of the choices, for messages
+    std::string words;  // words of the choices, for error messages
     refuseKeys(node);
     while (const Choice* choice = chosen.back()->choiceOf(node)) {
       words += (words.empty() ? "" : ", ") + chosen.back()->named(*choice);
@@ -288,7 +289,8 @@ class JsonObject {
     }
     for (const JsonObject* object : chosen) object->readRows(node, spec);
   }
-  /// Returns a type that reads this object into a Spec with default values.
+  /// Returns a type that reads this object into a Spec. Members without a key keep their default
+  /// values.
   [[nodiscard]] JsonType<Spec> type() const {
     return {schema(), [object = *this](const JsonNode& node) {
               Spec spec;
@@ -296,7 +298,7 @@ class JsonObject {
               return spec;
             }};
   }
-  /// Returns the schema: one closed object for each choice.
+  /// Returns the schema: for each choice one object that permits no further keys.
   [[nodiscard]] JsonSchema schema() const {
     std::vector<JsonSchema> closed;
     addSchemas({{"type", "object"},
@@ -323,7 +325,7 @@ class JsonObject {
   struct Relation {
     std::string key;
     std::string other;
-    bool needed;  ///< False: excluded.
+    bool needed;  ///< True: the key is required. False: the key is forbidden.
     const char* why;
     const char* remedy;
   };
@@ -356,7 +358,7 @@ class JsonObject {
            std::any_of(rows_.begin(), rows_.end(), [&](const Row& row) { return row.key == key; });
   }
 
-  /// Adds every key that this object or a choice of it knows.
+  /// Adds every key that this object, or a choice of it, accepts.
   void addKeys(std::vector<std::string>& all) const {
     const auto add = [&](const std::string& key) {
       if (std::find(all.begin(), all.end(), key) == all.end()) all.push_back(key);
@@ -365,7 +367,7 @@ class JsonObject {
     if (!key_.empty()) add(key_);
     for (const Choice& choice : choices_) choice.object.addKeys(all);
   }
-  /// Returns every key that this object or a choice of it rejects with a message of its own.
+  /// Returns every key that this object, or a choice of it, rejects with its own error message.
   [[nodiscard]] std::vector<std::string> refused() const {
     std::vector<std::string> keys;
     for (const Refusal& refusal : refusals_) keys.push_back(refusal.key);
@@ -376,7 +378,7 @@ class JsonObject {
     return keys;
   }
 
-  /// Returns null if the object has no choices.
+  /// Returns the selected choice; null if the object has no choices.
   [[nodiscard]] const Choice* choiceOf(const JsonNode& node) const {
     if (choices_.empty()) return nullptr;
     std::vector<std::string> words;
@@ -445,7 +447,8 @@ class JsonObject {
   std::vector<Refusal> refusals_;
   std::vector<Relation> relations_;
   std::vector<std::function<void(Spec&)>> set_;
-  std::string key_;  ///< Key that selects a choice; empty: their first keys do.
+  /// Key whose value selects a choice; empty: the first key of a choice selects it.
+  std::string key_;
   std::vector<Choice> choices_;
 };
 

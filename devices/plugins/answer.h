@@ -1,4 +1,5 @@
-/// Private to devices: helpers for plug-ins in C++: sizes of structs, messages, frames.
+/// Private to devices: helpers for plug-ins in C++. They copy structs of different sizes, write
+/// messages and change frames.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +14,7 @@
 
 namespace palpate_plugins {
 
-/// Returns a copy of the host's struct. Fields that the host's compiler did not know are zero.
+/// Returns a copy of the host's struct. Fields that the host's version lacks are zero.
 template <class T>
 T known(const T* theirs) {
   T ours{};
@@ -22,7 +23,8 @@ T known(const T* theirs) {
   return ours;
 }
 
-/// Fills in the fields for which the host's struct has room; leaves its size as it is.
+/// Fills in the fields for which the host's struct has room. Does not change the struct's size
+/// field.
 template <class T>
 void give(T* theirs, const T& ours) {
   const std::size_t size = std::min<std::size_t>(theirs->size, sizeof ours);
@@ -32,7 +34,7 @@ void give(T* theirs, const T& ours) {
               size - kHead);
 }
 
-/// Returns the i-th entry of an array that the host's compiler has laid out.
+/// Returns the i-th entry of an array whose entries have the size that the host's version knows.
 inline palpate_plugin_found* at(palpate_plugin_found* found, int i) {
   return reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) +
                                                  static_cast<std::size_t>(i) * found->size);
@@ -43,7 +45,7 @@ void copy(char (&to)[kRoom], const char* from) {
   std::snprintf(to, kRoom, "%s", from != nullptr ? from : "");
 }
 
-/// Writes the cause of a failure into `error`, in one line with a remedy.
+/// Writes the cause of a failure and a remedy into `error`, in one line.
 [[gnu::format(printf, 3, 4)]] inline void tell(char* error, std::size_t room, const char* format,
                                                ...) {
   std::va_list words;
@@ -52,8 +54,8 @@ void copy(char (&to)[kRoom], const char* from) {
   va_end(words);
 }
 
-/// Runs `work` and lets no exception leave the plug-in. If `work` throws, writes the cause into
-/// `error` and returns `otherwise`.
+/// Runs `work` and catches every exception. If `work` throws, writes the cause into `error` and
+/// returns `otherwise`.
 template <class Result, class Work>
 Result safely(const char* plugin, char* error, std::size_t room, Result otherwise,
               Work work) noexcept {
@@ -67,7 +69,7 @@ Result safely(const char* plugin, char* error, std::size_t room, Result otherwis
   return otherwise;
 }
 
-/// The axes of an arm in W. Row i holds W's axis i in the arm's axes D. A rotation.
+/// The rotation from the arm's axes D to W. Row i is W's axis i in the arm's axes.
 struct Frame {
   double W_from_D[3][3];
 
@@ -85,8 +87,8 @@ struct Frame {
     }
   }
 
-  /// Converts the handle's orientation from D to a quaternion w, x, y, z in W. The axes of the
-  /// handle are renamed like those of the arm: the identity in D is the identity in W.
+  /// Converts the handle's orientation from D to a quaternion w, x, y, z in W. The handle's axes
+  /// are renamed in the same way as the arm's, so the identity in D becomes the identity in W.
   void toW(const double (&turned_D)[3][3], double (&q)[4]) const {
     double r[3][3] = {};
     for (int i = 0; i < 3; ++i) {
@@ -98,7 +100,7 @@ struct Frame {
         }
       }
     }
-    // Computes the largest of the four components first, to avoid a division by a small number.
+    // Computes the largest of the four components first, to avoid division by a small number.
     const double trace = r[0][0] + r[1][1] + r[2][2];
     int first = 0;
     double most = trace;

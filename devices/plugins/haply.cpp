@@ -1,4 +1,4 @@
-/// haply.so: Haply's Inverse3 through its Inverse Service. docs/haply.md.
+/// haply.so: plug-in for Haply's Inverse3, through Haply's Inverse Service. See docs/haply.md.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,28 +18,29 @@ namespace {
 
 using namespace palpate::haply;
 
-// The maker's numbers for the Inverse3, with their sources in docs/haply.md.
-constexpr double kForce = 4.0;        ///< [N], in 80 % of the workspace; the peak is 10.
+// The maker's numbers for the Inverse3. Their sources are in docs/haply.md.
+constexpr double kForce = 4.0;        ///< [N], possible in 80 % of the workspace; the peak is 10 N.
 constexpr double kStiffness = 400.0;  ///< [N/m]
 constexpr double kDamping = 3.0;      ///< [N s/m]
 constexpr double kRadius = 0.1;       ///< [m]
 constexpr double kResolution = 1e-5;  ///< [m]
-constexpr double kContinuous = 2.0;   ///< [N]; not published: half of kForce.
-constexpr double kHeating = 10.0;     ///< [s]; not published: assumed.
-constexpr double kRate = 1000.0;      ///< [Hz]; the arm can 4000.
+constexpr double kContinuous = 2.0;   ///< [N]; not published, assumed as half of kForce.
+constexpr double kHeating = 10.0;     ///< [s]; not published, assumed.
+constexpr double kRate = 1000.0;      ///< [Hz]; the arm itself can exchange at 4000 Hz.
 constexpr char kSource[] =
     "4 N in 80 % of the workspace (peak 10 N) and 0.01 mm: Inverse3's data sheet; 0.1 m: Haply's "
     "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; continuous 2 N and 10 s: "
     "assumed, not published";
-/// Middle of the workspace from the arm's base, as in Haply's own example of a state [m].
+/// Middle of the workspace, measured from the arm's base, as in Haply's own example of a state [m].
 constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Longest wait for the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Longest wait for the user [ns].
-constexpr std::int64_t kFirstAnswer = 1'000'000'000;    ///< Time after open before messages [ns].
+/// Time after opening for the service's first answer, in which no message goes to the user [ns].
+constexpr std::int64_t kFirstAnswer = 1'000'000'000;
 constexpr std::int64_t kStopTime = 15'000'000;  ///< Longest wait for the service thread [ns].
-constexpr std::int64_t kStopPoll = 100'000;     ///< [ns]
-constexpr std::int64_t kPoll = 2'000'000;       ///< [ns]
+constexpr std::int64_t kStopPoll = 100'000;     ///< Time between two checks in stop() [ns].
+constexpr std::int64_t kPoll = 2'000'000;       ///< Time between two checks in other waits [ns].
 
 struct Host {
   void (*say)(const char*) = nullptr;
@@ -49,7 +50,7 @@ struct Host {
 Host host;
 Address address;
 std::unique_ptr<Service> service;
-int users = 0;  ///< Users of `service`.
+int users = 0;  ///< Number of objects that use `service`.
 
 std::int64_t machineNow() {
   timespec now{};
@@ -71,7 +72,7 @@ void tell(char* error, std::size_t room, const std::string& words) {
   std::snprintf(error, room, "%s", words.c_str());
 }
 
-/// Keeps the connection open during its lifetime.
+/// Keeps the connection to the service open during this object's life.
 class Using {
  public:
   Using() {
@@ -84,7 +85,7 @@ class Using {
   Using& operator=(const Using&) = delete;
 };
 
-/// Waits for an answer of the service and returns its inventory. Empty `why`: success.
+/// Waits for an answer of the service and returns its inventory. Empty `why` means success.
 Inventory ask(std::string& why) {
   const std::int64_t since = machineNow();
   Inventory inventory = service->inventory();
@@ -121,7 +122,7 @@ std::string modelOf(const Named& arm) {
   return arm.config.left ? "Haply Inverse3 (left)" : "Haply Inverse3";
 }
 
-/// Returns why this arm cannot be used; empty: it can.
+/// Returns why this arm cannot be used; empty if it can.
 std::string refusal(const Named& arm) {
   const std::string name = "the arm " + std::string(arm.id.view());
   if (arm.config.miniature) {
@@ -146,7 +147,7 @@ struct Device {
   // Used by the haptic thread.
   std::uint64_t seen_losses = 0;
   std::uint64_t acknowledged = 1;
-  Using connection;  ///< Ends after `line` has been released.
+  Using connection;  ///< Destroyed after `line` is released.
   bool turns = false;
   int buttons = 0;
 };
@@ -155,7 +156,7 @@ Device& of(palpate_plugin_device* device) {
   return *static_cast<Device*>(device->data);
 }
 
-/// Fills in the fields for which the caller has room; `size` stays.
+/// Fills in the fields for which the caller's struct has room. Does not change its size field.
 template <class T>
 void give(const T& from, T* to) {
   const std::uint32_t size = to->size;
@@ -178,7 +179,7 @@ int facts(palpate_plugin_device* face, palpate_plugin_facts* out) {
   all.resolution = kResolution;
   all.joints = 3;
   all.buttons = static_cast<std::uint32_t>(device.buttons);
-  // A handle without a cable has three buttons, named by letters.
+  // A handle without a cable has three buttons, which are named by letters.
   if (device.buttons == 3) {
     for (std::size_t i = 0; i < 3; ++i) {
       all.button[i][0] = static_cast<char>('a' + static_cast<int>(i));
@@ -214,7 +215,7 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
       tell(error, room, name + wanted);
       return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
     }
-    // The first answer takes a moment.
+    // The service's first answer takes a moment, so a silent arm is not reported before that.
     const bool early = device.line.away && machineNow() - since < kFirstAnswer;
     if (!early && wanted != said) {
       if (host.say != nullptr) host.say((name + wanted).c_str());
@@ -226,7 +227,7 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
 
 int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   Device& device = of(face);
-  // Reports a loss even if the arm came back before this read.
+  // Reports a loss even if the arm has come back before this read.
   const std::uint64_t losses = device.line.losses.load();
   if (losses != device.seen_losses) {
     device.seen_losses = losses;
@@ -237,7 +238,8 @@ int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   const Reading& reading = device.line.readings.current();
   palpate_plugin_reading all{};
   all.taken = reading.taken;
-  // If the workspace was moved, turned or scaled, its metres are not the hand's.
+  // If the workspace was moved, turned or scaled, its positions and forces are not those of the
+  // hand.
   const bool ready = device.line.ready == 1 && device.line.calibrated != 0 &&
                      device.line.powered != 0 && !reading.arm.transformed;
   if (ready) all.state |= PALPATE_PLUGIN_READY;
@@ -279,8 +281,8 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* face) {
   Line& line = of(face).line;
   const std::uint64_t stops = line.stops.fetch_add(1) + 1;
-  // When this function returns the process may end. By then zero has been sent, if anything can be
-  // sent.
+  // The process may end when this function returns. Waits until the zero force has been sent,
+  // unless it cannot be sent.
   const std::int64_t since = machineNow();
   while (!line.away && line.obeyed.load() < stops && machineNow() - since < kStopTime) {
     const timespec time{0, kStopPoll};
@@ -308,7 +310,7 @@ int find(palpate_plugin_found* found, int room) {
     const std::string model = modelOf(inventory.arms[i]);
     serial.copy(all.serial, sizeof(all.serial) - 1);
     model.copy(all.model, sizeof(all.model) - 1);
-    // Each entry has the size that the caller knows.
+    // The entries have the size that the caller's version knows.
     auto* to =
         reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) + i * found->size);
     give(all, to);

@@ -1,17 +1,17 @@
-/// Private to devices: reads and writes the messages of Haply's Inverse Service: bytes to numbers
-/// and back, without network or threads.
+/// Private to devices: reads and writes the messages of Haply's Inverse Service, from bytes to
+/// numbers and back, without network or threads.
 ///
-/// Three generations of its JSON are distinguished by the message itself. Sources of each:
+/// The service's JSON has three generations. The message itself shows its generation. Sources:
 ///   3.5  docs.haply.co/inverseSDK: "WebSocket Protocol", "Control Commands", "Basis Permutation",
 ///        "Mount & Workspace Transforms", "Simulation Channel". A message has `session_id`,
 ///        `config` has `preset`, `basis` and `mount`; a force is `set_cursor_force.vector`.
 ///   3.1  Haply's Python tutorials of that version, Isaac Lab's se3_haply.py, SofaHaplyRobotics:
-///        the same lists without those fields; a force is `set_cursor_force.values`.
+///        the same lists without these fields; a force is `set_cursor_force.values`.
 ///   3.0  docs.haply.co/inverseSDK/3.0.x/service: `inverse3` is an object by device id. We found no
-///        publication of its force message: this generation is recognised, but gets no force.
+///        publication of its force message, so this generation is recognised, but gets no force.
 ///
 /// Every vector is in the service's own axes (p_D): x right, y forward, z up, right-handed ("Basis
-/// Permutation"). These are also the axes of the hand's world; only the origin differs.
+/// Permutation"). The hand's world has the same axes; only its origin differs.
 #pragma once
 
 #include <array>
@@ -24,37 +24,41 @@ namespace palpate::haply {
 
 using Triple = std::array<double, 3>;
 
-inline constexpr std::size_t kMessageLimit = 65536;  ///< [bytes]; a state of two arms has 2,000.
-inline constexpr int kDepthLimit = 16;               ///< Depth of nesting; a state has 6.
-inline constexpr std::size_t kMaxArms = 4;  ///< Arms read from a message; further arms are ignored.
+/// [bytes]; a state with two arms has about 2,000.
+inline constexpr std::size_t kMessageLimit = 65536;
+inline constexpr int kDepthLimit = 16;  ///< Largest depth of nesting; a state has 6.
+/// Largest number of arms that are read from a message; further arms are ignored.
+inline constexpr std::size_t kMaxArms = 4;
 inline constexpr std::size_t kMaxGrips = 4;
 inline constexpr double kFarthest = 2.0;   ///< [m] along an axis; larger values are invalid.
 inline constexpr double kFastest = 100.0;  ///< [m/s] along an axis; larger values are invalid.
-inline constexpr double kWidest = 3600.0;  ///< [deg], largest angle of a joint.
+inline constexpr double kWidest = 3600.0;  ///< Largest magnitude of a joint's angle [deg].
 
-/// A device's id as the service spells it, safe to send back: letters, digits and `_.:-`.
+/// A device's id as the service spells it. Safe to send back: it has only letters, digits and
+/// `_.:-`.
 struct DeviceId {
-  std::array<char, 48> text{};  ///< Ends with a zero.
+  std::array<char, 48> text{};  ///< Zero-terminated.
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
-  /// Returns false, and leaves the id empty, if the text is not a valid id.
+  /// Sets the id. If the text is not a valid id, leaves the id empty and returns false.
   bool assign(std::string_view from) noexcept;
 };
 
 enum class Generation : std::uint8_t { kUnknown, k30, k31, k35 };
 
-/// Origin of p_D (`preset`).
+/// Origin of positions p_D, as the arm's `preset` sets it.
 enum class Origin : std::uint8_t {
   kBase,    ///< At the arm's base: defaults, arm_front, or no preset.
   kCentre,  ///< In the middle of the workspace: arm_front_centered.
   kOther,   ///< Any other preset.
 };
 
-/// Properties of an arm that the service sends once: in the first message, and on request.
+/// Properties of an arm that the service sends only in the first message, and on request.
 struct ArmConfig {
   Origin origin = Origin::kBase;
-  bool plain_axes = true;  ///< The basis is XYZ.
-  bool miniature = false;  ///< A Minverse: another arm; its limits are not known here.
-  bool left = false;       ///< Built for the left hand.
+  bool plain_axes = true;  ///< The basis is XYZ, so the axes are not permuted.
+  /// The arm is a Minverse, a different model whose limits are not known here.
+  bool miniature = false;
+  bool left = false;  ///< The arm is built for the left hand.
 };
 
 /// An arm in a message.
@@ -62,10 +66,10 @@ struct ArmState {
   DeviceId id;
   bool placed = false;       ///< `position_D` is valid.
   Triple position_D{};       ///< [m]
-  Triple velocity_D{};       ///< [m/s]; zeros if the message has no velocity.
-  Triple joints{};           ///< [rad]; zeros if the message has no joints.
-  bool transformed = false;  ///< The arm's workspace is moved, turned or scaled.
-  // -1: not in the message.
+  Triple velocity_D{};       ///< [m/s]; zeros if the message gives no velocity.
+  Triple joints{};           ///< [rad]; zeros if the message gives no joints.
+  bool transformed = false;  ///< The arm's workspace was moved, turned or scaled.
+  // 1: true; 0: false; -1: the message does not say.
   std::int8_t powered = -1;
   std::int8_t ready = -1;
   std::int8_t calibrated = -1;
@@ -79,7 +83,7 @@ struct GripState {
   bool turned = false;                    ///< `orientation_D` is valid.
   std::array<double, 4> orientation_D{};  ///< Unit quaternion w, x, y, z.
   std::uint32_t buttons = 0;
-  int button_count = 0;  ///< 1 with a cable; 3 or 4 without.
+  int button_count = 0;  ///< 1 for a handle with a cable; 3 or 4 for a handle without a cable.
 };
 
 /// A message of the service.
@@ -91,17 +95,17 @@ struct Message {
   std::array<GripState, kMaxGrips> grips;
 };
 
-/// Result of readMessage(). Only with kState `out` has content.
+/// Result of readMessage(). `out` has content only for kState.
 enum class Verdict : std::uint8_t {
-  kState,    ///< Lists of devices, which may be empty.
-  kOther,    ///< JSON without lists of devices.
-  kTooLong,  ///< More than kMessageLimit.
-  kTooDeep,  ///< Nested deeper than kDepthLimit.
+  kState,    ///< The message has lists of devices, which may be empty.
+  kOther,    ///< The message is JSON without lists of devices.
+  kTooLong,  ///< The message has more than kMessageLimit bytes.
+  kTooDeep,  ///< The message is nested deeper than kDepthLimit.
   kNotJson,
 };
 
-/// Reads a message. For any bytes, every number in `out` is finite and within the limits above, and
-/// every id is safe to send. Allocates.
+/// Reads a message. Any bytes are safe: every number in `out` is finite and within the limits
+/// above, and every id is safe to send. Allocates.
 Verdict readMessage(std::string_view bytes, Message& out);
 
 /// A force for an arm.
@@ -110,16 +114,17 @@ struct ForceTo {
   Triple force_D{};  ///< [N], finite.
 };
 
-/// Room for the longest message to the service [bytes].
+/// Size of a buffer that holds the longest message to the service [bytes].
 inline constexpr std::size_t kRoom = 1024;
 
-/// Writes the forces as a message of k31 or k35. `introduce` adds this program's name for the Haply
-/// Hub (k35). Returns the message's length; 0: it does not fit, or this generation has no force
-/// message. No allocation.
+/// Writes the forces as a message of generation k31 or k35. `introduce` adds this program's name
+/// for the Haply Hub (k35 only). Returns the message's length; 0 if the message does not fit, or if
+/// the generation has no force message. No allocation.
 std::size_t writeForces(Generation generation, std::span<const ForceTo> forces, bool introduce,
                         std::span<char> out) noexcept;
 
-/// Requests the full state, with `config`; keeps a connection without an arm alive.
+/// Message that requests the full state, with `config`. Also keeps a connection without an arm
+/// alive.
 inline constexpr std::string_view kAskForAll = R"({"session":{"force_render_full_state":{}}})";
 
 }  // namespace palpate::haply

@@ -9,9 +9,10 @@
 namespace palpate::haply {
 namespace {
 
-constexpr std::int64_t kLeaving = 1'000'000'000;  ///< The longest that a release waits [ns].
-constexpr long kMostUnanswered = 3;               // messages
-constexpr std::int64_t kIdle = 10'000'000;        ///< The longest sleep without a connection [ns].
+constexpr std::int64_t kLeaving = 1'000'000'000;  ///< Longest wait of release() [ns].
+constexpr long kMostUnanswered = 3;               // largest number of unanswered messages
+/// Longest sleep of the thread without a connection [ns].
+constexpr std::int64_t kIdle = 10'000'000;
 
 std::int64_t machineNow() {
   timespec now{};
@@ -45,7 +46,7 @@ int called(lws* wsi, lws_callback_reasons reason, void*, void* bytes, std::size_
   }
 }
 
-constexpr std::size_t kChunk = 16384;  ///< [bytes] received at a time.
+constexpr std::size_t kChunk = 16384;  ///< Largest number of bytes received at a time.
 const std::array<lws_protocols, 2> kProtocols{{
     {"palpate-haply", called, 0, kChunk, 0, nullptr, 0},
     {nullptr, nullptr, 0, 0, 0, nullptr, 0},
@@ -65,7 +66,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   const std::size_t slash = rest.find('/');
   out.path = slash == std::string::npos ? "/" : rest.substr(slash);
   rest.resize(std::min(slash, rest.size()));
-  // [::1]:10001: the last colon behind the bracket begins the port.
+  // In a name such as [::1]:10001, the port begins at the last colon after the bracket.
   const std::size_t bracket = rest.find(']');
   const std::size_t colon = rest.find(':', bracket == std::string::npos ? 0 : bracket);
   out.host = rest.substr(0, colon);
@@ -83,7 +84,8 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   if (out.host == "[::1]") {
     out.host = "::1";
   } else if (out.host == "localhost" || out.host == "127.0.0.1") {
-    // Uses the number: the system's settings may resolve the name to another machine.
+    // Uses the number instead of "localhost", because the system may resolve this name to another
+    // machine.
     out.host = "127.0.0.1";
   } else if (!anywhere) {
     why = "\"" + url + "\" is not this machine, and palpate sends no forces over a network" +
@@ -124,7 +126,7 @@ void Service::release(Line& line) {
 }
 
 void Service::lose(Line& line) {
-  // In this order: a thread that sees the loss finds the force off.
+  // Sets the stop first, so that a thread that sees the loss finds the force off.
   line.stops.fetch_add(1);
   line.away = true;
   line.losses.fetch_add(1);
@@ -175,9 +177,10 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
     partial_.append(bytes, size);
   }
   if (!last) return;
-  // A message that cannot be read is also an answer: the next message may go.
+  // A message that cannot be read also counts as an answer, so the next message may be sent.
   answered_ = true;
-  // The first message of a connection may come without a request.
+  // The first message of a connection may come without a request, so answers must not exceed
+  // requests.
   got_ = std::min(got_ + 1, asked_);
   answered_at_ = machineNow();
   if (!too_long_) message(partial_);
@@ -188,10 +191,11 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
 void Service::message(std::string_view bytes) {
   const std::int64_t now = now_();
   if (readMessage(bytes, in_) != Verdict::kState) return;
-  // It is not documented whether updates of 3.5 have session_id too: once 3.5 is seen, it stays.
+  // The documents do not say whether later messages of 3.5 also have session_id. So the highest
+  // generation seen on a connection is kept.
   generation_ = std::max(generation_, in_.generation);
-  // The messages do not say which handle is on which arm: of the awake handles, the first belongs
-  // to the first arm.
+  // The messages do not say which handle is on which arm. So the first awake handle is taken to be
+  // on the first arm.
   std::array<const GripState*, kMaxGrips> awake{};
   std::size_t awake_count = 0;
   for (std::size_t i = 0; i < in_.grip_count; ++i) {
@@ -218,7 +222,7 @@ void Service::message(std::string_view bytes) {
   const std::lock_guard lock(mutex_);
   inventory_.answered = true;
   inventory_.generation = generation_;
-  // Drops arms that are gone. Keeps the properties that the service sent only once.
+  // Removes arms that are gone. Keeps the properties that the service sends only once.
   std::vector<Named> named;
   for (std::size_t i = 0; i < in_.arm_count; ++i) {
     const ArmState& arm = in_.arms[i];
@@ -246,10 +250,11 @@ void Service::attend(std::int64_t machine) {
   }
   const bool known = generation_ == Generation::k31 || generation_ == Generation::k35;
   const std::int64_t pause = !served || !known ? kAskForArms : answered_ ? kPeriod : kAskAgain;
-  // The service handles waiting messages before a new zero: so the number of waiting messages is
-  // limited.
+  // The service would handle all waiting messages before a new zero force. So the number of waiting
+  // messages is limited.
   const bool full = asked_ - got_ >= kMostUnanswered;
-  if (full && machine - std::max(sent_, answered_at_) >= kSilence) got_ = asked_;  // lost
+  // The answers are lost.
+  if (full && machine - std::max(sent_, answered_at_) >= kSilence) got_ = asked_;
   if (!full && machine - sent_ >= pause) lws_callback_on_writable(wsi_);
 }
 
@@ -259,7 +264,8 @@ int Service::writable(lws* to) {
   const std::span<char> text(room.data() + LWS_PRE, kRoom);
   std::array<ForceTo, kMaxArms> forces{};
   std::array<Line*, kMaxArms> served{};
-  std::array<bool, kMaxArms> leaving{};  // Read before its force, which is then zero.
+  // Read before the arm's force: if true, that force is zero.
+  std::array<bool, kMaxArms> leaving{};
   std::array<std::uint64_t, kMaxArms> stops{};
   std::size_t count = 0;
   for (auto& one : lines_) {
@@ -285,7 +291,7 @@ int Service::writable(lws* to) {
   sent_ = machineNow();
   introduced_ = introduced_ || driving;
   for (std::size_t i = 0; i < count; ++i) {
-    // A force sent after those stops was written after a zero.
+    // A force that is sent after `stops` was read was written after a zero force, or is zero.
     served[i]->obeyed = stops[i];
     if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
@@ -299,7 +305,8 @@ void Service::letGo(std::int64_t machine) {
   for (auto& one : lines_) {
     Line* line = one.load();
     if (line == nullptr || !line->leaves) continue;
-    // If a socket is closed with an answer unread, the zero force may be lost with it.
+    // Waits for the answer to the zero force. A socket that is closed with an unread answer may
+    // lose the zero force.
     if (line->leaves_at == 0) line->leaves_at = machine;
     const bool told =
         (line->told_zero && got_ >= line->told_in) || machine - line->leaves_at > kLeaving;
@@ -330,7 +337,7 @@ void Service::run() {
   info.port = CONTEXT_PORT_NO_LISTEN;
   info.protocols = kProtocols.data();
   info.user = this;
-  // Without this, libwebsockets would connect to the proxy in http_proxy.
+  // Without this, libwebsockets would connect to the proxy in the environment variable http_proxy.
   info.http_proxy_address = "";
   lws_context* context = lws_create_context(&info);
   while (!ends_) {

@@ -2,11 +2,11 @@
 /// all its arms, on a thread of its own.
 ///
 /// The service sends one state for each message that it receives. So the thread keeps sending the
-/// newest forces, as soon as the last message is answered and at most once per kPeriod. The haptic
-/// thread reads and writes through mailboxes.
+/// newest forces: each as soon as the previous message is answered, and at most one per kPeriod.
+/// The haptic thread reads and writes through mailboxes.
 ///
 /// A force is sent while three conditions hold: it was written less than kForceHolds ago; the last
-/// valid position of the arm arrived less than kSilence ago; a zero force was written since the
+/// valid position of the arm arrived less than kSilence ago; and a zero force was written since the
 /// last stop() or silence. Otherwise the thread sends zero at once.
 #pragma once
 
@@ -26,16 +26,22 @@ struct lws_context;
 
 namespace palpate::haply {
 
-/// These two use the host's clock, which may be a test's clock.
-inline constexpr std::int64_t kForceHolds = 40'000'000;  ///< [ns]; so a force ends before 50 ms.
-inline constexpr std::int64_t kSilence = 30'000'000;     ///< [ns]
-/// These four use the machine's clock.
-inline constexpr std::int64_t kPeriod = 500'000;      ///< Between messages, after an answer [ns].
-inline constexpr std::int64_t kAskAgain = 5'000'000;  ///< Between messages, without an answer [ns].
-inline constexpr std::int64_t kAskForArms = 250'000'000;  ///< While no arm is open [ns].
-inline constexpr std::int64_t kTryAgain = 100'000'000;  ///< Until the next attempt to connect [ns].
+/// kForceHolds and kSilence are times of the host's clock, which may be a test's clock.
+/// Largest age of a force that is sent [ns]; so a force ends before 50 ms.
+inline constexpr std::int64_t kForceHolds = 40'000'000;
+/// Time without a valid position until the force is zero [ns].
+inline constexpr std::int64_t kSilence = 30'000'000;
+/// The next four are times of the machine's clock.
+/// Shortest time between two messages, if the first was answered [ns].
+inline constexpr std::int64_t kPeriod = 500'000;
+/// Time between two messages, if the first was not answered [ns].
+inline constexpr std::int64_t kAskAgain = 5'000'000;
+/// Time between two messages while no arm is open [ns].
+inline constexpr std::int64_t kAskForArms = 250'000'000;
+/// Time until the next attempt to connect [ns].
+inline constexpr std::int64_t kTryAgain = 100'000'000;
 
-/// A reading, still in the service's axes.
+/// A reading of an arm, in the service's axes.
 struct Reading {
   std::int64_t taken = 0;  ///< Arrival time of its message, by the host's clock [ns].
   ArmState arm;
@@ -46,7 +52,7 @@ struct Reading {
 struct Order {
   Triple force_D{};
   std::int64_t when = 0;           ///< Time of the write, by the host's clock [ns].
-  std::uint64_t acknowledged = 1;  ///< Value of Line::stops when zero was last written.
+  std::uint64_t acknowledged = 1;  ///< Value of Line::stops when zero force was last written.
 };
 
 /// The data of an open arm that the threads share.
@@ -54,20 +60,23 @@ struct Line {
   Mailbox<Reading> readings;  ///< Service thread to haptic thread.
   Mailbox<Order> orders;      ///< Haptic thread to service thread.
   DeviceId id;
-  std::atomic<std::uint64_t> stops{1};  ///< Events so far that end the force until zero is written.
-  std::atomic<std::uint64_t> obeyed{0};  ///< Value of `stops` that the last message obeyed.
-  std::atomic<std::uint64_t> losses{0};  ///< Times that the arm has fallen silent.
-  std::atomic<int> powered{-1};          ///< ArmState::powered of the last message that had it.
+  /// Number of events that have ended the force until zero is written.
+  std::atomic<std::uint64_t> stops{1};
+  /// Value of `stops` that the last sent message took into account.
+  std::atomic<std::uint64_t> obeyed{0};
+  std::atomic<std::uint64_t> losses{0};  ///< Number of times that the arm has fallen silent.
+  std::atomic<int> powered{-1};          ///< ArmState::powered of the last message that gave it.
   std::atomic<int> ready{-1};
   std::atomic<int> calibrated{-1};
-  std::atomic<bool> away{true};     ///< The arm is silent, or the connection is down.
-  std::atomic<bool> leaves{false};  ///< Requests zero force and then the arm's release.
-  std::atomic<bool> left{false};    ///< Only the owner's thread still refers to this line.
+  std::atomic<bool> away{true};  ///< The arm is silent, or the connection is down.
+  /// Set by the owner: the thread sends zero force, then releases the arm.
+  std::atomic<bool> leaves{false};
+  std::atomic<bool> left{false};  ///< The service thread no longer refers to this line.
 
   // Used by the service thread only.
   bool told_zero = false;      ///< A zero force was sent after `leaves` was set.
   std::int64_t leaves_at = 0;  ///< Time when the thread first saw `leaves` [ns].
-  long told_in = 0;            ///< Number of the message with that zero force.
+  long told_in = 0;            ///< Index of the message that carried this zero force.
   std::int64_t heard = 0;      ///< Time of the last valid position, by the host's clock [ns].
 };
 
@@ -80,12 +89,12 @@ struct Named {
 /// The known state of the service.
 struct Inventory {
   bool connected = false;
-  bool answered = false;  ///< A list of devices has arrived.
-  int refusals = 0;       ///< Failed attempts to connect.
+  bool answered = false;  ///< At least one list of devices has arrived.
+  int refusals = 0;       ///< Number of failed attempts to connect.
   Generation generation = Generation::kUnknown;
   std::vector<Named> arms;
   int button_count = 0;  ///< Largest button count of its handles.
-  bool grips = false;    ///< A handle reports its orientation.
+  bool grips = false;    ///< At least one handle reports its orientation.
 };
 
 /// Address of the service.
@@ -96,14 +105,15 @@ struct Address {
   std::string words = "ws://localhost:10001";  ///< The address shown to the user.
 };
 
-/// Reads `url`, ws://HOST[:PORT][/PATH]. HOST must be this machine (localhost, 127.0.0.1, [::1])
-/// unless `anywhere` is set. On failure returns false, with cause and remedy in `why`.
+/// Parses `url`, ws://HOST[:PORT][/PATH]. HOST must be this machine (localhost, 127.0.0.1, [::1])
+/// unless `anywhere` is set. On failure returns false and sets `why` to the cause and the remedy.
 bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& why);
 
-/// Private to devices: the connection. Created, queried and destroyed on the main thread.
+/// Private to devices: the connection. Make it, call its functions and destroy it on the main
+/// thread.
 class Service {
  public:
-  /// `now`: the host's clock, called on any thread.
+  /// @param now  The host's clock; called on any thread.
   Service(Address address, std::int64_t (*now)());
   ~Service();
   Service(const Service&) = delete;
@@ -113,8 +123,8 @@ class Service {
   /// Adds an arm. Returns false if kMaxArms arms are served already. `line` must live until
   /// release() has returned.
   bool serve(Line& line);
-  /// Removes an arm. If there is a connection, first sends zero force and waits for the answer, at
-  /// most 1 s.
+  /// Removes an arm. If there is a connection, first sends zero force and waits at most 1 s for the
+  /// answer.
   void release(Line& line);
 
   /// Callbacks of libwebsockets, on the service thread.
@@ -136,16 +146,16 @@ class Service {
   std::int64_t (*const now_)();
   std::atomic<bool> ends_{false};
   std::array<std::atomic<Line*>, kMaxArms> lines_{};
-  std::mutex mutex_;  ///< Guards inventory_ between main and service thread.
+  std::mutex mutex_;  ///< Guards inventory_, which the main thread and the service thread use.
   Inventory inventory_;
 
   // Used by the service thread only.
   lws* wsi_ = nullptr;
   bool up_ = false;
   bool introduced_ = false;
-  bool answered_ = false;         ///< An answer has arrived since the last message.
-  long asked_ = 0;                ///< Messages sent on this connection.
-  long got_ = 0;                  ///< Answers on this connection.
+  bool answered_ = false;         ///< The last message was answered.
+  long asked_ = 0;                ///< Number of messages sent on this connection.
+  long got_ = 0;                  ///< Number of answers received on this connection.
   std::int64_t answered_at_ = 0;  ///< Time of the last answer [ns].
   Generation generation_ = Generation::kUnknown;
   std::int64_t tried_ = 0;

@@ -1,5 +1,6 @@
-/// Private to devices: lock-free exchange between an SDK's thread and palpate's thread. The newest
-/// reading goes to palpate, the force to the SDK. For plug-ins in C++; standard library only.
+/// Private to devices: lock-free exchange between an SDK's thread and palpate's haptic thread. The
+/// newest reading goes to palpate, the newest force to the SDK. For plug-ins in C++; needs only the
+/// standard library.
 #pragma once
 
 #include <atomic>
@@ -13,8 +14,8 @@
 
 namespace palpate_plugins {
 
-/// The newest value from one writer to one reader; neither ever waits. (Tests pass an `Atomic` that
-/// lets the other side run between two steps.)
+/// The newest value from one writer to one reader; neither ever waits. `Atomic` is a parameter for
+/// tests, which let the other side run between two steps.
 template <class T, template <class> class Atomic = std::atomic>
 class Newest {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -24,20 +25,21 @@ class Newest {
     std::uint64_t words[kWords] = {};
     std::memcpy(words, &value, sizeof value);
     const std::uint64_t turn = turn_.load(std::memory_order_relaxed);
-    turn_.store(turn + 1, std::memory_order_relaxed);  // odd: being written
+    turn_.store(turn + 1, std::memory_order_relaxed);  // odd while the value is being written
     for (int i = 0; i < kWords; ++i) words_[i].store(words[i], std::memory_order_release);
     turn_.store(turn + 2, std::memory_order_release);
   }
 
-  /// Returns false, and leaves `value` unchanged, if no value has come since the last take(), or if
-  /// the writer is writing a value.
+  /// Reads the newest value. Returns false, and leaves `value` unchanged, if no value has come
+  /// since the last take(), or if the writer is writing one.
   [[nodiscard]] bool take(T& value) noexcept {
     std::uint64_t words[kWords];
     for (int tries = 0; tries < 1000; ++tries) {
       const std::uint64_t turn = turn_.load(std::memory_order_acquire);
       if (turn == taken_) return false;
       if (turn % 2 == 1) continue;
-      // A reader that sees a word of a later turn also sees that turn's number below.
+      // A reader that sees a word of a later turn also sees the later turn number in the check
+      // below.
       for (int i = 0; i < kWords; ++i) words[i] = words_[i].load(std::memory_order_acquire);
       if (turn_.load(std::memory_order_relaxed) != turn) continue;
       std::memcpy(&value, words, sizeof value);
@@ -57,19 +59,20 @@ class Newest {
 /// A force for the motors.
 struct Order {
   double force[3] = {};      ///< In W [N].
-  double share = 0.0;        ///< Share of the arm's weight that the motors carry in addition.
+  double share = 0.0;        ///< Share of the arm's weight that the motors carry besides `force`.
   std::int64_t written = 0;  ///< [ns]
-  std::uint32_t stops = 0;   ///< Number of stops before this order.
+  std::uint32_t stops = 0;   ///< Number of stops when this order was written.
 };
 
 /// Passes palpate's forces to an SDK's thread.
 class Orders {
  public:
-  /// Longest time for which one order is sent [ns]. A thread that continued to send would keep the
-  /// arm's own watchdog from detecting that palpate hangs.
+  /// Longest time for which one order is sent [ns]. Without this limit, an SDK's thread that keeps
+  /// sending would feed the arm's own watchdog although palpate hangs.
   static constexpr std::int64_t kHolds = 50'000'000;
 
-  /// Passes on a force; called on the haptic thread. Returns the result for a device's `write`.
+  /// Passes on a force; called on the haptic thread. Returns the result for
+  /// palpate_plugin_device::write.
   int write(const palpate_plugin_force& force, double share, std::int64_t now) noexcept {
     Order order;
     bool zero = true;
@@ -86,15 +89,14 @@ class Orders {
     order.share = share;
     order.written = now;
     newest_.put(order);
-    // Opens the latch after the zero is stored: a thread that finds the latch open finds no older
-    // force.
+    // Opens the latch after the zero is stored, so a thread that finds the latch open cannot find
+    // an older force.
     if (zero) stopped_.store(false, std::memory_order_release);
     return PALPATE_PLUGIN_OK;
   }
 
-  /// Stops the force, on any thread and in signal handlers. Returns when a zero has been sent,
-  /// because the process may end next. If the SDK's thread does not send a zero, returns after
-  /// about 10 ms.
+  /// Stops the force; callable from any thread and from signal handlers. Waits until a zero has
+  /// been sent, because the process may end next, but at most about 10 ms.
   void stop(int tries = 100) noexcept {
     stopped_.store(true, std::memory_order_release);
     const std::uint32_t stops = stops_.fetch_add(1, std::memory_order_acq_rel) + 1;
@@ -105,20 +107,20 @@ class Orders {
     }
   }
 
-  /// Sets whether an SDK's thread sends the orders from now().
+  /// Sets whether an SDK's thread sends the orders that now() returns.
   void serve(bool served) noexcept { served_.store(served, std::memory_order_release); }
 
-  /// Records that the arm was given this order; called on the SDK's thread.
+  /// Records that the arm has received this order; called on the SDK's thread.
   void sent(const Order& order) noexcept {
     if (order.force[0] != 0.0 || order.force[1] != 0.0 || order.force[2] != 0.0) return;
     zeros_.store(order.stops, std::memory_order_release);
   }
 
-  /// Returns the order to send now; called on the SDK's thread. The order is zero after a stop, and
-  /// if the last order is older than kHolds.
+  /// Returns the order to send; called on the SDK's thread. The order is zero after a stop, and if
+  /// the last order is older than kHolds.
   [[nodiscard]] Order now(std::int64_t now) noexcept {
     const std::uint32_t stops = stops_.load(std::memory_order_acquire);
-    // Reads the latch before the force: a thread that sees the stop ended by a zero also sees that
+    // Reads the latch before the force. So a thread that sees a stop ended by a zero also sees that
     // zero or a later order.
     const bool stopped = stopped_.load(std::memory_order_acquire);
     (void)newest_.take(last_);
@@ -133,7 +135,7 @@ class Orders {
   std::atomic<bool> stopped_{false};
   std::atomic<bool> served_{false};
   std::atomic<std::uint32_t> stops_{0};
-  std::atomic<std::uint32_t> zeros_{0};  // stops before the last zero that was sent
+  std::atomic<std::uint32_t> zeros_{0};  // value of `stops` in the last zero that was sent
 };
 
 }  // namespace palpate_plugins

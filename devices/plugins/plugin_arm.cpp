@@ -13,13 +13,14 @@
 namespace palpate {
 namespace {
 
-constexpr std::int64_t kWriteTime = 20000000;  // [ns]; a longer write is blocked
-constexpr double kLongestStep = 0.02;          // [s]: most time a read for the weight
-constexpr double kMostRate = 100000.0;         // [Hz]
-constexpr double kMostWorkspace = 10.0;        // [m]
-constexpr double kMostWeight = 100.0;          // [N]
+constexpr std::int64_t kWriteTime = 20000000;  // [ns]; a write that takes longer is blocked
+// [s]: longest time for which one read raises the carried weight.
+constexpr double kLongestStep = 0.02;
+constexpr double kMostRate = 100000.0;   // [Hz]
+constexpr double kMostWorkspace = 10.0;  // [m]
+constexpr double kMostWeight = 100.0;    // [N]
 
-/// Returns the time from which a position's age counts, at most `now`.
+/// Returns the time from which a position's age counts: when it was measured, at most `now`.
 std::int64_t timeOf(std::int64_t taken, std::int64_t now) noexcept {
   return std::clamp<std::int64_t>(taken, 0, now);
 }
@@ -36,7 +37,8 @@ Vec3 vectorOf(const double (&v)[3]) noexcept {  // NOLINT(modernize-avoid-c-arra
 
 DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, bool tested) {
   const bool drives = (facts.has & PALPATE_PLUGIN_FORCE) != 0;
-  // Returns `value` if it is in range, or `otherwise` for 0 if it may be left out. Throws if not.
+  // Returns `value` if it is in range. For 0 returns `otherwise`, if the fact may be left out.
+  // Throws in all other cases.
   const auto number = [&](const char* what, double value, double least, double most,
                           double otherwise) {
     if (value == 0.0 && otherwise >= 0.0) return otherwise;
@@ -111,7 +113,7 @@ PluginArm::PluginArm(std::unique_ptr<PluginPort> port, const std::string& name, 
   traits_.input_rate = facts_.rate;
   traits_.stiffness = facts_.stiffness;
   traits_.workspace_radius = facts_.workspace_radius;
-  // An arm that has not passed its test carries no more than its host allows.
+  // An arm that has not passed its test carries at most the weight that its host allows.
   const double weight = port_->carries();
   if (weight > 0.0 && weight <= kMostWeight) {
     most_carried_ = tested ? 1.0 : std::min(1.0, host.carries / weight);
@@ -120,7 +122,7 @@ PluginArm::PluginArm(std::unique_ptr<PluginPort> port, const std::string& name, 
   info_.limits.friction = host.measured.coulomb;
   if (traits_.drives && host.measured.viscous > 0.0) {
     ArmDissipation& arm = info_.limits.tank.arm;
-    // In another pose a lever may be twice as long.
+    // Assumes that in another pose a lever may be twice as long.
     constexpr double kElsewhere = 2.0;
     arm.viscous = host.measured.viscous / (kElsewhere * kElsewhere);
     arm.coulomb = host.measured.coulomb / kElsewhere;
@@ -154,7 +156,7 @@ HandState PluginArm::read() noexcept {
     order_.number = written_seen_ = withheld_seen_ = 0;
     news_ = {};
   }
-  // After a long pause between reads the arm may have moved in between.
+  // After a long pause between reads, the arm may have moved meanwhile, so both times restart.
   if (dt > info_.watch.stale) moved_at_ = written_at_ = now;
   const bool there = port_->read(news_);
   if (!there || news_.read < 0) {
@@ -175,7 +177,8 @@ HandState PluginArm::read() noexcept {
     if (says(PALPATE_PLUGIN_UNPOWERED)) hand.fault = Fault::kPower;
     if (says(PALPATE_PLUGIN_OPEN)) hand.fault = Fault::kSwitch;
   }
-  // The process has taken the force off: no order came in time, or a guardian requested it.
+  // The plug-in's process has taken the force off because orders came late or a guardian requested
+  // it.
   if (news_.withheld != withheld_seen_ && hand.fault == Fault::kNone) hand.fault = Fault::kLate;
   withheld_seen_ = news_.withheld;
   if (news_.written != written_seen_) {
@@ -189,7 +192,7 @@ HandState PluginArm::read() noexcept {
     hand.fault = Fault::kWrite;
   }
   given_ = news_.given >= 0.0 ? std::min(news_.given, 1.0) : 0.0;
-  // The carried weight rises as every force does, and ends at once.
+  // The carried weight rises as slowly as a force after a start, and ends at once.
   upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= info_.watch.stale;
   const double step = std::min(dt, kLongestStep) / kEngage;
   order_.carry = carries_ && upright_ ? std::min(most_carried_, order_.carry + step) : 0.0;
@@ -213,7 +216,7 @@ void PluginArm::take(std::int64_t now, HandState& hand) noexcept {
     double squared = 0.0;
     for (const double q : reading.orientation) squared += q * q;
     const double length = std::sqrt(squared);
-    // An invalid quaternion leaves the previous orientation.
+    // If the quaternion is invalid, the handle keeps its previous orientation.
     if (length > 0.5 && length < 2.0) {
       for (std::size_t i = 0; i < 4; ++i) handle.orientation[i] = reading.orientation[i] / length;
     }

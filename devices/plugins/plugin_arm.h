@@ -1,5 +1,5 @@
-/// An arm that a plug-in drives. PluginArm checks all values from the plug-in, in whichever process
-/// the plug-in runs.
+/// An arm that a plug-in drives. PluginArm checks all values from the plug-in, whether the plug-in
+/// runs in this process or in its own.
 #pragma once
 
 #include <cstdint>
@@ -13,27 +13,32 @@
 namespace palpate {
 
 /// Returns the description of an arm, from its plug-in's facts and from whether it has passed its
-/// test. Throws DeviceError with the number that is invalid or missing: without limits no force is
-/// given.
+/// test. If a number is invalid or missing, throws DeviceError that names it, because an arm
+/// without limits must not get a force.
 [[nodiscard]] DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name,
                                  bool tested);
-/// Returns the identity under which the arm's test is stored. `carries`: PluginPort::carries;
-/// `name`: plugin:NAME; `serial`: empty if the arm has no serial number.
+/// Returns the key under which the arm's test is stored.
+///
+/// @param carries  PluginPort::carries.
+/// @param name     `plugin:NAME`.
+/// @param serial   Empty: the arm has no serial number.
 [[nodiscard]] ArmIdentity identityOf(const palpate_plugin_facts& facts, double carries,
                                      const std::string& name, const std::string& version,
                                      const std::string& serial);
 
-/// Reads and drives an arm over a PluginPort.
+/// Reads and drives an arm through a PluginPort.
 ///
-/// The age of a position counts from its measurement, and at the latest from when PluginArm first
-/// saw it. So an arm with a dead sensor becomes stale (WatchLimits::stale), even if its plug-in
-/// reports a new time. If the same position keeps coming as new, the force fades (StillFade).
+/// The age of a position counts from its measurement, but at the latest from the read in which
+/// PluginArm first saw it. So an arm with a dead sensor becomes stale (WatchLimits::stale), even if
+/// its plug-in gives a new time to the same position. If equal positions keep coming as new ones,
+/// the force fades (StillFade).
 ///
-/// Faults: a write that is not taken for 20 ms beyond a period is Fault::kWrite. A plug-in that has
-/// ended, or an unplugged arm, is Fault::kGone. Numbers that are not finite are Fault::kNotFinite.
-/// If the plug-in's process has taken the force off because no order came for a while, the fault is
-/// Fault::kLate. If the process has refused an order that no gate can have let through, the fault
-/// is Fault::kWrite.
+/// Faults:
+/// - Fault::kWrite: a write was not taken within 20 ms plus a period, or the plug-in's process has
+///   refused an order that no gate can have let through.
+/// - Fault::kGone: the plug-in has ended, or the arm is unplugged.
+/// - Fault::kNotFinite: numbers are not finite.
+/// - Fault::kLate: the plug-in's process has taken the force off because orders came late.
 class PluginArm final : public Arm {
  public:
   /// Throws DeviceError if the facts are not usable (infoFor).
@@ -55,7 +60,7 @@ class PluginArm final : public Arm {
 
  private:
   static constexpr std::int64_t kNever = -1;
-  /// Takes the new and valid parts of the news.
+  /// Adopts the new and valid parts of the plug-in's news.
   void take(std::int64_t now, HandState& hand) noexcept;
   [[nodiscard]] bool has(std::uint32_t flag) const noexcept { return (facts_.has & flag) != 0; }
 
@@ -68,20 +73,22 @@ class PluginArm final : public Arm {
   PluginNews news_;
   HandState hand_;                  ///< The last reading.
   std::int64_t taken_ = 0;          ///< palpate_plugin_reading::taken of the last new position.
-  std::int64_t heard_at_ = kNever;  ///< Time from which its age counts [ns].
+  std::int64_t heard_at_ = kNever;  ///< Time from which the position's age counts [ns].
   std::int64_t moved_at_ = 0;       ///< Time of the last change of position [ns].
   std::int64_t read_at_ = 0;        ///< [ns]
   std::uint32_t opening_ = 1;       ///< Last value of PluginPort::openings.
   PluginOrder order_;
-  std::uint32_t written_seen_ = 0;   ///< Last value of PluginNews::written.
-  std::int64_t written_at_ = 0;      ///< Time from which it is unchanged while orders wait [ns].
+  std::uint32_t written_seen_ = 0;  ///< Last value of PluginNews::written.
+  /// Time since which `written_seen_` has not changed while orders wait [ns].
+  std::int64_t written_at_ = 0;
   std::uint32_t withheld_seen_ = 0;  ///< Last value of PluginNews::withheld.
-  std::int64_t longest_ = 0;         ///< Longest time from an order until it was written [ns].
+  /// Longest time from an order until the plug-in wrote it [ns].
+  std::int64_t longest_ = 0;
   std::int64_t writes_ = 0;
   double given_ = 1.0;
-  double most_carried_ = 0.0;  ///< Largest share of the weight that is carried.
-  bool carries_ = false;       ///< carry() permits carrying the weight.
-  bool upright_ = false;       ///< The last reading permits carrying the weight.
+  double most_carried_ = 0.0;  ///< Largest share of the weight that the motors may carry.
+  bool carries_ = false;       ///< carry() permits the motors to carry the weight.
+  bool upright_ = false;       ///< The last reading permits the motors to carry the weight.
 };
 
 }  // namespace palpate

@@ -50,7 +50,8 @@ PluginChild::PluginChild(const std::filesystem::path& program,
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
   posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  // The output of a maker's library must not mix with the program's.
+  // Sends the output of the maker's library to standard error, so that it does not mix with the
+  // program's output.
   posix_spawn_file_actions_adddup2(&files, STDERR_FILENO, STDOUT_FILENO);
   int next = kPluginControl;
   for (const int own : given) posix_spawn_file_actions_adddup2(&files, own, next++);
@@ -63,7 +64,7 @@ PluginChild::PluginChild(const std::filesystem::path& program,
   sigfillset(&all);
   posix_spawnattr_setsigmask(&how, &none);
   posix_spawnattr_setsigdefault(&how, &all);
-  // A terminal's Ctrl-C is for the program.
+  // A Ctrl-C in the terminal must reach the program only.
   posix_spawnattr_setflags(&how,
                            POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSID);
   std::vector<std::string> all_words{kPluginProgram};
@@ -83,12 +84,12 @@ PluginChild::PluginChild(const std::filesystem::path& program,
 }
 
 bool PluginChild::lives() {
-  // If the program ignores SIGCHLD, the kernel may give the number of an ended child to another
-  // process.
+  // If the program ignores SIGCHLD, the kernel may already have given this child's number to
+  // another process.
   int what = 0;
   const pid_t changed = process_ > 0 ? waitpid(process_, &what, WNOHANG | WUNTRACED) : 0;
   if (changed > 0 && WIFSTOPPED(what)) {
-    // A stopped process would leave its last force on the arm.
+    // Lets a stopped process continue, because it would leave its last force on the arm.
     stopped_ = kill(process_, SIGCONT) == 0;
   } else if (changed != 0) {
     process_ = -1;
@@ -97,7 +98,7 @@ bool PluginChild::lives() {
 }
 
 void PluginChild::end(double patience) {
-  constexpr double kKernel = 1.0;  // [s]
+  constexpr double kKernel = 1.0;  // [s] for the kernel to end a killed process
   bool killed = false;
   for (double waited = 0.0; lives() && waited < patience + kKernel; waited += 1e-3) {
     if (!killed && waited >= patience) killed = kill(process_, SIGKILL) == 0;
@@ -146,8 +147,8 @@ PluginAnswer receivePluginMessages(int control, PluginChild& child, double patie
     (void)poll(&waits, 1, kPluginPoll);
     std::optional<PluginMessage> message;
     const PluginReceived took = receivePluginMessage(control, message);
-    // A process that the child has started may keep the socket open. So the child counts as ended
-    // when it has ended and all messages are read.
+    // A process that the child has started may keep the socket open. So the answer ends when the
+    // child has ended and no message waits.
     const bool silent = took == PluginReceived::kNothing;
     if (took == PluginReceived::kEnd || (silent && !lives)) return PluginAnswer::kEnded;
     lives = child.lives();

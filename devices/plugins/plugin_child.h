@@ -17,14 +17,14 @@
 
 namespace palpate {
 
-inline constexpr int kPluginPoll = 10;  ///< [ms] between checks of a process.
+inline constexpr int kPluginPoll = 10;  ///< [ms] between two checks of a process.
 inline constexpr const char* kPluginProgram = "palpate-plugin";
 
-/// A descriptor; the destructor closes it.
+/// Owns a file descriptor; the destructor closes it.
 class OwnedDescriptor {
  public:
   OwnedDescriptor() = default;
-  /// Moves the descriptor above the numbers that a child gets.
+  /// Takes a descriptor, and moves it above the numbers that a child process gets.
   explicit OwnedDescriptor(int own);
   OwnedDescriptor(OwnedDescriptor&& other) noexcept : own_(std::exchange(other.own_, -1)) {}
   OwnedDescriptor& operator=(OwnedDescriptor&& other) noexcept {
@@ -40,7 +40,7 @@ class OwnedDescriptor {
   int own_ = -1;
 };
 
-/// Returns the two ends of a socket that keeps each message whole. Throws DeviceError.
+/// Returns the two ends of a socket that preserves message boundaries. Throws DeviceError.
 [[nodiscard]] std::pair<OwnedDescriptor, OwnedDescriptor> pluginSocketPair();
 
 /// Returns the path of palpate-plugin in this program's folder.
@@ -49,7 +49,7 @@ class OwnedDescriptor {
 /// A process of palpate-plugin.
 class PluginChild {
  public:
-  /// @param given  Descriptors that the process gets as 3, 4, ...
+  /// @param given  Descriptors that the process receives as 3, 4, ...
   PluginChild(const std::filesystem::path& program, const std::vector<std::string>& words,
               std::initializer_list<int> given);
   PluginChild(const PluginChild&) = delete;
@@ -58,10 +58,10 @@ class PluginChild {
 
   /// Returns true while the process lives.
   [[nodiscard]] bool lives();
-  /// Returns true once after the process was stopped; lives() has let it continue.
+  /// Returns true once after the process was stopped and lives() has let it continue.
   [[nodiscard]] bool wasStopped() noexcept { return std::exchange(stopped_, false); }
-  /// Waits for the process to end, and kills it after `patience` [s]. If the kernel does not end
-  /// it, leaves it.
+  /// Waits at most `patience` [s] for the process to end, then kills it. Gives up if the kernel
+  /// does not end it.
   void end(double patience);
 
  private:
@@ -69,38 +69,38 @@ class PluginChild {
   bool stopped_ = false;
 };
 
-/// Returns the first three lines of a message; those that it does not have are empty.
+/// Returns the first three lines of a message; missing lines are empty.
 [[nodiscard]] std::vector<std::string> pluginLinesOf(const PluginMessage& message);
 
-/// Returns the error of a message of the kind kFailed.
+/// Returns the error in a message of the kind kFailed.
 [[nodiscard]] DeviceError pluginErrorOf(const PluginMessage& message);
 
 /// Result of receiving one message.
 enum class PluginReceived : std::uint8_t {
   kMessage,
-  kNothing,  ///< No message waits.
+  kNothing,  ///< No message is waiting.
   kEnd,      ///< The other side has closed the socket.
 };
-/// Receives one waiting message. `message` is empty if no message waits, or if the message is
+/// Receives one waiting message. `message` is empty if none is waiting, or if the message is
 /// invalid.
 [[nodiscard]] PluginReceived receivePluginMessage(int control,
                                                   std::optional<PluginMessage>& message);
 
 /// Result of receiving all messages of a process.
 enum class PluginAnswer : std::uint8_t {
-  kAll,      ///< The process has sent all.
-  kLate,     ///< `patience` is over.
+  kAll,      ///< The process has sent all its messages.
+  kLate,     ///< The time `patience` has passed.
   kEnded,    ///< The process has ended.
   kStopped,  ///< `stop` has returned true.
 };
-/// Receives the messages of a process until it has sent all, `patience` [s] are over (0: no limit),
-/// or it has ended. Calls `take` with each message except kDone. Asks `stop` (may be empty) at
-/// least every kPluginPoll.
+/// Receives the messages of a process. Returns when the process has sent all or has ended, when
+/// `patience` [s] (0: no limit) has passed, or when `stop` (may be empty) returns true. Calls
+/// `take` with each message except kDone, and `stop` at least every kPluginPoll.
 [[nodiscard]] PluginAnswer receivePluginMessages(
     int control, PluginChild& child, double patience, const std::function<bool()>& stop,
     const std::function<void(const PluginMessage&)>& take);
 
-/// Facts as the process has sent them, unchecked.
+/// Facts as the process has sent them, not yet checked.
 struct SentPluginFacts {
   palpate_plugin_facts facts;
   double carries;  ///< PluginPort::carries [N].
@@ -108,7 +108,7 @@ struct SentPluginFacts {
 /// Returns the facts of a message; nullopt if they are incomplete.
 [[nodiscard]] std::optional<SentPluginFacts> pluginFactsIn(const PluginMessage& message);
 
-/// Returns the found arm of a message; nullopt if the message is another one or incomplete.
+/// Returns the found arm of a message; nullopt if the message is of another kind or incomplete.
 [[nodiscard]] std::optional<palpate_plugin_found> pluginFoundIn(const PluginMessage& message);
 
 }  // namespace palpate

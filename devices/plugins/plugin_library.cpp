@@ -21,7 +21,8 @@ namespace {
 constexpr std::size_t kErrorRoom = 1024;
 constexpr const char* kEnding = ".so";
 
-/// The plug-in's host, for the C functions below. If several plug-ins are loaded, the newest one's.
+/// The host for the C functions below. If several plug-ins are loaded, they share the host of the
+/// newest one.
 PluginHost& hostNow() {
   static PluginHost host;
   return host;
@@ -43,10 +44,10 @@ extern "C" const void* tellExtension(const char* /*name*/) {
 constexpr palpate_plugin_host kHost{sizeof(palpate_plugin_host), sayToUser, askWhetherEnds,
                                     tellTime, tellExtension};
 
-/// The loaded plug-ins; each file at most once.
+/// The loaded plug-ins; each file is loaded at most once.
 class Loaded {
  public:
-  /// Returns false if it is loaded already.
+  /// Adds a plug-in. Returns false if it is loaded already.
   static bool add(const std::string& name) {
     const std::lock_guard lock(mutex());
     return names().insert(name).second;
@@ -79,7 +80,7 @@ std::string orNone(const char* text) {
   return text != nullptr ? text : "";
 }
 
-/// Returns true if a name can be that of a file: not a path, not an option.
+/// Returns true if a name can be that of a plug-in's file: it is not a path or an option.
 bool plain(const std::string& name) {
   return !name.empty() && name.size() <= 64 && name[0] != '-' &&
          std::all_of(name.begin(), name.end(),
@@ -129,7 +130,7 @@ std::filesystem::path pluginFile(const std::string& name) {
     const std::filesystem::path file = folder / (name + kEnding);
     std::error_code error;
     if (!plain(name) || !std::filesystem::is_regular_file(file, error)) continue;
-    // The target of a link is the file that is loaded.
+    // Resolves links, because the target of a link is the file that is loaded.
     std::filesystem::path real = std::filesystem::canonical(file, error);
     for (const auto& what : {real, real.parent_path()}) {
       struct stat facts {};
@@ -231,7 +232,7 @@ std::string PluginLibrary::only(const std::string& serial) const {
     if (!serial.empty() && serial == one.serial) return serial;
     which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
   }
-  // If find() does not list the name, it is not the arm's serial number.
+  // A name that find() does not list is not a serial number, but the plug-in's open() may know it.
   if (!serial.empty()) return {};
   if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
   if (found.size() > 1) throw DeviceError(name_, "several arms match", "name one of " + which);

@@ -1,4 +1,5 @@
-/// Private to devices: a loaded plug-in library: the host's side of devices/plugins/plugin.h.
+/// Private to devices: a loaded plug-in library, that is, the host's side of
+/// devices/plugins/plugin.h.
 #pragma once
 
 #include <cstddef>
@@ -16,44 +17,46 @@ namespace palpate {
 /// colons), the user's own ($XDG_DATA_HOME/palpate/plugins or ~/.local/share/palpate/plugins), and
 /// ../lib/palpate/plugins of the program.
 [[nodiscard]] std::vector<std::filesystem::path> pluginFolders();
-/// Returns the names of the plug-ins there, sorted. If two have the same name, the one in the first
-/// folder is used.
+/// Returns the sorted names of the plug-ins in these folders. If a name occurs in two folders, the
+/// file in the first of them is used.
 [[nodiscard]] std::vector<std::string> pluginNames();
-/// Returns the file of a plug-in by its name. Throws DeviceError if the file does not exist (with a
-/// list of the plug-ins that do), or if other users may write it.
+/// Returns the file of a plug-in by its name. Throws DeviceError if the file does not exist or if
+/// other users may write it. For a missing file, the error lists the existing plug-ins.
 [[nodiscard]] std::filesystem::path pluginFile(const std::string& name);
 
 /// Functions of the host that a plug-in may call.
 struct PluginHost {
-  std::function<void(const std::string&)> say = nullptr;  ///< May be empty.
-  std::function<bool()> ends = nullptr;                   ///< May be empty.
+  /// Prints a line for the user. May be empty.
+  std::function<void(const std::string&)> say = nullptr;
+  /// Returns true if the user has ended the program. May be empty.
+  std::function<bool()> ends = nullptr;
 };
 
 class PluginDevice;
 
-/// A plug-in in this process. Use each object on one thread only; each file can be loaded once at a
-/// time.
+/// A plug-in in this process. Use each object on one thread only. A file can be loaded only once at
+/// a time.
 class PluginLibrary {
  public:
-  /// Loads the library and calls its init. Throws DeviceError if it is not a plug-in, or of another
-  /// version.
+  /// Loads the library and calls its init. Throws DeviceError if the file is not a plug-in, or is
+  /// one of another version.
   PluginLibrary(const std::filesystem::path& file, PluginHost host);
   ~PluginLibrary();
   PluginLibrary(const PluginLibrary&) = delete;
   PluginLibrary& operator=(const PluginLibrary&) = delete;
 
-  [[nodiscard]] std::string what() const;     ///< palpate_plugin_entry::name.
-  [[nodiscard]] std::string version() const;  ///< Version of the plug-in.
-  [[nodiscard]] std::string licence() const;  ///< May be empty.
+  [[nodiscard]] std::string what() const;     ///< Returns palpate_plugin_entry::name.
+  [[nodiscard]] std::string version() const;  ///< Returns the version of the plug-in.
+  [[nodiscard]] std::string licence() const;  ///< Returns the licence; may be empty.
   /// Returns the arms that are plugged in, at most kMostFound. Throws DeviceError if the plug-in
-  /// cannot find out.
+  /// cannot list them.
   [[nodiscard]] std::vector<palpate_plugin_found> find() const;
   static constexpr std::size_t kMostFound = 32;
-  /// Returns the serial number of the only arm that is plugged in, or of the arm that `serial`
-  /// names; empty if find() does not list it. Throws DeviceError if `serial` is empty and find()
-  /// gives no arm or several; the error names them.
+  /// If `serial` is empty, returns the serial number of the only arm that is plugged in. Otherwise
+  /// returns `serial` if find() lists it, else an empty text. If `serial` is empty and find() gives
+  /// no arm or several, throws DeviceError that names the arms.
   [[nodiscard]] std::string only(const std::string& serial) const;
-  /// Opens an arm. Throws DeviceError with the plug-in's message.
+  /// Opens an arm. On failure throws DeviceError with the plug-in's message.
   [[nodiscard]] PluginDevice open(const std::string& serial) const;
 
  private:
@@ -73,15 +76,15 @@ class PluginDevice {
   PluginDevice& operator=(PluginDevice&&) = delete;
   ~PluginDevice();
 
-  /// Throws DeviceError if the plug-in does not give its facts.
+  /// Returns the arm's facts. Throws DeviceError if the plug-in does not give them.
   [[nodiscard]] palpate_plugin_facts facts() const;
-  /// Throws DeviceError with the plug-in's message.
+  /// Makes the arm ready. On failure throws DeviceError with the plug-in's message.
   void prepare() const;
-  /// Returns the largest weight that the arm's motors carry [N]; 0: they carry no weight.
+  /// Returns the largest weight that the arm's motors can carry [N]; 0: they carry no weight.
   [[nodiscard]] double carries() const noexcept { return weight_ != nullptr ? weight_->most : 0.0; }
 
-  // RT, as far as the plug-in is.
-  /// Keeps `reading` as it was if no new one has come, even if the plug-in has written into it.
+  // RT, if the plug-in's function is.
+  // If no new reading has come, `reading` stays unchanged, even if the plug-in has written into it.
   [[nodiscard]] int read(palpate_plugin_reading& reading) const noexcept {
     palpate_plugin_reading next = reading;
     next.size = sizeof(next);

@@ -28,7 +28,8 @@ bool sendPluginMessage(int socket, PluginMessage::Kind kind, std::span<const std
       static_cast<std::uint32_t>(std::min<std::size_t>(bytes.size(), PluginMessage::kMostBytes));
   std::memcpy(message.bytes.data(), bytes.data(), message.size);
   const std::size_t size = PluginMessage::kHead + message.size;
-  // Lines for the user that are not read do not block a plug-in.
+  // A line for the user is dropped if the program does not read, so that the plug-in does not
+  // block.
   const int how = MSG_NOSIGNAL | (kind == PluginMessage::kSay ? MSG_DONTWAIT : 0);
   return send(socket, &message, size, how) == static_cast<ssize_t>(size);
 }
@@ -49,7 +50,8 @@ std::optional<PluginMessage> pluginMessageOf(std::span<const std::byte> bytes) {
 void waitForWord(std::atomic<std::uint32_t>& word, std::uint32_t seen,
                  std::int64_t until) noexcept {
   constexpr std::int64_t kSecond = 1000000000;
-  // A relative time: the kernel's clock for this call is not the clock of the deadlines.
+  // Uses a relative time, because the kernel's clock for this call differs from the clock of
+  // `until`.
   const std::int64_t wait = until - nowNs();
   if (wait <= 0) return;
   timespec time{};

@@ -1,5 +1,5 @@
-/// Private to devices: the memory that palpate and palpate-plugin share, and their messages while
-/// an arm is opened.
+/// Private to devices: the memory that palpate and palpate-plugin share, and the messages that they
+/// exchange while an arm is opened.
 #pragma once
 
 #include <array>
@@ -15,10 +15,9 @@
 
 namespace palpate {
 
-/// Memory that the program and the plug-in's process share. Each part has one writer and pages of
-/// its own. The program's pages are read-only in the plug-in's process. The program reads only
-/// numbers from the other part.
-// Each side writes cache lines of its own.
+/// Memory that the program and the plug-in's process share. It has two parts, each with one writer
+/// and with its own memory pages and cache lines. The program's pages are read-only in the
+/// plug-in's process. From the other part, the program reads only numbers.
 struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   static constexpr std::uint32_t kMagic = 0x70616C70;
   std::uint32_t magic = kMagic;
@@ -26,33 +25,36 @@ struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   // Written by the program.
   alignas(64) Seqlock<PluginOrder> order;
-  std::atomic<std::uint32_t> orders{0};    ///< Counts orders; used as a futex.
-  std::atomic<std::int64_t> ticked_at{0};  ///< Time of the program's last read [ns]: its heartbeat.
+  /// Counts orders; also a futex on which the plug-in's process waits.
+  std::atomic<std::uint32_t> orders{0};
+  std::atomic<std::int64_t> ticked_at{0};  ///< Time of the program's last read [ns], a heartbeat.
 
-  static constexpr std::size_t kPage = 65536;  ///< At least one page on every machine [bytes].
-  std::array<std::byte, kPage> apart{};        ///< Separates the pages of the two parts.
+  /// At least as large as a memory page on every machine [bytes].
+  static constexpr std::size_t kPage = 65536;
+  std::array<std::byte, kPage> apart{};  ///< Puts the two parts on different pages.
 
   // Written by the plug-in's process.
   alignas(64) Seqlock<PluginNews> news;
-  std::atomic<std::uint64_t> heart{0};  ///< Counts turns of that process' haptic thread.
+  /// Counts turns of the haptic thread in the plug-in's process.
+  std::atomic<std::uint64_t> heart{0};
 };
 
 /// File descriptors of a plug-in's process.
 enum : int {
-  kPluginControl = 3,  ///< Messages, both ways.
-  kPluginMemory = 4,   ///< A PluginLink.
-  kPluginZero = 5,     ///< Any message means zero force.
+  kPluginControl = 3,  ///< Socket for messages in both directions.
+  kPluginMemory = 4,   ///< Memory of a PluginLink.
+  kPluginZero = 5,     ///< Socket of the guardian: any message means zero force.
 };
 
-/// A message while an arm is opened. The socket keeps each message whole.
+/// A message that is sent while an arm is opened. The socket preserves message boundaries.
 struct PluginMessage {
   enum Kind : std::uint32_t {
     kSay,     ///< A line for the user.
-    kPlugin,  ///< Lines: the plug-in's purpose, version and licence.
+    kPlugin,  ///< The plug-in's purpose, version and licence, one line each.
     kFound,   ///< A palpate_plugin_found.
     kFacts,   ///< A palpate_plugin_facts, then a double: PluginPort::carries.
     kDone,    ///< The list is complete, or the arm is ready.
-    kFailed,  ///< Lines: subject, reason and remedy of an error.
+    kFailed,  ///< Subject, reason and remedy of an error, one line each.
   };
   static constexpr std::size_t kMostBytes = 4096;
   std::uint32_t kind = kSay;
@@ -60,18 +62,18 @@ struct PluginMessage {
   std::array<char, kMostBytes> bytes{};
 
   static constexpr std::size_t kHead = 8;
-  [[nodiscard]] std::string text() const;  ///< At most kMostBytes; no control characters but '\n'.
+  /// Returns the bytes as text: at most kMostBytes, without control characters except '\n'.
+  [[nodiscard]] std::string text() const;
 };
 
-/// Sends a message, cut to kMostBytes. Returns false if the other side does not take it.
+/// Sends a message, cut to kMostBytes. Returns false if it could not be sent.
 bool sendPluginMessage(int socket, PluginMessage::Kind kind, std::span<const std::byte> bytes);
 bool sendPluginMessage(int socket, PluginMessage::Kind kind, const std::string& text);
-/// Parses received bytes. Returns nullopt if they are not a message: too short, too long, of an
-/// unknown kind.
+/// Parses received bytes. Returns nullopt if they are too short, too long or of an unknown kind.
 [[nodiscard]] std::optional<PluginMessage> pluginMessageOf(std::span<const std::byte> bytes);
 
-/// Waits until `word` differs from `seen`, at most until nowNs() reaches `until` [ns]. wakeWord()
-/// wakes a waiter, also in another process. RT: a system call.
+/// Waits until `word` differs from `seen`, but at most until nowNs() reaches `until` [ns].
+/// wakeWord() wakes the waiting thread, also from another process. RT: a system call.
 void waitForWord(std::atomic<std::uint32_t>& word, std::uint32_t seen, std::int64_t until) noexcept;
 void wakeWord(std::atomic<std::uint32_t>& word) noexcept;
 

@@ -1,4 +1,5 @@
-/// The interface of PluginArm to a plug-in's arm, in this process or in a process of its own.
+/// The interface through which PluginArm uses a plug-in's arm, in this process or in the plug-in's
+/// own process.
 #pragma once
 
 #include <cstdint>
@@ -9,25 +10,28 @@
 
 namespace palpate {
 
-inline constexpr double kPluginSlew = 2000.0;  ///< Slew if palpate_plugin_facts::slew is 0 [N/s].
+/// Largest growth of the force if palpate_plugin_facts::slew is 0 [N/s].
+inline constexpr double kPluginSlew = 2000.0;
 
 /// An order to a plug-in's arm, one per tick.
 struct PluginOrder {
   palpate_plugin_force force{sizeof(palpate_plugin_force), 0, {}, {}};  ///< Force to give.
   double carry = 0.0;        ///< Share of the arm's weight to carry.
-  std::uint32_t number = 0;  ///< Counts orders.
-  std::uint32_t zero = 0;    ///< Zero.
+  std::uint32_t number = 0;  ///< Number of this order; orders are counted.
+  std::uint32_t zero = 0;    ///< Always zero.
 };
 
-/// News of a plug-in's arm, as the plug-in reported it, unchecked.
+/// News of a plug-in's arm, as the plug-in reported them, not yet checked.
 struct PluginNews {
-  /// The last new reading.
+  /// The newest reading.
   palpate_plugin_reading reading{sizeof(palpate_plugin_reading), 0, 0, {}, {}, {}, 0.0, {}, 0, 0};
   std::int32_t read = PALPATE_PLUGIN_NOTHING;  ///< Result of the last read.
   std::int32_t wrote = PALPATE_PLUGIN_OK;      ///< Result of the last write.
-  std::uint32_t written = 0;                   ///< PluginOrder::number of that write.
-  std::uint32_t withheld = 0;  ///< Counts orders with a force that were withheld after a stop.
-  double given = 1.0;          ///< Share of the force that was given, by the heat extension.
+  std::uint32_t written = 0;                   ///< PluginOrder::number of the last write.
+  /// Number of orders with a force that were not passed on because of a stop.
+  std::uint32_t withheld = 0;
+  /// Share of the last force that the motors have given, by the heat extension.
+  double given = 1.0;
 };
 
 /// An arm that is open and prepared. Call read() and write() on one thread.
@@ -38,24 +42,24 @@ class PluginPort {
   PluginPort& operator=(const PluginPort&) = delete;
   virtual ~PluginPort() = default;
 
-  /// Returns the facts as the plug-in reported them, in full size, unchecked.
+  /// Returns the facts as the plug-in reported them, not yet checked. Missing fields are zero.
   [[nodiscard]] virtual const palpate_plugin_facts& facts() const noexcept = 0;
-  [[nodiscard]] virtual std::string version() const = 0;  ///< Version of the plug-in.
-  /// Returns the serial number of the open arm; empty: it has no number.
+  [[nodiscard]] virtual std::string version() const = 0;  ///< Returns the version of the plug-in.
+  /// Returns the serial number of the open arm; empty if it has none.
   [[nodiscard]] virtual std::string serial() const = 0;
-  /// Returns the largest weight that the arm's motors carry [N], by the extension for weight; 0:
-  /// they carry no weight. Unchecked.
+  /// Returns the largest weight that the arm's motors can carry [N], by the weight extension; 0:
+  /// they carry no weight. Not yet checked.
   [[nodiscard]] virtual double carries() const noexcept = 0;
 
-  /// Reads the newest news. Returns false, with `news` as it was, if the arm is gone. RT: no
+  /// Gets the newest news. Returns false, and leaves `news` unchanged, if the arm is gone. RT: no
   /// allocation.
   [[nodiscard]] virtual bool read(PluginNews& news) noexcept PALPATE_NONBLOCKING = 0;
-  /// Sends an order. RT: no allocation.
+  /// Passes on an order. RT: no allocation.
   virtual void write(const PluginOrder& order) noexcept PALPATE_NONBLOCKING = 0;
-  /// Returns the zero force for a guardian; empty: no process can reach the arm when this one is
-  /// dead.
+  /// Returns the zero force for a guardian. Empty: no other process can reach the arm after this
+  /// process has died.
   [[nodiscard]] virtual ZeroForce zeroForce() const noexcept { return {}; }
-  /// Returns how often the arm has been opened, the first time included.
+  /// Returns how often the arm has been opened; the first time counts.
   [[nodiscard]] virtual std::uint32_t openings() const noexcept { return 1; }
 };
 

@@ -26,17 +26,19 @@
 namespace palpate {
 namespace {
 
-constexpr double kEnds = 1.0;                // [s] for a process to end on request
-constexpr double kHung = 0.5;                // [s] without a turn of its haptic thread
-constexpr int kTriesAgain = 500;             // [ms] after a start that failed
-constexpr std::array<std::byte, 4> kZero{};  // written by a guardian: any message means zero
+constexpr double kEnds = 1.0;  // [s] for a process to end after a request
+// [s]: a process whose haptic thread makes no turn for this time hangs.
+constexpr double kHung = 0.5;
+constexpr int kTriesAgain = 500;             // [ms] between two attempts to start a process
+constexpr std::array<std::byte, 4> kZero{};  // what a guardian writes; any message means zero force
 
 /// Memory of a PluginLink, shared with a child.
 class SharedLink {
  public:
   SharedLink() : file_(memfd_create("palpate-plugin", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
     void* at = MAP_FAILED;
-    // Without the seal, a plug-in that shortened the file would end the program by SIGBUS.
+    // Seals the file's size. Without the seal, a plug-in that shortened the file would end the
+    // program with SIGBUS.
     if (ftruncate(file_.get(), sizeof(PluginLink)) == 0 &&
         fcntl(file_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
       at = mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, file_.get(), 0);
@@ -74,7 +76,7 @@ struct Life {
     auto [zero_here, zero_there] = pluginSocketPair();
     control = std::move(control_here);
     zero = std::move(zero_here);
-    // A guardian must never wait for a process that does not read.
+    // A guardian must not wait for a process that does not read.
     (void)fcntl(zero.get(), F_SETFL, O_NONBLOCK);
     child = std::make_unique<PluginChild>(
         program, std::vector<std::string>{"serve", file.string(), serial},
@@ -128,7 +130,7 @@ class ProcessPort final : public PluginPort {
         facts_(life_->facts),
         guard_(fcntl(life_->zero.get(), F_DUPFD_CLOEXEC, 3)) {
     own_ = life_->own;
-    // A later start must open the same arm.
+    // A restarted process must open the same arm.
     if (!own_.empty()) serial_ = own_;
     now_ = life_.get();
     mender_ = std::thread([this] { mendLoop(); });
@@ -149,7 +151,7 @@ class ProcessPort final : public PluginPort {
     if (life.life() == nullptr) return false;
     PluginLink& link = *life.life()->link;
     link.ticked_at.store(nowNs(), std::memory_order_relaxed);
-    // If the process is writing news, the next tick reads it.
+    // Keeps the old news if the process is writing at this time; the next tick reads the new ones.
     (void)link.news.load(news);
     return true;
   }
@@ -168,7 +170,7 @@ class ProcessPort final : public PluginPort {
   }
 
  private:
-  /// Prevents the end of a life while it is used.
+  /// Prevents the destruction of `life_` while this object exists.
   class Using {
    public:
     Using(std::atomic<Life*>& life, std::atomic<bool>& in) noexcept : in_(in) {
@@ -187,10 +189,10 @@ class ProcessPort final : public PluginPort {
 
   [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
 
-  /// Prints a line for the user. Ignores exceptions of the user's program.
+  /// Prints a line for the user. Ignores exceptions of the user's callback.
   void tell(const std::string& words) noexcept {
     try {
-      // A message that repeats is printed once.
+      // Prints a repeated message only once.
       if (host_.say && words != told_) host_.say("plugin:" + file_.stem().string() + ": " + words);
       told_ = words;
     } catch (const std::exception&) {
@@ -211,8 +213,8 @@ class ProcessPort final : public PluginPort {
       if (life_->child->wasStopped()) tell("its process was stopped: palpate lets it continue");
       if (message && message->kind == PluginMessage::kSay) {
         tell(message->text());
-        // Limits the rate of lines.
-        constexpr int kReads = 5;  // checks
+        // Limits the number of lines per second.
+        constexpr int kReads = 5;  // checks of the process between two lines
         for (int i = 0; i < kReads && life_->child->lives(); ++i) {
           std::this_thread::sleep_for(std::chrono::milliseconds(kPluginPoll));
         }
@@ -230,12 +232,13 @@ class ProcessPort final : public PluginPort {
         tell(hangs ? "its process hung: palpate starts it again"
                    : "its process has ended: palpate starts it again");
       }
-      // Starts without a pause: the new process takes off the force that the old one has left.
+      // Starts the new process without a pause, because it takes off the force that the old process
+      // has left.
       while (!quit_ && !mend()) std::this_thread::sleep_for(std::chrono::milliseconds(kTriesAgain));
       beat_at = nowNs();
     }
   }
-  /// Returns the fingerprint of all properties that identify the arm.
+  /// Returns a fingerprint of all properties that identify the arm.
   [[nodiscard]] static std::uint64_t printOf(const Life& life) {
     const SentPluginFacts& sent = life.facts;
     return identityOf(sent.facts, sent.carries, "", life.version, "").fingerprint;
@@ -245,7 +248,7 @@ class ProcessPort final : public PluginPort {
       if (over()) return false;
       auto life =
           std::make_unique<Life>(program_, file_, serial_, host_.say, [this] { return over(); });
-      // The user has admitted only the first arm.
+      // The user has agreed to the first arm only, so another arm is refused.
       const bool same = printOf(*life) == printOf(*life_) && life->own == own_;
       if (!same) tell("the arm or its plug-in has changed: start the program again");
       if (!same || dup3(life->zero.get(), guard_.get(), O_CLOEXEC) < 0) return false;
@@ -262,12 +265,13 @@ class ProcessPort final : public PluginPort {
   std::filesystem::path file_;
   std::string serial_;
   ArmHost host_;
-  std::unique_ptr<Life> life_;  ///< Used by the mending thread.
+  std::unique_ptr<Life> life_;  ///< Only the thread that restarts the process changes it.
   std::string version_;
-  std::string own_;   ///< The arm's serial number.
-  std::string told_;  ///< The last line, by the mending thread.
+  std::string own_;  ///< The arm's serial number.
+  /// The line that was printed last; used by the thread that restarts the process.
+  std::string told_;
   SentPluginFacts facts_;
-  OwnedDescriptor guard_;  ///< Its number stays; its target may change.
+  OwnedDescriptor guard_;  ///< Its number stays the same; its target changes with each restart.
   std::atomic<Life*> now_{nullptr};
   std::atomic<bool> using_{false};
   std::atomic<bool> quit_{false};
@@ -275,7 +279,7 @@ class ProcessPort final : public PluginPort {
   std::thread mender_;
 };
 
-/// A plug-in in this process. Created and destroyed on one thread.
+/// A plug-in in this process. Must be made and destroyed on the same thread.
 class InsidePort final : public PluginPort {
  public:
   InsidePort(const std::filesystem::path& file, const std::string& serial, const ArmHost& host)

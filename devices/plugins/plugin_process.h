@@ -12,24 +12,25 @@
 
 namespace palpate {
 
-/// The parts of `plugin:NAME`, `plugin:NAME@SERIAL`, or the same with `plugin-inside`.
+/// The parts of `plugin:NAME`, `plugin:NAME@SERIAL`, `plugin-inside:NAME` or
+/// `plugin-inside:NAME@SERIAL`.
 struct PluginName {
-  std::string name;     ///< NAME of the file NAME.so.
+  std::string name;     ///< NAME; the plug-in's file is NAME.so.
   std::string serial;   ///< Empty: any arm.
   bool inside = false;  ///< The plug-in runs in the program's own process.
 };
-/// Parses a device's name. Returns nullopt if it does not name a plug-in.
+/// Parses a device's name. Returns nullopt if the name is not that of a plug-in's arm.
 [[nodiscard]] std::optional<PluginName> parsePluginName(const std::string& name);
 
 /// An arm that a plug-in has found.
 struct FoundPluginArm {
-  std::string serial;                         ///< May be empty.
-  std::string model;                          ///< Text for the user.
-  std::optional<palpate_plugin_facts> facts;  ///< Present if the arm could be opened.
+  std::string serial;                         ///< Serial number; may be empty.
+  std::string model;                          ///< Model, as text for the user.
+  std::optional<palpate_plugin_facts> facts;  ///< Facts; missing if the arm could not be opened.
   double carries = 0.0;                       ///< PluginPort::carries.
   std::string trouble;                        ///< Why it could not be opened, in one line.
 };
-/// An installed plug-in and the arms that it has found.
+/// An installed plug-in, and the arms that it has found.
 struct FoundPlugin {
   std::string name;                  ///< NAME in `plugin:NAME`.
   std::filesystem::path file;        ///< File that is loaded.
@@ -37,30 +38,32 @@ struct FoundPlugin {
   std::string version;               ///< Version, in the plug-in's words.
   std::string licence;               ///< Licence, in the plug-in's words.
   std::vector<FoundPluginArm> arms;  ///< Arms that are plugged in.
-  std::string trouble;               ///< Why it cannot be used, in one line; empty: it can.
+  /// Why the plug-in cannot be used, in one line; empty if it can.
+  std::string trouble;
 };
-/// Queries all installed plug-ins, each in a process of its own and for at most `patience` [s].
-/// Does not open an arm that a program holds already.
+/// Queries all installed plug-ins, each in its own process and for at most `patience` [s]. Skips
+/// arms that a program has already opened.
 [[nodiscard]] std::vector<FoundPlugin> findPlugins(double patience = 5.0);
 
-/// Opens an arm of a plug-in. palpate-plugin loads the plug-in in a process of its own. If the
-/// plug-in crashes or hangs, its force is taken off, and the process is started again. Throws
-/// DeviceError with the cause in one line. May take minutes, because an arm may home itself.
+/// Opens an arm of a plug-in. palpate-plugin loads the plug-in in its own process. If the plug-in
+/// crashes or hangs, the force is taken off and the process is restarted. Throws DeviceError with
+/// the cause in one line. May take minutes, because an arm may home itself.
 ///
-/// @param program  palpate-plugin; empty: the one in this program's folder.
+/// @param program  Path of palpate-plugin; empty: the file in this program's folder.
 [[nodiscard]] std::unique_ptr<PluginPort> openPluginProcess(
     const std::filesystem::path& file, const std::string& serial, const ArmHost& host,
     const std::filesystem::path& program = {});
 
 /// Opens an arm in this process. An error of the plug-in is then an error of the program, and no
-/// other process takes the force off when the program dies. Throws DeviceError, also if the arm has
-/// motors but no watchdog of its own that takes the force off within kLongestWatchdog.
+/// other process takes the force off if the program dies. Throws DeviceError. Also throws it if the
+/// arm has motors but no watchdog of its own that takes the force off within kLongestWatchdog.
 [[nodiscard]] std::unique_ptr<PluginPort> openPluginInside(const std::filesystem::path& file,
                                                            const std::string& serial,
                                                            const ArmHost& host);
 inline constexpr double kLongestWatchdog = 0.05;  ///< [s]
 
-/// Opens an arm by its name, tested or not, like openArm. Throws DeviceError.
+/// Opens an arm by its name, whether it has passed its test or not, like openArm. Throws
+/// DeviceError.
 [[nodiscard]] OpenedArm openPluginArm(const std::string& name, const ArmHost& host);
 
 }  // namespace palpate

@@ -1,4 +1,5 @@
-/// Private to devices: the newest value from one writer to readers in another, untrusted process.
+/// Private to devices: passes the newest value from one writer to readers in another, untrusted
+/// process.
 #pragma once
 
 #include <array>
@@ -10,35 +11,36 @@
 
 namespace palpate {
 
-/// A value in memory that two processes share. If the writer dies in the middle of a write, readers
-/// reject the value. For any content of this memory, a reader takes bounded time and reads only
-/// this object. Mailbox does not guarantee this: it takes the slot's number from the shared memory.
+/// A value in memory that two processes share. If the writer dies during a write, readers reject
+/// the value. Whatever this memory contains, a reader takes bounded time and reads only this
+/// object. Mailbox does not guarantee this, because it takes a slot's number from the shared
+/// memory.
 template <class T>
 class Seqlock {
   static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % 8 == 0);
 
  public:
-  /// Stores a value. One thread. RT: wait-free.
+  /// Stores a value. Call it on one thread only. RT: wait-free.
   void store(const T& value) noexcept {
     Words words;
     std::memcpy(words.data(), &value, sizeof(T));
     const std::uint32_t begun = count_.load(std::memory_order_relaxed) | 1U;
     count_.store(begun, std::memory_order_relaxed);
-    // Each word is released after the odd count.
+    // Releases each word after the odd count.
     for (std::size_t i = 0; i < kWords; ++i) {
       words_[i].store(words[i], std::memory_order_release);
     }
     count_.store(begun + 1U, std::memory_order_release);
   }
-  /// Copies the newest whole value into `to`. Returns false, with `to` as it was, if a write was in
-  /// progress at each of a few tries. Any thread. RT: bounded.
+  /// Copies the newest complete value into `to`. Returns false, and leaves `to` unchanged, if a
+  /// write was in progress at each of a few attempts. Callable from any thread. RT: bounded time.
   [[nodiscard]] bool load(T& to) const noexcept {
     constexpr int kTries = 8;
     for (int i = 0; i < kTries; ++i) {
       const std::uint32_t before = count_.load(std::memory_order_acquire);
       if ((before & 1U) != 0) continue;
       Words words;
-      // Each word is acquired before the count is read again.
+      // Acquires each word before the count is read again.
       for (std::size_t k = 0; k < kWords; ++k) {
         words[k] = words_[k].load(std::memory_order_acquire);
       }

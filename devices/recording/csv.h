@@ -1,4 +1,4 @@
-/// Reads small CSV tables of numbers strictly, from a file or standard input.
+/// Reads small CSV tables of numbers from a file or standard input. Rejects all other content.
 #pragma once
 
 #include <cstddef>
@@ -9,21 +9,21 @@
 
 namespace palpate {
 
-/// Opens a file, or standard input for "-". Errors of standard input are visible only if iostreams
-/// read it directly (std::ios::sync_with_stdio(false)). Throws Error if the file cannot be read.
+/// Opens a file, or standard input for "-". Errors of standard input are visible only after
+/// std::ios::sync_with_stdio(false). Throws Error if the file cannot be read.
 ///
 /// @param holder  Owns the file; must outlive the returned stream.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 
 /// A row of a table read by readCsv.
 struct CsvRow {
-  std::size_t line = 0;        ///< Line in the file, from 1.
-  std::vector<double> values;  ///< One per column, in the header's order; finite.
+  std::size_t line = 0;        ///< Line number in the file, from 1.
+  std::vector<double> values;  ///< One number per column, in the header's order; finite.
 };
 
 /// Reads a table whose header is exactly `columns` and whose fields are all finite numbers. Skips
-/// blank lines; accepts CRLF and blanks around a field. Throws DeviceError with `name` and the
-/// line.
+/// blank lines; accepts CRLF and blanks around a field. Throws DeviceError that names `name` and
+/// the line.
 [[nodiscard]] std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
                                           const std::string& name);
 

@@ -23,7 +23,7 @@ struct Recorder::Ring {
     explicit Slot(const Telemetry& tick) noexcept : row(recordedTick(tick)) {}
   };
   explicit Ring(std::size_t room) : slots(room) {}
-  moodycamel::ReaderWriterQueue<Slot> slots;  ///< Never grows: try_emplace does not allocate.
+  moodycamel::ReaderWriterQueue<Slot> slots;  ///< Does not grow: try_emplace does not allocate.
 };
 
 Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
@@ -110,7 +110,7 @@ void Recorder::run() {
       if (::fdatasync(descriptor_) != 0 && errno != EINVAL) fail(std::strerror(errno));
       synced = now;
     }
-    // In virtual time the ring fills fast: write on without a pause.
+    // In virtual time the ring fills fast, so the thread continues without a pause.
     if (!last && ring_->slots.size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
   }
 }
@@ -120,7 +120,8 @@ void Recorder::writeNew() {
   Ring::Slot slot;
   while (rows_.size() < rows_.capacity() && ring_->slots.try_dequeue(slot))
     rows_.push_back(slot.row);
-  // expect() precedes publication, so the scenes of all these ticks are already here.
+  // expect() is called before a scene is published, so all scenes of these ticks are in scenes_
+  // already.
   std::vector<RecordedScene> scenes;
   {
     const std::lock_guard lock(mutex_);
@@ -138,7 +139,7 @@ void Recorder::write(const std::string& chunk) {
     if (wrote < 0 && errno == EINTR) continue;
     if (wrote <= 0) {
       const std::string why = std::strerror(wrote < 0 ? errno : ENOSPC);
-      // Removes the part of a chunk behind the last whole one.
+      // Removes the incomplete chunk at the file's end.
       if (::ftruncate(descriptor_, static_cast<off_t>(whole_)) != 0) errno = 0;
       fail(why);
       return;

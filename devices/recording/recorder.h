@@ -14,8 +14,8 @@
 
 namespace palpate {
 
-/// A ring and a thread that writes its contents. If the program is killed, at most kWritten is
-/// lost; if the machine loses power, kSynced.
+/// A ring buffer and a thread that writes its content to the file. If the program is killed, at
+/// most the last kWritten are lost; if the machine loses power, the last kSynced.
 ///
 /// Two other threads use it: the haptic thread and the scene thread.
 class Recorder {
@@ -30,13 +30,15 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
   ~Recorder();
 
-  /// Moves the file to its place and replaces an existing one. Call it before the first tick. A
-  /// recorder that never begins leaves the existing file unchanged. Throws Error if the move fails.
+  /// Moves the file to its final place, where it replaces an existing file. Call it before the
+  /// first tick. A recorder that never begins leaves an existing file unchanged. Throws Error if
+  /// the move fails.
   void begin();
 
   // Called by the haptic thread.
+
   /// Records a tick. If the ring is full, the tick is lost and counted. RT: no allocation, no lock,
-  /// no system call. Cost: some 0.1 us.
+  /// no system call. Cost: about 0.1 us.
   void take(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
 
   // Called by the scene thread.
@@ -44,10 +46,10 @@ class Recorder {
   void expect(RecordedScene scene);
   /// Waits until there is room for many more ticks. For virtual time.
   void wait() const;
-  /// Returns the number of ticks lost for lack of room.
+  /// Returns the number of ticks that were lost because the ring was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
-  /// Returns why writing has stopped, such as a full disk; empty if it continues. The data written
-  /// before is complete.
+  /// Returns why writing has stopped, such as a full disk; empty if it continues. Data that were
+  /// written earlier are complete.
   [[nodiscard]] std::string trouble() const;
   /// Writes the remaining ticks and closes the file.
   void end();
@@ -59,12 +61,12 @@ class Recorder {
   void write(const std::string& chunk);
   void fail(const std::string& why);
 
-  static constexpr std::size_t kRoom = 65536;  // 6 s at 10 kHz, while a disk is busy
+  static constexpr std::size_t kRoom = 65536;  // 6 s at 10 kHz, in case the disk is busy
 
   std::filesystem::path file_;
-  std::filesystem::path beside_;  ///< The temporary file; empty after begin().
+  std::filesystem::path beside_;  ///< Path of the temporary file; empty after begin().
   int descriptor_ = -1;
-  std::uint64_t whole_ = 0;  ///< Bytes up to the last whole chunk.
+  std::uint64_t whole_ = 0;  ///< Length of the file up to the last complete chunk [bytes].
   std::unique_ptr<Ring> ring_;
   std::atomic<std::int64_t> lost_{0};
   std::atomic<bool> off_{false};  ///< Writing has failed.

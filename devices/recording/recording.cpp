@@ -29,23 +29,24 @@ using OrderedJson = nlohmann::ordered_json;
 static_assert(std::endian::native == std::endian::little, "records are kept as they are in memory");
 
 constexpr int kVersion = 4;
-constexpr std::int64_t kChunk = -1;  // RecordedTick::tick of a chunk's mark
-constexpr std::int64_t kText = -2;   // RecordedTick::tick of a piece of text
+constexpr std::int64_t kChunk = -1;  // value of RecordedTick::tick in a chunk's mark
+constexpr std::int64_t kText = -2;   // value of RecordedTick::tick in a piece of text
 constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
 constexpr char kBegins[] = "{\"palpate_recording\":";
 
 enum class ChunkKind : std::uint64_t { kTicks, kScene };
 
-/// The record before each chunk.
+/// The record that precedes each chunk.
 struct ChunkMark {
   std::int64_t tick;          ///< kChunk.
   std::array<char, 8> magic;  ///< kMagic.
   std::uint64_t kind;         ///< A ChunkKind.
-  std::uint64_t count;        ///< Records that follow.
-  std::int64_t first;         ///< For ticks: number of the first one.
+  std::uint64_t count;        ///< Number of records that follow.
+  std::int64_t first;         ///< For ticks: number of the first tick.
   std::uint64_t scene;        ///< For a scene: its id.
   std::uint64_t bytes;        ///< For a scene: length of its text.
-  std::uint64_t crc;          ///< CRC-32C of this record with 0 here, and of the following ones.
+  /// CRC-32C of this record, with 0 in this place, and of the records that follow.
+  std::uint64_t crc;
   std::array<char, sizeof(RecordedTick) - 64> zero;
 };
 static_assert(sizeof(ChunkMark) == sizeof(RecordedTick));
@@ -76,8 +77,8 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   return asText(bytesOf(mark)) + asText(records);
 }
 
-// Fields of a record: name in RecordedTick, place in Telemetry, unit, and whether the inputs and
-// the scenes determine the field.
+// Fields of a record: name in RecordedTick, place in Telemetry, unit, and whether a replay of the
+// inputs and scenes determines the field.
 // clang-format off
 #define PALPATE_EACH_FIELD(FIELD)                       \
   FIELD(tick, tick, "", false)                          \
@@ -137,7 +138,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(fault, fault, "", true)
 // clang-format on
 
-// Convert values for a record.
+// Converts a value of Telemetry to a record's.
 template <class T>
 void put(T& to, T from) noexcept {
   to = from;
@@ -155,7 +156,7 @@ requires(Matrix::SizeAtCompileTime == N) void put(std::array<double, N>& to,
                                                   const Matrix& from) noexcept {
   std::copy_n(from.data(), N, to.begin());
 }
-// Convert values back. No byte of a file gives an invalid enum value.
+// Converts a record's value back. For any byte of a file, the enum value is valid.
 template <class T>
 void take(T& to, T from) noexcept {
   to = from;
@@ -178,7 +179,7 @@ requires(Matrix::SizeAtCompileTime == N) void take(Matrix& to,
   std::copy_n(from.begin(), N, to.data());
 }
 
-/// numpy's type of a field's numbers, and their count.
+/// Type of a field's numbers in numpy's notation, and their count.
 template <class T>
 struct Kept {
   static constexpr std::size_t count = 1;
@@ -205,7 +206,7 @@ struct Kept<std::array<T, N>> {
 constexpr std::array kFields{PALPATE_EACH_FIELD(PALPATE_KEPT) PALPATE_KEPT(zero, , "", false)};
 #undef PALPATE_KEPT
 
-/// The fields cover every byte of a record exactly once.
+/// Returns true if the fields cover every byte of a record exactly once.
 constexpr bool whole() noexcept {
   std::size_t at = 0;
   for (const RecordedField& field : kFields) {
@@ -308,7 +309,7 @@ DeviceInfo deviceOf(const OrderedJson& json) {
   return d;
 }
 
-/// Parses a header's JSON; rejects deeper nesting than in a written header.
+/// Parses a header's JSON. Rejects JSON that is nested deeper than a written header.
 OrderedJson parsed(const std::string& line) {
   constexpr int kDeepest = 16;
   return OrderedJson::parse(line, [](int depth, auto, OrderedJson&) {
@@ -317,8 +318,9 @@ OrderedJson parsed(const std::string& line) {
   });
 }
 
-/// Copies a file to memory. Another program may truncate a mapped file, and the next access ends
-/// this program by SIGBUS. A recording that is truncated during the copy counts as torn.
+/// Copies a file to memory. A mapped file would be dangerous: if another program truncates it, the
+/// next access ends this program with SIGBUS. A recording that is truncated during the copy counts
+/// as torn.
 std::span<const std::byte> copied(const std::filesystem::path& file) {
   const auto fail = [&](const std::string& why) {
     throw Error(file.string(), why, "give a file of palpate feel --record");
@@ -363,7 +365,7 @@ T at(std::span<const std::byte> bytes, std::size_t offset) noexcept {
   return value;
 }
 
-/// True if the ticks' numbers rise and begin above `last`.
+/// Returns true if the ticks' numbers rise and all exceed `last`.
 bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept {
   constexpr std::int64_t kMost = std::int64_t{1} << 53U;  // some 30,000 years at 10 kHz
   for (std::size_t from = 0; from < records.size(); from += sizeof(RecordedTick)) {
@@ -374,7 +376,8 @@ bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept 
   return !records.empty();
 }
 
-/// Returns the header's line without its end. Throws Error if the file does not begin with one.
+/// Returns the header's line without its line end. Throws Error if the file does not begin with a
+/// header.
 std::string headerLine(std::span<const std::byte> bytes, const std::string& file) {
   const auto* begin = reinterpret_cast<const char*>(bytes.data());
   const std::size_t start = sizeof(kBegins) - 1;
@@ -414,7 +417,7 @@ std::span<const RecordedField> recordedFields() noexcept {
 std::string recordingHeader(const RecordedSetting& setting) {
   OrderedJson json;
   json["palpate_recording"] = kVersion;
-  json["offset"] = 0;  // set below
+  json["offset"] = 0;  // the final value is set below
   json["record"] = sizeof(RecordedTick);
   OrderedJson units;
   for (const RecordedField& field : kFields) {
@@ -427,7 +430,7 @@ std::string recordingHeader(const RecordedSetting& setting) {
   json["rate"] = setting.rate;
   json["device"] = jsonOf(setting.device);
   json["about"] = OrderedJson::parse(setting.about.empty() ? "{}" : setting.about);
-  // Leaves room for the digits of the offset itself.
+  // Reserves room for the digits of the offset itself.
   const auto line = [&] {
     return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
   };
@@ -441,7 +444,7 @@ std::string recordingHeader(const RecordedSetting& setting) {
 }
 
 std::string recordingChunk(std::span<const RecordedTick> ticks) {
-  // Bounds the loss by one wrong bit.
+  // Small chunks limit how many ticks one wrong bit can destroy.
   constexpr std::size_t kMost = 1024;
   std::string before;
   for (; ticks.size() > kMost; ticks = ticks.subspan(kMost)) {
@@ -507,9 +510,10 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
     throw;
   }
   constexpr std::size_t kRecord = sizeof(RecordedTick);
-  std::size_t last_whole = offset;           // end of the last whole chunk
-  std::optional<std::size_t> cut;            // start of a chunk that the file's end cuts
-  std::size_t patience = 4 * bytes_.size();  // bytes of invalid chunks left to check
+  std::size_t last_whole = offset;  // end of the last complete chunk
+  // Start of a chunk that continues beyond the file's end.
+  std::optional<std::size_t> cut;
+  std::size_t patience = 4 * bytes_.size();  // bytes of invalid chunks that may still be checked
   std::int64_t last_tick = 0;
   while (offset < bytes_.size() && bytes_.size() - offset >= kRecord) {
     ChunkMark mark = at<ChunkMark>(bytes_, offset);
@@ -524,7 +528,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
                       (mark.kind != static_cast<std::uint64_t>(ChunkKind::kTicks) ||
                        comesAfter(records, last_tick));
     if (!good) {
-      // After a damaged chunk, the next one begins at some later record.
+      // The chunk is damaged; the next chunk begins at one of the following records.
       offset += kRecord;
       patience -= std::min(patience, records.size());
       if (patience == 0) break;
@@ -548,7 +552,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
     offset += kRecord * (1 + mark.count);
     last_whole = offset;
   }
-  // Data cut by the file's end was torn off; complete but wrong data is damaged.
+  // An incomplete chunk at the file's end counts as torn; complete but wrong data count as damaged.
   const std::size_t rest = bytes_.size() - std::min(last_whole, bytes_.size());
   torn_ = cut ? bytes_.size() - *cut : rest % kRecord;
   damaged_ += rest - torn_;

@@ -2,12 +2,12 @@
 /// program is killed.
 ///
 /// The file is a sequence of little-endian records of one size. First comes a header: one line of
-/// JSON, padded with blanks. The header describes the fields of a record (`dtype`, as in numpy),
-/// their units, and the program, device and machine.
+/// JSON, padded with blanks to whole records. The header describes the fields of a record (`dtype`,
+/// as in numpy), their units, and the program, device and machine.
 ///
-/// Then come chunks. Each is a record of its own (ChunkMark) and the records that it announces:
-/// rows, or a scene as text. A record that is not a row has a `tick` below zero. Files only grow.
-/// In a truncated or damaged file, the complete chunks are valid.
+/// Then come chunks. Each chunk is a mark (ChunkMark), which is itself a record, and the records
+/// that the mark announces: ticks, or a scene as text. A record that is not a tick has a `tick`
+/// below zero. Files only grow. In a truncated or damaged file, the complete chunks are valid.
 #pragma once
 
 #include <array>
@@ -25,25 +25,25 @@ namespace palpate {
 
 /// One tick. Its fields cover every byte.
 struct RecordedTick {
-  std::int64_t tick;                        ///< Telemetry::tick.
-  std::uint64_t scene;                      ///< Telemetry::scene.
-  std::int64_t tick_ns;                     ///< Time that the tick took [ns].
-  std::int64_t wake_ns;                     ///< Delay of its start [ns].
-  std::int64_t late_ticks;                  ///< Missed ticks up to now.
-  double time;                              ///< Time since the start [s].
-  double dt;                                ///< TickInput::dt [s].
-  double play;                              ///< TickInput::play [s].
-  double play_rate;                         ///< TickInput::play_rate [s/s].
-  std::array<double, 3> pull;               ///< TickInput::pull [N].
-  std::array<double, 3> hand;               ///< HandState::position [m].
-  std::array<double, 3> velocity;           ///< HandState::velocity [m/s].
-  std::array<double, 9> drives;             ///< HandState::drives, by columns.
-  double age;                               ///< HandState::age [s].
-  double still;                             ///< HandState::still [s].
-  double max_speed;                         ///< HandState::max_speed [m/s].
-  std::array<double, 4> orientation;        ///< Handle::orientation; the next three are from Handle
-                                            ///< too.
-  std::array<double, 3> measured_velocity;  ///< [m/s]
+  std::int64_t tick;               ///< Telemetry::tick.
+  std::uint64_t scene;             ///< Telemetry::scene.
+  std::int64_t tick_ns;            ///< Time that the tick took [ns].
+  std::int64_t wake_ns;            ///< Delay of the tick's start [ns].
+  std::int64_t late_ticks;         ///< Number of missed ticks until now.
+  double time;                     ///< Time since the start of the loop [s].
+  double dt;                       ///< TickInput::dt [s].
+  double play;                     ///< TickInput::play [s].
+  double play_rate;                ///< TickInput::play_rate [s/s].
+  std::array<double, 3> pull;      ///< TickInput::pull [N].
+  std::array<double, 3> hand;      ///< HandState::position [m].
+  std::array<double, 3> velocity;  ///< HandState::velocity [m/s].
+  std::array<double, 9> drives;    ///< HandState::drives, column by column.
+  double age;                      ///< HandState::age [s].
+  double still;                    ///< HandState::still [s].
+  double max_speed;                ///< HandState::max_speed [m/s].
+  /// Handle::orientation. The next three are from Handle too.
+  std::array<double, 4> orientation;
+  std::array<double, 3> measured_velocity;  ///< Measured by the arm [m/s].
   double gripper;                           ///< [rad]
   std::array<double, kMostJoints> joints;   ///< [rad]
   double given;                             ///< TickInput::given.
@@ -59,44 +59,45 @@ struct RecordedTick {
   double share;                             ///< StepReport::share.
   double energy;                            ///< StepReport::energy [J].
   double left;                              ///< StepReport::left.
-  std::int32_t iterations;                  ///< From StepReport, like the next seven.
-  std::int32_t substeps;                    ///< Readings of properties, each with a balance.
-  std::int32_t samples;                     ///< Field reads.
-  std::int32_t traced;                      ///< Reads along streams.
-  std::int32_t walked;                      ///< Cells.
-  std::int32_t primitives;                  ///< Primitives of the last balance.
-  std::int32_t parts;                       ///< Parts that were near.
-  std::int32_t left_out;                    ///< Parts that were near but had no room.
-  std::uint32_t buttons;                    ///< Handle::buttons.
-  std::uint8_t fresh;                       ///< StepReport::fresh.
-  std::uint8_t ready;                       ///< HandState::ready.
-  std::uint8_t reported;                    ///< HandState::fault.
-  std::uint8_t too_fast;                    ///< HandState::too_fast.
-  std::uint8_t cleared;                     ///< TickInput::cleared.
-  std::uint8_t wrong;                       ///< TickInput::wrong.
-  std::uint8_t order;                       ///< TickInput::order.
-  std::uint8_t unsent;                      ///< TickInput::unsent.
-  std::uint8_t solver;                      ///< StepReport::solver.
-  std::uint8_t status;                      ///< StepReport::status.
-  std::uint8_t limited;                     ///< StepReport::limited.
-  std::uint8_t missed;                      ///< Telemetry::missed.
-  std::uint8_t fault;                       ///< Telemetry::fault.
-  std::array<std::uint8_t, 7> zero;         ///< Zeros.
+  std::int32_t iterations;                  ///< From StepReport, as are the next seven.
+  /// Number of readings of properties, each followed by a balance.
+  std::int32_t substeps;
+  std::int32_t samples;              ///< Number of field reads.
+  std::int32_t traced;               ///< Number of reads along streams.
+  std::int32_t walked;               ///< Number of cells walked through.
+  std::int32_t primitives;           ///< Number of primitives in the last balance.
+  std::int32_t parts;                ///< Number of parts of the scene that were near.
+  std::int32_t left_out;             ///< Number of parts that were near but found no room.
+  std::uint32_t buttons;             ///< Handle::buttons.
+  std::uint8_t fresh;                ///< StepReport::fresh.
+  std::uint8_t ready;                ///< HandState::ready.
+  std::uint8_t reported;             ///< HandState::fault.
+  std::uint8_t too_fast;             ///< HandState::too_fast.
+  std::uint8_t cleared;              ///< TickInput::cleared.
+  std::uint8_t wrong;                ///< TickInput::wrong.
+  std::uint8_t order;                ///< TickInput::order.
+  std::uint8_t unsent;               ///< TickInput::unsent.
+  std::uint8_t solver;               ///< StepReport::solver.
+  std::uint8_t status;               ///< StepReport::status.
+  std::uint8_t limited;              ///< StepReport::limited.
+  std::uint8_t missed;               ///< Telemetry::missed.
+  std::uint8_t fault;                ///< Telemetry::fault.
+  std::array<std::uint8_t, 7> zero;  ///< Padding, always zero.
 };
 
 /// Returns the record of a tick. RT: no allocation.
 [[nodiscard]] RecordedTick recordedTick(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
-/// Returns the complete tick of a record.
+/// Returns the tick that a record stores; all fields are restored.
 [[nodiscard]] Telemetry telemetryOf(const RecordedTick& tick) noexcept;
 
 /// Position and meaning of a field of a recorded tick.
 struct RecordedField {
   const char* name;    ///< Name in RecordedTick.
-  const char* type;    ///< numpy's: <f8, <i8, <u8, <i4, u1.
-  std::size_t count;   ///< Numbers in it.
+  const char* type;    ///< Type in numpy's notation: <f8, <i8, <u8, <i4, u1.
+  std::size_t count;   ///< Count of numbers in the field.
   std::size_t offset;  ///< [bytes]
-  const char* unit;    ///< Empty: a number without a unit.
-  bool output;         ///< Determined by the inputs and the scenes.
+  const char* unit;    ///< Empty: the numbers have no unit.
+  bool output;         ///< True: a replay of the inputs and scenes determines the field.
 };
 /// Returns the size of a field [bytes].
 [[nodiscard]] constexpr std::size_t sizeOf(const RecordedField& field) noexcept {
@@ -108,45 +109,47 @@ struct RecordedField {
 /// A scene that the hand received.
 struct RecordedScene {
   std::uint64_t id = 0;  ///< RecordedTick::scene.
-  std::string text;      ///< JSON: its origin; scenes/apps/cli/recorded.h.
+  /// JSON that describes where the scene came from; see scenes/apps/cli/recorded.h.
+  std::string text;
 };
 
 /// Contents of a recording's header; numbers are exact.
 struct RecordedSetting {
-  DeviceInfo device;     ///< Device of the hand; its `limits` as in the loop.
+  DeviceInfo device;     ///< Device of the hand, with the `limits` that the loop used.
   double rate = 1000.0;  ///< [Hz]
-  std::string about;     ///< JSON object: program, machine and other data; opaque here.
+  /// JSON object with data about program, machine and run. This class does not interpret it.
+  std::string about;
 };
 
-/// A recording's file, copied to memory; truncated or damaged parts are ignored.
+/// A recording's file, copied to memory. Truncated or damaged parts are skipped.
 class Recording {
  public:
-  /// Throws Error if the file cannot be read, or is not a recording of this version.
+  /// Throws Error if the file cannot be read, or is not a recording of this format version.
   explicit Recording(const std::filesystem::path& file);
   Recording(const Recording&) = delete;
   Recording& operator=(const Recording&) = delete;
   ~Recording();
 
-  /// Returns the contents of the header.
+  /// Returns the content of the header.
   [[nodiscard]] const RecordedSetting& setting() const noexcept { return setting_; }
-  [[nodiscard]] std::int64_t size() const noexcept { return size_; }  ///< Ticks.
+  [[nodiscard]] std::int64_t size() const noexcept { return size_; }  ///< Number of ticks.
   /// Returns the i-th tick, i < size(). Cost: a search among chunks.
   [[nodiscard]] RecordedTick tick(std::int64_t i) const noexcept;
   /// Returns the scenes in the order in which the hand received them.
   [[nodiscard]] const std::vector<RecordedScene>& scenes() const noexcept { return scenes_; }
-  /// Returns the bytes of damaged chunks.
+  /// Returns the size of the damaged chunks [bytes].
   [[nodiscard]] std::size_t damaged() const noexcept { return damaged_; }
-  /// Returns the truncated bytes at the end.
+  /// Returns the size of the incomplete chunk at the end [bytes].
   [[nodiscard]] std::size_t torn() const noexcept { return torn_; }
-  /// Returns the ticks between the first and the last that are missing in the file.
+  /// Returns the number of ticks that are missing between the first and the last tick in the file.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
   /// Describes the missing parts; empty if the recording is complete.
   [[nodiscard]] std::string incomplete() const;
 
  private:
   struct Chunk {
-    std::int64_t first = 0;  ///< Index of its first tick.
-    std::size_t at = 0;      ///< Its offset in the file [bytes].
+    std::int64_t first = 0;  ///< Index of the chunk's first tick.
+    std::size_t at = 0;      ///< Offset of the chunk's first record in the file [bytes].
   };
 
   std::span<const std::byte> bytes_;
@@ -159,14 +162,15 @@ class Recording {
   std::int64_t lost_ = 0;
 };
 
-/// True if the file begins like a recording.
+/// Returns true if the file begins like a recording.
 [[nodiscard]] bool isRecording(const std::filesystem::path& file) noexcept;
 
-/// Returns the header, for a writer of a recording.
+/// Returns the header with which a writer begins a recording.
 [[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
-/// Returns chunks of at most 1,024 ticks each. There is at least one tick, and their numbers rise.
+/// Returns the bytes of chunks of at most 1,024 ticks each. `ticks` is not empty, and the ticks'
+/// numbers rise.
 [[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
-/// Returns the chunk of a scene.
+/// Returns the bytes of the chunk of a scene.
 [[nodiscard]] std::string recordingChunk(const RecordedScene& scene);
 
 }  // namespace palpate

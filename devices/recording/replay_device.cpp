@@ -16,7 +16,7 @@ namespace {
 
 /// Returns the index of the first tick at `seconds` or later.
 std::int64_t tickAt(const Recording& recording, double seconds) noexcept {
-  // Written by hand: clang 14 does not support this library's views.
+  // A binary search written by hand, because clang 14 does not support the library's views.
   std::int64_t low = 0;
   std::int64_t high = recording.size();
   while (low < high) {

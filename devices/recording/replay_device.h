@@ -10,12 +10,12 @@
 
 namespace palpate {
 
-/// Replays the recorded hand, one tick per write, independent of the force. Has the properties of
-/// the recorded arm, but no force reaches a hand. Does not replay commands (stops, lateness);
-/// HandTick replays those as well.
+/// Replays a recorded hand, one tick per write, independent of the force. Has the properties of the
+/// recorded arm, but no force reaches a hand. Does not replay commands and lateness; HandTick
+/// replays these too.
 class ReplayDevice final : public Device {
  public:
-  /// Begins at the tick with index `begin`, below the recording's size.
+  /// Begins at the tick with index `begin`, which is less than the recording's size.
   explicit ReplayDevice(std::shared_ptr<const Recording> recording, std::int64_t begin = 0);
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
@@ -37,10 +37,10 @@ class ReplayDevice final : public Device {
   double given_ = 1.0;
 };
 
-/// The parts of a device's argument, such as `FILE@SECONDS`.
+/// The two parts of a device's argument: FILE and SECONDS of `FILE@SECONDS`.
 struct NameAt {
-  std::string name;               ///< Text before the last @ if a time follows; else the whole
-                                  ///< text.
+  /// Text before the last @, if a time follows it; else the whole text.
+  std::string name;
   std::optional<double> seconds;  ///< The time, 0 or more [s].
 };
 /// Splits `NAME` or `NAME@SECONDS` into its parts.
@@ -49,8 +49,8 @@ struct NameAt {
 /// Returns FILE of `FILE` or `FILE@SECONDS`.
 [[nodiscard]] std::string fileOfReplay(const std::string& name);
 
-/// Opens `FILE` or `FILE@SECONDS`, which begins at that time. Throws Error if the file is not a
-/// recording, or ends before that time.
+/// Opens `FILE` or `FILE@SECONDS`; the latter begins at SECONDS. Throws Error if the file is not a
+/// recording, or ends before SECONDS.
 [[nodiscard]] std::unique_ptr<ReplayDevice> openReplay(const std::string& name);
 
 }  // namespace palpate

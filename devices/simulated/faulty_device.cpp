@@ -88,7 +88,7 @@ HandState FaultyDevice::read() noexcept {
       hand.position.z() += kRun * since;
       break;
     case Trouble::kUnwritten:
-      if (since_ > 1) hand.fault = Fault::kWrite;  // the first failed write shows here
+      if (since_ > 1) hand.fault = Fault::kWrite;  // a failed write is reported by the next read
       break;
     case Trouble::kHung:
       hang();
@@ -116,7 +116,7 @@ HandState FaultyDevice::read() noexcept {
 
 void FaultyDevice::write(const Vec3& force) noexcept {
   if (troubled() && trouble_ == Trouble::kBlocked) hang();
-  // A lost write changes nothing: the motors keep their force.
+  // A lost write has no effect: the motors keep their force.
   const bool lost = trouble_ == Trouble::kUnwritten || trouble_ == Trouble::kGone;
   if (!troubled() || !lost) force_ = force;
   device_->write(force_);

@@ -1,4 +1,5 @@
-/// A device with a simulated defect (trouble), to test a loop's reaction without damage to an arm.
+/// A device with a simulated defect (a trouble), to test how a loop reacts without risk to a real
+/// arm.
 #pragma once
 
 #include <limits>
@@ -14,19 +15,19 @@ namespace palpate {
 enum class Trouble : std::uint8_t {
   kLate,       ///< No new positions: the last position repeats, with rising age.
   kEarly,      ///< Positions with time stamps in the future.
-  kRepeated,   ///< Each position four times, as from a slower arm.
-  kFrozen,     ///< The last position repeatedly, as if new; no counter moves.
-  kJumping,    ///< A lost count: all positions are shifted by kJump.
+  kRepeated,   ///< Each position comes four times, as from an arm with a quarter of the rate.
+  kFrozen,     ///< The last position repeats as if it were new; no counter moves.
+  kJumping,    ///< A count was lost: all positions are shifted by kJump.
   kNotFinite,  ///< Positions that are not finite.
-  kRunaway,    ///< The position moves away at kRun, independent of the hand.
+  kRunaway,    ///< The position moves away with speed kRun, whatever the hand does.
   kUnwritten,  ///< Writes fail: the motors keep their force.
   kBlocked,    ///< Writes take kHang.
   kHung,       ///< Reads take kHang.
-  kGone,       ///< Unplugged: the motors keep their force.
+  kGone,       ///< The device is unplugged: the motors keep their force.
   kHot,        ///< Reports that it is too hot.
   kUnpowered,  ///< Reports that it has no power.
   kSwitch,     ///< Reports that its safety switch is open.
-  kReleased,   ///< Reports that its dead man's switch is released.
+  kReleased,   ///< Reports that its dead-man switch is released.
 };
 inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 
@@ -34,20 +35,19 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 [[nodiscard]] const char* wordFor(Trouble trouble) noexcept;
 /// Returns the trouble of a word; empty if the word is unknown.
 [[nodiscard]] std::optional<Trouble> troubleOf(std::string_view word) noexcept;
-/// True if the trouble shows only with a real clock.
+/// Returns true if the trouble can only show with a real clock.
 [[nodiscard]] bool needsClock(Trouble trouble) noexcept;
 
-/// Adds a trouble to another device, from a time on. Forwards all other calls to the wrapped
-/// device.
+/// Adds a trouble to a device from a given time on. Forwards all other calls to that device.
 class FaultyDevice final : public Device {
  public:
   static constexpr double kJump = 0.02;  ///< [m]
   static constexpr double kRun = 4.5;    ///< [m/s]: faster than WatchLimits::max_speed, but not a
                                          ///< jump.
-  static constexpr double kHang = 0.03;  ///< [s]: longer than any limit of the loop.
+  static constexpr double kHang = 0.03;  ///< [s]: longer than every limit of the loop.
 
   /// Has the trouble from `begin` until `end` [s], counted in ticks of `rate` [Hz]. Throws
-  /// DeviceError if a force could reach a real hand, as on a device with a ZeroForce.
+  /// DeviceError if a force could reach a real hand, for example if the device has a ZeroForce.
   FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, double rate, double begin,
                double end = std::numeric_limits<double>::infinity());
 
@@ -61,7 +61,7 @@ class FaultyDevice final : public Device {
 
  private:
   [[nodiscard]] bool troubled() const noexcept;
-  /// Gives `hand` the position of the last good reading, `old` ticks ago.
+  /// Gives `hand` the last good position, which is `old` ticks old.
   void hold(HandState& hand, std::int64_t old) const noexcept;
 
   std::unique_ptr<Device> device_;
@@ -70,9 +70,10 @@ class FaultyDevice final : public Device {
   double begin_;
   double end_;
   std::int64_t tick_ = 0;
-  std::int64_t since_ = 0;     ///< Readings since the trouble began.
+  std::int64_t since_ = 0;     ///< Number of readings since the trouble began.
   Vec3 force_ = Vec3::Zero();  ///< The last force sent.
-  HandState whole_;            ///< The last reading before the trouble, or the last that was sent.
+  /// The last reading before the trouble; for repeated positions, the last that was reported.
+  HandState whole_;
 };
 
 }  // namespace palpate

@@ -39,7 +39,7 @@ PathDevice::PathDevice(std::vector<PathPoint> path, double rate)
   info_.limits = {20.0, 2000.0};
   info_.max_stiffness = 1e5;
   info_.hand = false;
-  // The path has no real hand that a late force could hurt.
+  // A path has no real hand, so a late tick cannot hurt.
   info_.watch.late = 60.0;
   info_.source =
       "no hardware: force as of a delta.3 (20 N, CHAI3D 3.3.0); the probe "
@@ -56,7 +56,7 @@ void PathDevice::write(const Vec3& /*force*/) noexcept {
 }
 
 bool PathDevice::ended() const noexcept {
-  // Half a tick of tolerance for rounding, so that the last row is included.
+  // Adds half a tick for rounding errors, so that the last row is included.
   return static_cast<double>(tick_) / rate_ > path_.back().t - path_.front().t + 0.5 / rate_;
 }
 

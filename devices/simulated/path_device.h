@@ -9,14 +9,15 @@
 
 namespace palpate {
 
-/// Position of a hand, or its target, at a time.
+/// Position of a hand, or of its target, at a time.
 struct PathPoint {
   double t = 0.0;         ///< [s]
   Vec3 p = Vec3::Zero();  ///< [m] in W.
 };
 
-/// Returns the position at time t: linear between points, constant beyond the ends. `hint` is the
-/// index to search first and is updated: amortised O(1) for rising t. RT: no allocation.
+/// Returns the position at time t: linear between points, constant before the first and after the
+/// last. `hint` is the index at which the search starts, and is updated: amortised O(1) if t rises.
+/// RT: no allocation.
 [[nodiscard]] Vec3 positionAt(const std::vector<PathPoint>& path, double t,
                               std::size_t& hint) noexcept;
 
@@ -24,12 +25,14 @@ struct PathPoint {
 /// DeviceError with `name` and the line.
 [[nodiscard]] std::vector<PathPoint> readPath(std::istream& in, const std::string& name);
 
-/// Follows the path independent of the force; each write is one tick of 1/rate.
+/// A hand that follows a path, independent of the force. Each write is one tick of 1/rate.
 class PathDevice final : public Device {
  public:
-  PathDevice(std::vector<PathPoint> path, double rate);  ///< Not empty, t ascending; [Hz], > 0.
+  /// `path` is not empty, its t ascends; `rate` [Hz], > 0.
+  PathDevice(std::vector<PathPoint> path, double rate);
 
-  /// Named "path", with the 20 N of a delta.3, and 1e5 N/m, because the probe does not yield.
+  /// Returns a description named "path", with the peak force of a delta.3 (20 N) and a stiffness
+  /// limit of 1e5 N/m. The limit is high because the force does not move this hand.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;

@@ -17,16 +17,17 @@ void require(bool good, const char* what, const char* remedy) {
   if (!good) throw DeviceError("simulated device", what, remedy);
 }
 
-/// Distance from the centre at which a visit begins and ends, as a share of the ellipsoid's radius.
+/// Distance from the centre at which a visit of a side begins and ends, relative to the ellipsoid's
+/// radius.
 constexpr double kOutside = 1.25;
 
-/// Position of the hand during a visit of one side: its distance from the centre, as a share of
-/// that to the box's ellipsoid, and the radius of its circle.
+/// Position of the hand during a visit of one side: its distance from the centre, relative to the
+/// radius of the box's ellipsoid, and the radius of its circle.
 struct Visit {
   double distance, circle;
 };
 
-/// Returns the visit at a share u of its time.
+/// Returns the position at a share u of the visit's time.
 Visit visitAt(double u) {
   struct Key {
     double t;
@@ -84,7 +85,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   if (arm.viscous > 0.0) {
     info_.limits.tank.use = arm.tank;
     info_.limits.tank.refill = arm.refill;
-    // Three axes, each rounded to half a step.
+    // Each of the three axes is rounded, with an error of up to half a step.
     ArmDissipation& known = info_.limits.tank.arm;
     known.viscous = arm.viscous;
     known.coulomb = arm.coulomb;
@@ -96,7 +97,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
       "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/balance/coupling.h";
   position_ = aim_ = target_.at(0.0);
 
-  // A force acts `delay` after its reading, so ceil(delay * rate) forces are pending.
+  // A force acts `delay` after its reading, so ceil(delay * rate) forces are pending in the queue.
   const DelayInPeriods delay = inPeriods(arm.delay, rate);
   queue_.assign(static_cast<std::size_t>(delay.whole) + 2, Vec3::Zero());
   early_ = propagator(delay.part / rate);
@@ -104,12 +105,13 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
 }
 
 SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
-  // x'' = -2 s x' - w2 x + f/m, solved by its exponential; f/k, or its limit without a spring.
+  // Solves x'' = -2 s x' - w2 x + f/m by its matrix exponential. The resting place is f/k, or its
+  // limit without a spring.
   const double m = arm_.mass;
   const double s = (arm_.viscous + grip_.damping) / (2.0 * m);
   const double w2 = grip_.stiffness / m;
   const double d = w2 - s * s;
-  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w, or their limits without oscillation.
+  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w, or their limits if the arm does not oscillate.
   const double e = std::exp(-s * time);
   double cosine = e;
   double sine = e * time;
@@ -162,8 +164,8 @@ void SimulatedDevice::advance(const Propagator& step, const Vec3& order,
     amplifier_ = step.aa * amplifier_ + step.au * order;
   }
   position_ = x;
-  // Coulomb friction acts against the motion and at most stops it: a force smaller than friction
-  // does not move the arm.
+  // Coulomb friction opposes the motion. A force that is smaller than the friction does not move
+  // the arm.
   const double speed = velocity_.norm();
   if (speed <= 0.0) return;
   const Vec3 direction = velocity_ / speed;
@@ -179,13 +181,14 @@ HandState SimulatedDevice::read() noexcept {
 }
 
 void SimulatedDevice::write(const Vec3& force) noexcept {
-  // The hand's own pull. Its spring is in the propagator, towards a target that moves each tick.
+  // The hand's force. The propagator contains the part that depends on the arm's position; this is
+  // the part of the target, which moves in each tick.
   const double t = static_cast<double>(tick_) / rate_;
   const Vec3 before = std::exchange(aim_, target_.at(t));
   const Vec3 pull = grip_.stiffness * aim_ + grip_.damping * rate_ * (aim_ - before);
 
-  // The older force was written `whole + 1` ticks ago and acts for the delay's part of the tick;
-  // the newer one acts after it.
+  // The older force was written `whole + 1` ticks ago. It acts for the fractional part of the
+  // delay, then the newer force acts.
   queue_[next_] = force;
   const std::size_t size = queue_.size();
   const Vec3& older = queue_[(next_ + 1) % size];
@@ -202,7 +205,8 @@ bool SimulatedDevice::ended() const noexcept {
 
 HandTarget explore(const Box& bounds, double seconds) {
   constexpr double kVisit = 5.0;  // [s] for one side
-  constexpr double kRound = 0.2;  // share of the visit, to come round from the last side
+  // Share of the visit in which the hand goes round from the previous side.
+  constexpr double kRound = 0.2;
   const int visits = std::max(1, static_cast<int>(std::lround(seconds / kVisit)));
   const double length = seconds / visits;
   const Vec3 centre = bounds.centre();
@@ -215,10 +219,10 @@ HandTarget explore(const Box& bounds, double seconds) {
     const auto side = [&](int n) {
       return Vec3(sides[static_cast<std::size_t>(n) % sides.size()].normalized());
     };
-    // Distance to the box's ellipsoid along a direction.
+    // Radius of the box's ellipsoid in a direction.
     const auto radius = [&](const Vec3& out) { return 1.0 / out.cwiseQuotient(half).norm(); };
 
-    // First the hand comes round the outside from the last side, along the great circle.
+    // First the hand goes round the outside from the previous side, along a great circle.
     if (visit > 0 && u < kRound) {
       const Vec3 from = side(visit - 1);
       const Vec3 to = side(visit);

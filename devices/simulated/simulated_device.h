@@ -9,22 +9,24 @@
 
 namespace palpate {
 
-/// The arm, per axis.
+/// Parameters of the arm, the same for each axis.
 struct ArmParams {
-  double mass = 0.1;                 ///< [kg], > 0.
-  double viscous = 0.5;              ///< b [N s/m], >= 0.
-  double coulomb = 0.02;             ///< c [N], >= 0.
-  double encoder = 1e-5;             ///< Step of the position sensor D [m]; 0: none.
-  double delay = 1e-3;               ///< Delay from a reading to its force [s], >= 0.
-  double lag = 0.0;                  ///< Time constant of the amplifiers, first order [s], >= 0.
-  TankUse tank = TankUse::kObserve;  ///< Use of the energy tank, which relies on these numbers.
-  double refill = 0.0;               ///< TankParams::refill [W].
-  bool hand = false;  ///< True: treated as an arm whose force could hurt (DeviceInfo::hand).
+  double mass = 0.1;      ///< [kg], > 0.
+  double viscous = 0.5;   ///< b [N s/m], >= 0.
+  double coulomb = 0.02;  ///< c [N], >= 0.
+  double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: none.
+  double delay = 1e-3;    ///< Delay from a reading to its force [s], >= 0.
+  double lag = 0.0;       ///< Time constant of the amplifiers, first order [s], >= 0.
+  /// Use of the energy tank, which relies on the friction and delay given here.
+  TankUse tank = TankUse::kObserve;
+  double refill = 0.0;  ///< TankParams::refill [W].
+  /// True: the arm is treated as one whose force could hurt (DeviceInfo::hand).
+  bool hand = false;
   double late = WatchLimits{}.late;  ///< WatchLimits::late, the longest delay of a tick [s].
 };
 
-/// The hand that holds the arm: a spring and damper to its target. The default is relaxed; firm is
-/// about 1,000 N/m and 15 N s/m; zeros are a released arm.
+/// The hand that holds the arm: a spring and a damper to its target. The default is a relaxed grip.
+/// A firm grip has about 1,000 N/m and 15 N s/m; zeros mean a released arm.
 struct GripParams {
   double stiffness = 300.0;  ///< [N/m], >= 0.
   double damping = 5.0;      ///< [N s/m], >= 0.
@@ -32,43 +34,47 @@ struct GripParams {
 
 /// Target of the hand.
 struct HandTarget {
-  /// Returns the target [m] at a time [s], 0 to `seconds`. A device calls it once a tick, with
-  /// times that do not decrease. The function may have a memory, like the hand behind a mouse.
+  /// Returns the target [m] at a time [s], 0 to `seconds`. A device calls it once per tick, with
+  /// times that do not decrease. The function may keep state, like a hand that follows a mouse.
   std::function<Vec3(double)> at;
-  double seconds = 0.0;  ///< Duration [s], >= 0; the device ends with it.
+  double seconds = 0.0;  ///< Duration [s], >= 0; the device ends after it.
 };
 
-/// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
+/// Simulates m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, in ticks of
+/// 1/rate.
 ///
-/// f is the written force, held over a tick, delayed by `delay` (whole and fractional ticks) and
-/// lagging by `lag`. The hand's target and its speed are held over a tick as well. The linear part
-/// is solved exactly over each piece of a tick with constant f. Coulomb friction is a constant
-/// force over each piece, limited to the force that stops the arm, so it never drives it. The probe
-/// is the arm's position rounded to the encoder's step. Deterministic. Ends with the target.
+/// f is the written force: held for a tick, delayed by `delay` (whole and fractional ticks), and
+/// filtered with the time constant `lag`. The target of the hand and the target's velocity are held
+/// for a tick as well. The linear part is solved exactly for each piece of a tick in which f is
+/// constant. Coulomb friction is a constant force over each piece. It is at most the force that
+/// stops the arm, so it never drives the arm. The probe is the arm's position rounded to the
+/// encoder's step. Deterministic. The device ends with its target.
 class SimulatedDevice final : public Device {
  public:
   /// Throws DeviceError for parameters out of range.
   SimulatedDevice(const ArmParams& arm, const GripParams& grip, HandTarget target, double rate);
 
-  /// Limits of a Phantom Desktop, 7.9 N and 1000 N/m; mass, hand and tank are those of ArmParams.
+  /// Returns the limits of a Phantom Desktop, 7.9 N and 1000 N/m. Mass, `hand` and tank are those
+  /// of ArmParams.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
   [[nodiscard]] bool ended() const noexcept override;
 
-  [[nodiscard]] const Vec3& position() const noexcept { return position_; }  ///< Not rounded [m].
+  /// Exact position, not rounded to encoder steps [m].
+  [[nodiscard]] const Vec3& position() const noexcept { return position_; }
   [[nodiscard]] const Vec3& velocity() const noexcept { return velocity_; }  ///< [m/s]
 
  private:
-  /// Exact step of one axis with a constant force: x and v after a time, from x, v and f.
+  /// Exact step of one axis under a constant force: computes x and v after a time from x, v and f.
   struct Propagator {
     double xx, xv, vx, vv, xf, vf;
     double time;
-    // With lag: coefficients for the amplifier's force a and its commanded force u.
+    // With lag: coefficients of the amplifier's force a and of its commanded force u.
     double xa = 0.0, va = 0.0, aa = 0.0, xu = 0.0, vu = 0.0, au = 0.0;
   };
   [[nodiscard]] Propagator propagator(double time) const;
-  /// `order` is the force commanded to the amplifiers; `pull` is the hand's.
+  /// `order` is the force that was commanded to the amplifiers, `pull` the force of the hand.
   void advance(const Propagator& step, const Vec3& order, const Vec3& pull) noexcept;
 
   DeviceInfo info_;
@@ -81,17 +87,17 @@ class SimulatedDevice final : public Device {
   Vec3 position_;
   Vec3 velocity_ = Vec3::Zero();
   Vec3 amplifier_ = Vec3::Zero();  ///< The amplifiers' force [N].
-  std::vector<Vec3> queue_;        ///< Delayed forces, oldest at next_.
+  std::vector<Vec3> queue_;        ///< Pending forces; the oldest is at next_.
   std::size_t next_ = 0;
-  Propagator early_;  ///< While the older force still acts.
-  Propagator late_;   ///< After the newer force has begun.
+  Propagator early_;  ///< Step of the part of a tick in which the older force still acts.
+  Propagator late_;   ///< Step of the rest of the tick, in which the newer force acts.
 };
 
-/// Returns a scripted exploration of a box, from several sides in turn, five seconds each. The hand
-/// comes round the outside, touches, slides in a circle, presses deep and leaves.
+/// Returns a scripted exploration of a box, from several sides in turn, five seconds for each side.
+/// The hand goes round the outside, touches, slides in a circle, presses deep and leaves.
 [[nodiscard]] HandTarget explore(const Box& bounds, double seconds);
 
-/// Returns a recorded path as the hand's target. The path has at least one point.
+/// Returns a target that follows a recorded path. The path has at least one point.
 [[nodiscard]] HandTarget alongPath(std::vector<PathPoint> path);
 
 }  // namespace palpate

@@ -16,7 +16,7 @@ DelayInPeriods inPeriods(double delay, double rate) noexcept {
 }
 
 AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time) {
-  // d/dt (x, v, f, u), u constant.
+  // d/dt of (x, v, f, u), with constant u.
   Eigen::Matrix4d rates = Eigen::Matrix4d::Zero();
   rates(0, 1) = 1.0;
   rates(1, 0) = -grip.stiffness / arm.mass;
@@ -43,7 +43,8 @@ Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double 
   const DelayInPeriods delay = inPeriods(arm.delay, rate);
   const AxisStep early = axisStep(arm, grip, delay.part / rate);
   const AxisStep late = axisStep(arm, grip, (1.0 - delay.part) / rate);
-  // State: x, v, f, then the readings x_{k-1}, x_{k-2}, ... of the pending commands.
+  // The state: x, v, f, then the readings x_{k-1}, x_{k-2}, ... on which the pending commands
+  // depend.
   const int readings = delay.whole + 1 + span;
   Eigen::MatrixXd loop = Eigen::MatrixXd::Zero(3 + readings, 3 + readings);
   loop.topLeftCorner<3, 3>() = late.leftCols<3>() * early.leftCols<3>();
@@ -69,11 +70,11 @@ double growth(const ArmParams& arm, const GripParams& grip, double rate, double 
 
 double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate, double damping,
                        double rate_time) {
-  // Without damping, no older readings are used.
+  // Without damping the command does not depend on earlier readings.
   const double back = damping == 0.0 ? 0.0 : rate_time;
   const auto rests = [&](double k) { return growth(arm, grip, rate, k, damping, back) < 1.0; };
-  // Without friction no mass settles at 4 m / T^2. An arm that friction or a hand stops between two
-  // ticks is stable up to multiples of it.
+  // Without friction, no mass settles at the stiffness 4 m / T^2. An arm that friction or a hand
+  // stops within a tick may be stable up to multiples of that stiffness.
   const double inertial = 4.0 * arm.mass * rate * rate;
   const double stiffest = 1e3 * (inertial + (arm.viscous + grip.damping) * rate + grip.stiffness);
   const double step = std::pow(10.0, 0.05);
@@ -94,8 +95,8 @@ double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate
 double passiveStiffness(const ArmParams& arm, double rate, double damping) {
   const double left = arm.viscous - std::abs(damping);
   if (!(left > 0.0)) return 0.0;
-  // b = K (T/2 + t_d) + K^2 T^2 phi (1 - phi) / (4 b).
-  // A lag is a mixture of delays: take the worst part of a period.
+  // Solves b = K (T/2 + t_d) + K^2 T^2 phi (1 - phi) / (4 b) for K, where phi is the delay's
+  // fraction of a period. A lag acts like a mixture of delays, so the worst fraction is taken.
   const double part = arm.lag > 0.0 ? 0.5 : inPeriods(arm.delay, rate).part;
   const double late = 0.5 / rate + arm.delay + arm.lag;
   const double q = part * (1.0 - part) / (rate * rate * 4.0 * arm.viscous);
@@ -121,7 +122,8 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
   room.passive = passiveStiffness(arm, rate, damping);
   room.stable = stableStiffness(arm, grip, rate, damping);
   room.amplitude = holdingAmplitude(arm, rate, stiffness);
-  // Search: a delay is fixed in seconds, but its part of a period depends on the rate.
+  // Searches, because a delay is constant in seconds, but its fraction of a period depends on the
+  // rate.
   constexpr double kFastest = 1e5;  // [Hz]
   double faster = rate;
   while (faster <= kFastest && passiveStiffness(arm, faster, damping) < stiffness) faster *= 1.01;
@@ -133,7 +135,7 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
     more.viscous = viscous;
     return passiveStiffness(more, rate, damping) < stiffness;
   };
-  while (lacks(high)) high *= 2.0;  // passive stiffness grows with friction
+  while (lacks(high)) high *= 2.0;  // the passive stiffness rises with friction
   while (high - low > 1e-6 * high) {
     const double middle = 0.5 * (low + high);
     (lacks(middle) ? low : high) = middle;

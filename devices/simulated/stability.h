@@ -11,28 +11,30 @@ namespace palpate {
 
 /// A delay as whole periods of 1/rate and a remainder of 0 to 1 period.
 struct DelayInPeriods {
-  int whole = 0;      ///< Whole periods; one that lacks 1e-9 counts as whole.
+  /// Number of whole periods. A delay that is short of a whole period by less than 1e-9 counts as
+  /// whole.
+  int whole = 0;
   double part = 0.0;  ///< Remainder, as a share of a period.
 };
 /// Converts a delay [s], >= 0, at a rate [Hz].
 [[nodiscard]] DelayInPeriods inPeriods(double delay, double rate) noexcept;
 
-/// Motion of an axis over a time with a constant commanded force: maps (x, v, f, u) to the next (x,
+/// Motion of an axis over a time with a constant commanded force. Maps (x, v, f, u) to the next (x,
 /// v, f), exactly. f is the amplifier's force, u its command; without lag f = u. Does not include
-/// Coulomb friction or the hand's target.
+/// Coulomb friction or the motion of the hand's target.
 using AxisStep = Eigen::Matrix<double, 3, 4>;
 /// Returns the step of an arm in a hand over `time` [s], by the matrix exponential of the axis's
 /// equations.
 [[nodiscard]] AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time);
 
-/// Returns the number of periods of 1/rate nearest to a time [s], at least one. The damper's rate
-/// is taken over them (LengthRate).
+/// Returns the number of periods of 1/rate nearest to a time [s], at least one. The damper computes
+/// its velocity over this many periods (LengthRate).
 [[nodiscard]] int rateSpan(double rate, double rate_time) noexcept;
 
-/// Returns the matrix of an axis against a wall R = stiffness x_k + damping (x_k - x_{k-n}) / (n T)
-/// that it never leaves, with T = 1/rate, n = rateSpan(rate, rate_time). It maps one sample to the
-/// next, with all delayed forces. No encoder, no Coulomb friction. The arm's delay may include
-/// parts of a period.
+/// Returns the matrix that maps one sample of an axis to the next, with all delayed forces. The
+/// wall is R = stiffness x_k + damping (x_k - x_{k-n}) / (n T), with T = 1/rate and n =
+/// rateSpan(rate, rate_time). The axis never leaves the wall. Encoder steps and Coulomb friction
+/// are not included. The arm's delay may be a fraction of a period.
 [[nodiscard]] Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
                                          double stiffness, double damping,
                                          double rate_time = kRateTime);
@@ -40,40 +42,41 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 [[nodiscard]] double growth(const ArmParams& arm, const GripParams& grip, double rate,
                             double stiffness, double damping, double rate_time = kRateTime);
 
-/// Returns the least stiffness at which that loop does not settle [N/m], to 1e-9 of it. 0: it
-/// settles at no stiffness. Infinite: it settles at all that were tried, up to a thousand times
-/// what mass, friction and hand amount to in a tick. Takes a few milliseconds; with many periods of
-/// delay seconds.
+/// Returns the smallest stiffness at which the closed loop does not settle [N/m], with a relative
+/// error of 1e-9. 0: it settles at no stiffness. Infinite: it settles at every stiffness that was
+/// tried. The search ends at a thousand times the sum of the stiffnesses that mass, friction and
+/// hand amount to in a tick. Takes a few milliseconds, or seconds if the delay has many periods.
 [[nodiscard]] double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate,
                                      double damping = 0.0, double rate_time = kRateTime);
 
 /// Returns the stiffness up to which no hand, whether a spring and damper or a machine, can extract
-/// energy from the wall [N/m]; 0: at no stiffness. Exact without damping and, for a rate over one
-/// period, for damping < 0 and for no delay (Colgate and Schenkel); else on the safe side.
-/// Amplifier lag counts as that much delay, on the safe side. For encoder steps see quietStiffness.
+/// energy from the wall [N/m]; 0: at no stiffness. Exact without damping, and, if the damper's
+/// velocity is taken over one period, for damping < 0 and for no delay (Colgate and Schenkel). In
+/// all other cases the result is a lower bound. Amplifier lag counts as an equal delay, which also
+/// gives a lower bound. For encoder steps see quietStiffness.
 [[nodiscard]] double passiveStiffness(const ArmParams& arm, double rate, double damping = 0.0);
 
 /// Returns the stiffness up to which Coulomb friction absorbs the encoder's steps [N/m]: 2 c / D,
-/// less the part that damping takes. Above it the arm may vibrate by a step.
+/// less the part that damping needs. Above this stiffness the arm may vibrate by one step.
 [[nodiscard]] double quietStiffness(const ArmParams& arm, double rate, double damping = 0.0,
                                     double rate_time = kRateTime);
 
-/// Returns the amplitude up to which a released arm's swing in the wall decays instead of growing
-/// [m]. Up to it Coulomb friction suffices where viscous friction alone does not. Infinite if
-/// viscous friction suffices; 0 without Coulomb friction.
+/// Returns the amplitude up to which the swing of a released arm against the wall decays [m]. Up to
+/// this amplitude, Coulomb friction suffices although viscous friction alone does not. Infinite if
+/// viscous friction suffices alone; 0 without Coulomb friction.
 [[nodiscard]] double holdingAmplitude(const ArmParams& arm, double rate, double stiffness);
 
-/// Stability margins of a coupling on an arm. Always show them together: with `passive` alone,
-/// users would choose couplings that are too soft.
+/// Stability margins of a coupling on an arm. Always show all of them: a user who sees `passive`
+/// alone would choose a coupling that is softer than necessary.
 struct CouplingRoom {
   double passive = 0.0;    ///< passiveStiffness [N/m]
-  double stable = 0.0;     ///< stableStiffness with a hand [N/m]
+  double stable = 0.0;     ///< stableStiffness of the arm in a hand [N/m]
   double amplitude = 0.0;  ///< holdingAmplitude at the coupling's stiffness [m]
   double rate = 0.0;       ///< Rate at which the coupling would be passive [Hz]; 0: at no rate.
-  double viscous = 0.0;    ///< Viscous friction at which it would be passive [N s/m].
+  double viscous = 0.0;    ///< Viscous friction at which the coupling would be passive [N s/m].
 };
-/// Returns the margins of a coupling of `stiffness` [N/m], > 0, and `damping` [N s/m], in a loop of
-/// `rate` [Hz]. Milliseconds.
+/// Returns the margins of a coupling with `stiffness` [N/m], > 0, and `damping` [N s/m], in a loop
+/// of `rate` [Hz]. Takes milliseconds.
 [[nodiscard]] CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate,
                                    double stiffness, double damping);
 

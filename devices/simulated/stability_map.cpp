@@ -17,13 +17,14 @@
 namespace palpate {
 namespace {
 
-constexpr double kFar = 0.02;       // [m]: farther swings count as running away
-constexpr double kMade = 1e-5;      // [J]
-constexpr std::size_t kCoarse = 8;  // spacing of the first cells
-constexpr double kLastly = 0.75;    // share of the time before the final judgement
-constexpr double kDying = 0.8;      // ratio of the swings in the last and the third quarter
+constexpr double kFar = 0.02;       // [m]: a swing beyond this distance counts as running away
+constexpr double kMade = 1e-5;      // [J]: energy gain of the hand from which a cell is active
+constexpr std::size_t kCoarse = 8;  // spacing of the cells that are computed first
+constexpr double kLastly = 0.75;    // share of the time after which the final behaviour is judged
+// A swing that falls below this ratio from the third to the last quarter decays.
+constexpr double kDying = 0.8;
 
-/// Returns a plane through the origin. It pushes a proxy behind it along its normal.
+/// Returns a plane through the origin, which pushes a proxy behind it along its normal.
 Primitive plane(const Vec3& normal, double strength) {
   return {PrimitiveKind::kPlane, Vec3::Zero(), normal, strength};
 }
@@ -76,7 +77,7 @@ MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start
     const auto hand = std::make_shared<Hand>();
     hand->scene = *scene;
     hand->scene.coupling = {stiffness, damping};
-    // Start on the free side, like a hand.
+    // Starts outside of the contact, as a hand does.
     (void)hapticStep(hand->scene, hand->reader, {start}, hand->state, period);
     return [=](const Vec3& probe) -> Vec3 {
       return hapticStep(hand->scene, hand->reader, {probe}, hand->state, period).wanted;
@@ -86,7 +87,7 @@ MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start
 }
 
 MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const MapFeel& feel) {
-  // At this target the hand's spring presses with the load.
+  // When the arm is at the contact, the hand's spring to this target presses with the load.
   const Vec3 aim = contact.place - setting.load / setting.grip.stiffness * contact.outwards;
   const Vec3 start =
       contact.place + setting.kick * (contact.outwards + contact.outwards.unitOrthogonal());
@@ -99,7 +100,8 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
   MapCell cell;
   double energy = 0.0;
   double least = 0.0;
-  // The acting force was sent `whole` ticks ago; for `part` of the tick the one before it acts.
+  // The force that acts was sent `whole` ticks ago. For the fraction `part` of the tick, the force
+  // before it still acts.
   const DelayInPeriods delay = inPeriods(setting.arm.delay, setting.rate);
   const auto whole = static_cast<std::size_t>(delay.whole);
   const double part = delay.part;
@@ -122,7 +124,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
         -acted.dot(moved) + arm.viscous * moved.squaredNorm() / dt + arm.coulomb * moved.norm();
     least = std::min(least, energy);
     const auto share = static_cast<double>(i) / static_cast<double>(ticks);
-    // At that time the effects of the first contact are over.
+    // By half of the time, the effects of the first contact are over.
     if (share > 0.5 && share <= kLastly) early.extend(device.position());
     if (share > kLastly) {
       lastly.extend(device.position());
@@ -140,7 +142,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
   cell.force = force / static_cast<double>(counted);
   cell.swing = 0.5 * lastly.diagonal().norm();
   const double first = 0.5 * early.diagonal().norm();
-  // A swing of a step or two of the encoder counts as rest, and so does a decaying one.
+  // A swing of about two encoder steps counts as rest, and so does a decaying swing.
   if (cell.swing <= 2.5 * std::max(arm.encoder, 1e-7) || cell.swing < kDying * first) {
     cell.outcome = MapOutcome::kRests;
   } else {
@@ -185,7 +187,8 @@ StabilityMap drawMap(const MapSetting& setting, const MapContact& contact, const
     for (std::size_t row = 0; row < n; row += half) {
       for (std::size_t column = 0; column < n; column += half) {
         if (cells[row * n + column]) continue;
-        // The coarse cells around it; if it is between two, one on either side.
+        // Compares the coarse cells around this cell. If it lies between two of them, these are the
+        // two.
         const MapCell& one = *cells[row / step * step * n + column / step * step];
         bool all = true;
         for (const std::size_t r : {row / step * step, (row + step - 1) / step * step}) {

@@ -1,5 +1,6 @@
-/// Private to engine/balance: finds the balance of several frictions by Newton's method. Kinks get
-/// a compliance, which is removed at the end.
+/// Private to engine/balance: finds the balance of several frictions by Newton's method. A kink is
+/// a plane, line or point at which the force of a primitive jumps. Here each force rises over a
+/// short distance, the compliance of the kink. At the end the compliance is removed.
 #pragma once
 
 #include <algorithm>
@@ -17,10 +18,11 @@
 
 namespace palpate::friction {
 
-inline constexpr double kCompliance = 1e-6;  // c [m]
-// largest |R| of a solution, as a share of the sum of strengths
+inline constexpr double kCompliance = 1e-6;  // compliance c of a kink [m]
+// a place is a solution if |R| (friction.h) is at most this share of the sum of strengths
 inline constexpr double kEnough = 1e-10;
-inline constexpr double kRoughly = 1e-6;  // the same during the homotopy from soft to hard kinks
+// the same limit while followHomotopy() makes the kinks harder
+inline constexpr double kRoughly = 1e-6;
 inline constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 /// Returns the projector perpendicular to the unit vector q.
@@ -32,15 +34,16 @@ inline Vec3 inBall(const Vec3& v) noexcept {
   const double length = v.norm();
   return length > 1.0 ? Vec3(v / length) : v;
 }
-/// Returns the derivative of v/m by v, where b is the dual that stands for v/|v|, and m = |v| for a
-/// slipping kink.
+/// Returns the derivative of v/m by v. T projects on the possible directions of v. If the kink
+/// sticks, m is constant. If the kink slips, m = |v|, and the dual b replaces one factor v/|v|.
 inline Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool sticks) noexcept {
   const double length = v.norm();
   if (sticks || !(length > 0.0)) return T / m;
   return (T - b * (v / length).transpose()) / m;
 }
 
-/// A balance in which every kink has the compliance c. Places are relative to the old proxy.
+/// A balance in which every kink has the compliance c. All places are relative to the old proxy,
+/// which is the proxy before the balance.
 class Compliant {
  public:
   Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
@@ -103,26 +106,26 @@ class Compliant {
     if (!known_) dropKept();
   }
 
-  /// Finds loads and frictions, and removes the compliance. Returns false if no start led to a
-  /// solution.
+  /// Finds the loads and frictions, and removes the compliance. Returns false if Newton's method
+  /// found a solution from none of its starts.
   bool solve() noexcept {
     if (known_ && warmStart() && removeCompliance()) return true;
     dropKept();
     return (followHomotopy(most_ / 2) || startSticking()) && removeCompliance();
   }
 
-  /// Finds how kinks within a distance of c from x share the load that balances the spring at x. To
-  /// do so, the spring is replaced by a soft one with a distant end. Its force is almost the same
-  /// at all places, and the place can change. Returns false if no loads are found; then the loads
-  /// are meaningless.
+  /// Finds how the kinks within a distance of c from x share the spring's force at x. Replaces the
+  /// spring by a softer spring with the same force at x. The force of the softer spring is almost
+  /// the same at all places near x, so the place can move until the loads balance. Returns false if
+  /// no loads are found. The loads are then meaningless.
   bool loadsAt(const Vec3& x) noexcept {
-    constexpr double kGivesWay = 1e-3;  // factor on the stiffness
+    constexpr double kGivesWay = 1e-3;  // stiffness of the softer spring, as a share of k
     spring_ = x + (spring_ - x) / kGivesWay;
     stiffness_ *= kGivesWay;
     return newton(hard_, kMostHard, kMostHard, enough_);
   }
 
-  /// Starts from x, with the wanted compliance.
+  /// Moves to x and takes the compliance `hard_`.
   void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
 
   /// Returns the friction of a plane [N].
@@ -139,7 +142,7 @@ class Compliant {
   [[nodiscard]] const Vec3& place() const noexcept { return x_; }
   [[nodiscard]] double missing() const noexcept { return residual().norm(); }
 
-  /// Moves to the place with the least |R| found.
+  /// Moves to the place with the smallest |R| found so far.
   void goToBest() noexcept { goTo(best_, hard_); }
 
  private:
@@ -147,13 +150,13 @@ class Compliant {
   static constexpr int kPatience = 3;
   static constexpr int kMostHard = 12;
   static constexpr double kLess = 0.9;  // largest share of |R| that may remain after a step
-  // a place has settled if its last move is at most this share of S/k
+  // a place is final if the last move was at most this share of S/k
   static constexpr double kThere = 1e-8;
-  // least compliance while loads are kept, as a share of the wanted one
+  // smallest compliance while loads are kept, as a share of `hard_`
   static constexpr double kLeastKept = 1e-2;
 
-  /// Returns the largest |R| of a solution at compliance c, as a share of S. It grows as c falls,
-  /// because the rounding error of loads grows.
+  /// Returns the largest |R| that counts as a solution at compliance c, as a share of S. The limit
+  /// grows as c falls, because the rounding error of the loads grows.
   [[nodiscard]] double enoughAt(double c) const noexcept {
     return std::max(kEnough, rounding_ * hard_ / c);
   }
@@ -167,8 +170,8 @@ class Compliant {
     for (Pull& p : pulls()) p.kept_pull.setZero();
   }
 
-  /// Displacement v of the place from the place where it is held, including the kept pull, and its
-  /// length m, at least c.
+  /// Slip v: displacement from the place where the kink holds the proxy, including the kept pull. m
+  /// is c if the kink sticks, else |v| but at least c.
   struct Slip {
     Vec3 v;
     double m;
@@ -186,7 +189,8 @@ class Compliant {
     return p.line ? across(p.q, d) : d;
   }
 
-  /// Computes loads, pieces and duals from the place.
+  /// Computes the load and the piece of each plane, and the dual of each friction, line and point,
+  /// from the present place.
   void read(double c) noexcept {
     for (RoughPlane& p : planes()) {
       const double share = p.kept_load / p.strength - (p.q.dot(x_) - p.foot) / c;
@@ -213,7 +217,7 @@ class Compliant {
     believePlace();
   }
 
-  /// Returns R(x) for the place of the last read() [N].
+  /// Returns the residual force R(x) at the place of the last read() [N].
   [[nodiscard]] Vec3 residual() const noexcept {
     Vec3 R = stiffness_ * (spring_ - x_);
     for (const RoughPlane& p : planes()) R += p.load * (p.q - p.coefficient * p.read);
@@ -231,7 +235,8 @@ class Compliant {
       const Vec3 push = p.q - p.coefficient * p.pull;
       double load = p.strength;
       if (p.piece == Piece::kHolds) {
-        load = p.kept_load - p.strength * (p.q.dot(x_) - p.foot) / c;  // linear, not clamped
+        // unlike p.load, this is linear and not clamped
+        load = p.kept_load - p.strength * (p.q.dot(x_) - p.foot) / c;
         J += p.strength / c * push * p.q.transpose();
       }
       R += load * push;
@@ -269,15 +274,15 @@ class Compliant {
     return true;
   }
 
-  /// Moves to from + t d, reads there, and returns R.d.
+  /// Moves to from + t d, calls read(), and returns R.d at that place.
   double slopeAt(double c, const Vec3& from, const Vec3& d, double t) noexcept {
     x_ = from + t * d;
     read(c);
     return residual().dot(d);
   }
 
-  /// If a step overshot, shortens it to where R.d has fallen to a tenth. Returns false if it did
-  /// not overshoot.
+  /// If a step overshot, shortens it to where R.d has fallen to a tenth of its value at the start
+  /// of the step. Returns false if it did not overshoot.
   bool shortenOvershoot(double c, const Vec3& from, const Vec3& d) noexcept {
     const double end = slopeAt(c, from, d, 1.0);
     const double start = slopeAt(c, from, d, 0.0);
@@ -297,8 +302,8 @@ class Compliant {
     return true;
   }
 
-  /// Halves the step until |R| is less than at its start. Returns false if six halvings are not
-  /// enough, as when two pieces lead to each other.
+  /// Halves the step until |R| is smaller than at the start of the step. Returns false after six
+  /// halvings without success. This happens if the steps of two pieces lead to each other.
   bool backtrack(double c, const Vec3& from, const Vec3& d, double start) noexcept {
     Vec3 part = 0.5 * d;
     for (int i = 0; i < 6; ++i, part *= 0.5) {
@@ -309,10 +314,11 @@ class Compliant {
     return false;
   }
 
-  /// Jumps over a fold, where a balance has ended. At a fold the determinant of J has changed its
-  /// sign, and Newton leads back to a place where |R| is least but not zero. In the opposite
-  /// direction of Newton's step, the determinant changes its sign again, and another balance begins
-  /// (Branin 1972). Returns false if that place is not found.
+  /// Jumps over a fold. A fold is a place at which the solution that Newton's method followed
+  /// ceases to exist. There the determinant of J has changed its sign. Newton's method then
+  /// converges to a place with a minimum of |R| above zero. This function moves against the
+  /// direction of Newton's step until the determinant changes its sign again. Another solution
+  /// begins there (Branin 1972). Returns false if that place is not found.
   bool crossFold(double c, const Vec3& from, const Vec3& d) noexcept {
     Vec3 onwards = -d;
     for (int i = 0; i < 7 && solves_ < most_; ++i, onwards *= 2.0) {
@@ -325,9 +331,9 @@ class Compliant {
     return false;
   }
 
-  /// Runs Newton at compliance c until |R| <= enough S. The first step uses the present pieces,
-  /// from the last tick or from the last c. Returns false after `most` steps, or after `patience`
-  /// steps that do not halve |R|.
+  /// Runs Newton's method at compliance c until |R| <= enough S. The first step uses the present
+  /// pieces, which are those of the last tick or of the last c. Returns false after `most` steps,
+  /// or after `patience` steps that do not halve |R|.
   bool newton(double c, int most, int patience, double enough) noexcept {
     double last = kUnbounded;
     double least = kUnbounded;
@@ -375,7 +381,7 @@ class Compliant {
   }
 
   /// Starts from the pieces and kept values of the last tick, rotated with their planes and lines.
-  /// If the balance has not changed, one step is enough.
+  /// One step is enough if the balance is the same as in the last tick.
   bool warmStart() noexcept {
     const auto turned = [](const Vec3& q, const Vec3& b, bool sticks) {
       const Vec3 v = across(q, b);
@@ -440,11 +446,12 @@ class Compliant {
   }
 
   /// Removes the compliance by the method of multipliers. A kink keeps the load that it bears, and
-  /// the place moves onto the kinks, faster for a smaller c. A friction that slips keeps its pull
-  /// as well, because a proxy that comes to rest is at the threshold. Without the kept pull, it
-  /// would alternate between sticking and slipping. The method may not converge if frictions press
-  /// each other's planes; then only c is reduced. Returns false if the place was found with kept
-  /// values of the last tick and no solution is near it without them.
+  /// the place moves onto the kink. A smaller c makes this motion faster. A friction that slips
+  /// keeps its pull as well. The reason is a proxy that comes to rest, whose friction is at its
+  /// threshold: without the kept pull, the friction would alternate between sticking and slipping.
+  /// The method may not converge if frictions press each other's planes. Then only c is reduced.
+  /// Returns false if the place was found with values kept from the last tick, and no solution is
+  /// near it without them.
   bool removeCompliance() noexcept {
     constexpr int kRounds = 8;
     const Vec3 soft = x_;
@@ -482,13 +489,14 @@ class Compliant {
   double length_ = 0.0;     ///< S/k [m].
   double hard_ = 0.0;       ///< The wanted compliance [m].
   double enough_ = 0.0;
-  bool turned_ = false;    ///< True if the determinant in the last step was below zero.
-  double rounding_ = 0.0;  ///< |R| that rounding leaves at hard_, as a share of S.
+  bool turned_ = false;  ///< True if the determinant in the last step was below zero.
+  /// Part of |R| that rounding causes at the compliance `hard_`, as a share of S.
+  double rounding_ = 0.0;
   bool known_ = false;
   Vec3 x_ = Vec3::Zero();
   Vec3 best_ = Vec3::Zero();
   double least_ = kUnbounded;
-  int most_;  ///< Largest number of solves.
+  int most_;  ///< Largest number of linear solves.
   int solves_ = 0;
 };
 

@@ -14,13 +14,13 @@ struct CouplingParams {
   double damping = 0.0;      ///< D of eq. (3) [N s/m], >= 0.
 };
 
-/// Age of the length with which the rate of a spring's length is measured [s], approximately. With
-/// a single tick, the resolution of the encoder would cause a rate that grows with the rate of the
-/// loop. A longer time delays the damping: docs/stability.md, "How long damping looks back".
+/// Time over which the change of a spring's length is measured [s], approximately. Over a single
+/// tick, one step of the encoder would give a rate in proportion to the rate of the loop. A time
+/// longer than this delays the damping: docs/stability.md, "How long damping looks back".
 inline constexpr double kRateTime = 2e-3;
 
-/// Measures the rate of a spring's length, as the difference from the reading whose age is nearest
-/// to `time` [s].
+/// Measures the rate of a spring's length. The rate is the difference from the earlier length whose
+/// age is nearest to `time` [s], divided by that age.
 class LengthRate {
  public:
   /// @param time  Age of the reading to compare with [s]; 0 selects the previous reading.
@@ -32,7 +32,8 @@ class LengthRate {
   /// Forgets all lengths. The rate of the next length is 0.
   void forget() noexcept { count_ = 0; }
 
-  static constexpr std::size_t kMost = 128;  ///< Enough for 2 ms at 64 kHz.
+  /// Largest number of stored lengths, enough for 2 ms at 64 kHz.
+  static constexpr std::size_t kMost = 128;
 
  private:
   struct Reading {
@@ -44,7 +45,7 @@ class LengthRate {
   double now_ = 0.0;
   std::size_t count_ = 0;
   std::size_t last_ = 0;
-  std::size_t then_ = 0;  ///< The reading whose age is nearest to `time`.
+  std::size_t then_ = 0;  ///< Index of the stored length whose age is nearest to `time`.
   std::array<Reading, kMost> readings_{};
 };
 
@@ -71,7 +72,8 @@ inline constexpr double kStiffnessRate = 5000.0;
 /// N/m at 6 mm.
 inline constexpr double kStiffnessTank = 0.01;
 
-/// A coupling stiffness that a transfer function sets, and the energy available for its rise.
+/// A coupling stiffness that a transfer function sets, and the energy that is available to raise
+/// the stiffness.
 struct VaryingStiffness {
   double value = 0.0;  ///< Stiffness k [N/m]; 0 if not yet set.
   /// Energy that the proxy has dissipated and that a rise of the stiffness may use [J].

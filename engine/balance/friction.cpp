@@ -40,7 +40,7 @@ void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
 /// Returns true if the primitives at x hold more directions than are independent. The load can then
 /// be distributed in many ways.
 bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexcept {
-  constexpr double kHere = 1e-9;  // [m]
+  constexpr double kHere = 1e-9;  // [m]: a primitive within this distance of x holds at x
   constexpr double kSome = 1e-6;  // eigenvalues of the sum of projectors below this count as zero
   Mat3 held = Mat3::Zero();
   int directions = 0;
@@ -161,10 +161,10 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   for (std::size_t i = 0; i < links.size(); ++i) start.held[i] = items[links[i].line].strength;
   if (!found) {
     result.status = SolveStatus::kIterationLimit;
-    start.plane_count = 0;  // the next balance starts without memory
+    start.plane_count = 0;  // the next balance starts without the memory of this one
   } else {
-    // The result is the place that the loads balance. It meets Coulomb's law. The bound covers its
-    // distance to the balance with the strengths in the set.
+    // The result is the place at which the loads found above balance the spring. Its frictions meet
+    // Coulomb's law. The bound is the distance to the balance with the strengths in the set.
     const Vec3 offset = search.place() + (proxy - probe);
     result.error_bound += (offset - result.offset).norm();
     result.error_bound += search.missing() / stiffness;

@@ -1,4 +1,5 @@
-/// Coulomb friction in the balance. A friction and the load that causes it belong to the same tick.
+/// Coulomb friction in the balance. The strength of a friction depends on its load in this tick,
+/// not on that of the last tick.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +16,8 @@ namespace palpate {
 /// State of a plane: it does not touch the proxy, holds it, or yields to it.
 enum class Piece : std::uint8_t { kFree, kHolds, kYields };
 
-/// One plane of a balance and its friction, with the pieces of their force laws that apply.
+/// One plane of a balance and its friction. A force law has several pieces (Piece); the members
+/// state which piece applies.
 struct RoughPlane {
   Vec3 q;              ///< Unit normal.
   double foot;         ///< Height of the plane over the old proxy: q.(x_i - proxy) [m].
@@ -29,10 +31,10 @@ struct RoughPlane {
   double load;       ///< n, the load [N].
   double kept_load;  ///< Load at zero penetration [N].
   Vec3 pull;         ///< b: the friction is -mu n b, |b| <= 1.
-  Vec3 read;         ///< b as computed from the place.
+  Vec3 read;         ///< b, computed from the place by Compliant::read().
   Vec3 kept_pull;    ///< b at zero slip.
-  Piece piece;       ///< Piece as computed from the place.
-  bool sticks;       ///< True if |b| < 1 as computed from the place.
+  Piece piece;       ///< Piece, computed from the place by Compliant::read().
+  bool sticks;       ///< True if |b| < 1, computed from the place by Compliant::read().
 };
 
 /// One point or line of a balance, in the same form as RoughPlane.
@@ -43,13 +45,13 @@ struct Pull {
   bool line;          ///< True for a line, false for a point.
   std::size_t index;  ///< Index of the primitive.
   Vec3 pull;          ///< z: the force is -s z, |z| <= 1.
-  Vec3 read;          ///< z as computed from the place.
+  Vec3 read;          ///< z, computed from the place by Compliant::read().
   Vec3 kept_pull;     ///< z at zero displacement.
-  bool holds;         ///< True if |z| < 1 as computed from the place.
+  bool holds;         ///< True if |z| < 1, computed from the place by Compliant::read().
 };
 
-/// Frictions of the last balance, from which the next one starts. The constructor allocates all
-/// memory.
+/// Frictions of the last balance, from which the search for the next balance starts. The
+/// constructor allocates all memory.
 struct FrictionStart {
   FrictionStart() : planes(kMaxPrimitives), pulls(kMaxPrimitives), held(kMaxPrimitives, 0.0) {}
   void forget() noexcept { count = 0; }  ///< Makes the next balance start without memory.
@@ -63,7 +65,8 @@ struct FrictionStart {
   std::size_t count = 0;  ///< Number of links of the last balance; 0 if there is no memory.
 };
 
-/// Finds the balance in which every line of set.links() has the strength of Coulomb's law,
+/// Finds the balance in which the line of each entry in set.links() has the strength of Coulomb's
+/// law,
 ///
 ///     s_t = mu n,   n the load of its plane in the same balance,
 ///
@@ -77,14 +80,15 @@ struct FrictionStart {
 /// has a solution for any mu, k and angle, because its forces are bounded (Brouwer). In a wedge
 /// that friction can jam, there are several solutions. The search finds the one that continues that
 /// of the last tick. The method is Newton with the duals b and z in its derivative (Hintermueller
-/// and Stadler 2006), and a line search on R.d. If a balance ends, Newton leaps to the next one.
-/// The search starts from the pieces of the last tick. If this fails, it proceeds from soft kinks
-/// to hard ones. If this fails too, it starts with all frictions sticking. Then the method of
-/// multipliers removes c. The multipliers are kept from tick to tick. Finally solveProxy runs with
-/// those strengths and proves the place. If no balance is found, each friction takes the larger of
-/// its strength in the last tick and in the trial with the least |R|. So no friction slips because
-/// a search failed. In all cases, the primitives are anchored at the old proxy, or at its foot as
-/// described below. So the balance adds no energy beyond the effect of error_bound.
+/// and Stadler 2006), and a line search on R.d. If a solution ceases to exist, the search jumps to
+/// another solution. The search starts from the pieces of the last tick. If this fails, it proceeds
+/// from soft kinks to hard ones. If this fails too, it starts with all frictions sticking. Then the
+/// method of multipliers removes c. The multipliers are kept from tick to tick. Finally solveProxy
+/// runs with those strengths, and bounds the error of the place. If no balance is found, each
+/// friction takes the larger of its strength in the last tick and in the trial with the least |R|.
+/// So a failed search does not make a friction slip. In all cases, the primitives are anchored at
+/// the old proxy, or at its foot as described below. So the balance adds no energy beyond the
+/// effect of error_bound.
 ///
 /// @param forces  At least as many entries as primitives. Receives the forces as in solveProxy. If
 ///                several kinks share a load, a balance without memory has the least sum |f|^2/s.

@@ -12,7 +12,7 @@
 
 namespace palpate::solver {
 
-/// A line search ends when the slope has fallen to this share.
+/// A line search ends when the slope has fallen to this share of its first value.
 inline constexpr double kSlopeLeft = 0.03;
 /// If |z|^2 is below this, the multiplier is inside its ball, and the primitive holds the proxy on
 /// its kink.
@@ -27,7 +27,7 @@ inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, doub
                      t.z[2][i] + per_gamma * dz);
 }
 
-/// How to decide whether a primitive is on its kink.
+/// Two ways to decide whether a primitive is on its kink.
 enum class Pieces : std::uint8_t {
   kActual,    ///< By u: the primitive is on its kink if |u| <= 1.
   kBelieved,  ///< By the multiplier: the primitive is on its kink if |z| < 1.
@@ -94,8 +94,8 @@ inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat
   return at - problem.spring + Vec3(gx, gy, gz);
 }
 
-/// The envelope along a line from the place of the last envelopeGradient. With v = P step / gamma,
-/// the length of u + t v is sqrt(c (t - turn)^2 + nearest).
+/// The envelope along a straight line from the place of the last call of envelopeGradient. With v =
+/// P step / gamma, the length of u + t v is sqrt(c (t - turn)^2 + nearest).
 class Line {
  public:
   Line(Problem& problem, double gamma, const Vec3& at, const Vec3& step) noexcept
@@ -146,8 +146,8 @@ class Line {
 
   /// Returns the t between 0 and 1 at which the slope has nearly vanished. The slope is `at_start`
   /// < 0 at 0 and `at_end` > 0 at 1. The search is bracketed, by Chandrupatla's mix of inverse
-  /// quadratic interpolation and halving. Kinks may be many orders of magnitude nearer to 0 than 1
-  /// is, so it halves the exponent.
+  /// quadratic interpolation and halving. Kinks may be many orders of magnitude nearer to 0 than to
+  /// 1. So the halving applies to the exponent of t.
   [[nodiscard]] double lowest(double at_start, double at_end) const noexcept {
     constexpr int kMostTrials = 40;
     constexpr double kNearest = 1e-15;
@@ -215,7 +215,8 @@ inline void updateMultipliers(Problem& problem, double gamma, const Vec3& at) no
     double ny = shrink * uy;
     double nz = shrink * uz;
     if constexpr (pieces == Pieces::kBelieved) {
-      // If a term was assumed to be off its kink and ends on the other side, it is on its kink.
+      // If a term that was assumed to be off its kink ends on the opposite side of the kink, it is
+      // on the kink.
       const bool crossed = ux * zx + uy * zy + uz * zz < 0.0;
       nx = crossed ? 0.9 * zx : nx;
       ny = crossed ? 0.9 * zy : ny;
@@ -236,7 +237,7 @@ inline bool minimiseEnvelope(Problem& problem, double gamma, double enough, int 
     const Vec3 g = envelopeGradient<Pieces::kActual>(problem, gamma, y, H);
     const Vec3 step = -solve3(H, g);
     ++solves;
-    const double slope = g.dot(step);  // < 0: the step lowers the envelope by about -slope/2
+    const double slope = g.dot(step);  // < 0: a full step lowers the envelope by about -slope/2
     const Line line(problem, gamma, y, step);
     const double end = line.slope(1.0);
     y += (end > -kSlopeLeft * slope ? line.lowest(slope, end) : 1.0) * step;
@@ -245,15 +246,16 @@ inline bool minimiseEnvelope(Problem& problem, double gamma, double enough, int 
   return false;
 }
 
-/// Makes guesses of one general balance and proves them.
+/// Searches the balance in the general case. A guess is accepted if certify() bounds its error by
+/// the tolerance.
 class Search {
  public:
   Search(Problem& problem, const SolverParams& params) noexcept
       : problem_(problem), params_(params) {}
 
-  /// Tries the assumption that the primitives that held the proxy in the last tick still hold it.
-  /// Newton runs on the norms of the others; the kinks of the holding primitives become almost
-  /// rigid springs. Returns true if the result is proved.
+  /// Assumes that the primitives that held the proxy in the last tick still hold it. Newton's
+  /// method minimises the norms of all other primitives. The kinks of the holding primitives become
+  /// almost rigid springs. Returns true if a bound proves the result.
   bool warm(Vec3 y) noexcept {
     constexpr double kGamma = 1e-10;
     constexpr int kMostSolves = 4;
@@ -271,18 +273,19 @@ class Search {
   /// Runs the proximal method of multipliers. In each round, Newton minimises envelopes around z,
   /// and then gamma is reduced. The result is exact at kinks, and the conditioning does not worsen
   /// with a smaller tolerance. The method starts without memory, because a start at the edge of the
-  /// unit balls can stop Newton. Returns true if the result is proved.
+  /// unit balls can stop Newton. Returns true if a bound proves the result.
   bool cold() noexcept {
     constexpr double kFirstGamma = 0.3;
     constexpr double kTighten = 0.03;
     constexpr double kLastGamma = 1e-13;
-    constexpr double kNear = 1e-3;  // for a smaller gamma, the origin follows the iterate
+    // if gamma is below this, the origin moves to the iterate in each round
+    constexpr double kNear = 1e-3;
     // Each envelope is minimised only to some hundred gamma, because the multipliers compensate for
     // the error.
     constexpr double kLoose = 1e5;
     // A round that takes more steps than this means that gamma was reduced too fast. gamma is then
-    // increased, and reduced more slowly from then on. (With the same factor, the rounds could
-    // repeat forever.)
+    // increased, and reduced more slowly from then on. With an unchanged factor, the rounds could
+    // repeat forever.
     constexpr int kMostOfRound = 8;
     constexpr double kRelax = 12.0;
     constexpr double kCareful = 0.35;

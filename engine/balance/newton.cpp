@@ -80,8 +80,9 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
   return held;
 }
 
-/// Returns x = S^-1 b if S is stable. Otherwise returns the step down from the ridge. It uses the
-/// magnitudes of the eigenvalues of S's symmetric part, each at least kFloor.
+/// Returns x = S^-1 b if all eigenvalues of the symmetric part of S are above kFloor. Otherwise the
+/// balance is a ridge (newton.h), and the function returns a step down from the ridge. That step
+/// uses the magnitudes of the eigenvalues, each at least kFloor.
 constexpr double kFloor = 0.05;
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,

@@ -197,9 +197,9 @@ class OnePlane {
   const FrictionLink& link_;
   const Primitive& plane_;
   Vec3 grip_;
-  Vec3 from_;  ///< From the probe to the grip.
+  Vec3 from_;  ///< Vector from the probe to the grip.
   Vec3 q_;
-  double height_;  ///< Height of the grip.
+  double height_;  ///< Height of the grip over the plane.
   double most_;    ///< Strength of the plane.
   double drags_ = 0.0;
   double size_ = 0.0;  ///< Sum of all strengths.

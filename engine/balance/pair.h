@@ -22,7 +22,7 @@ namespace palpate::solver {
 ///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,
 ///
 /// with s_0 and h_0 at a = 0. h(s) is linear where the other primitive holds (|d| <= sigma). Beyond
-/// that range it is convex on one side and concave on the other.
+/// that range it is convex on one side and concave on the opposite side.
 class Pair {
  public:
   Pair(const Problem& problem, std::size_t plane, std::size_t other) noexcept
@@ -130,20 +130,22 @@ class Pair {
   Vec3 q_;
   double foot_;   ///< q.b of the plane
   double most_;   ///< sigma of the plane
-  double sigma_;  ///< sigma of the other
+  double sigma_;  ///< sigma of the other primitive
   Vec3 e_;
-  Vec3 d_;     ///< d at zero force of the plane
-  Vec3 kink_;  ///< at zero force of the plane, the place of the other's kink that is nearest to the
-               ///< spring's end
+  Vec3 d_;  ///< d at zero force of the plane
+  /// place on the kink of the other primitive that is nearest to the spring's end, at zero force of
+  /// the plane
+  Vec3 kink_;
   double e2_;
   double slope_;
   double s0_;
   double h0_;
   double aside2_;
-  double force_ = 0.0;  ///< a
+  double force_ = 0.0;  ///< a, the force of the plane
 };
 
-/// Tries Pair. Returns false if neither is a plane, both are almost orthogonal, or the bound fails.
+/// Balances the primitives by Pair. Returns false if neither primitive is a plane, if they are
+/// almost orthogonal, or if the bound exceeds the tolerance.
 inline bool trySolvePair(const Problem& problem, const SolverParams& params,
                          SolveResult& result) noexcept {
   const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;

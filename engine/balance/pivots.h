@@ -45,8 +45,9 @@ class Pivots {
     setMultipliers(gradient(y));
     return false;
   }
-  /// Returns the solution again after the origin has been moved to it. Heights then keep their
-  /// digits, and those of the planes that hold vanish. Also sets the multipliers.
+  /// Computes the solution once more after the origin was moved to it, and sets the multipliers.
+  /// Near the origin, heights are accurate to their own last digits. The heights of the planes that
+  /// hold are zero.
   [[nodiscard]] Vec3 onHeld() noexcept {
     Vec3 y = Vec3::Zero();
     for (std::size_t k = 0; k < held_; ++k) {
@@ -129,11 +130,12 @@ class Pivots {
     const auto less = [&](const Met& met) {
       return 2.0 * t.sigma[met.plane] * std::abs(rate(met.plane)) / slope;
     };
-    double way = 1.0;  // share of d at which the slope would vanish without further planes
+    // share of d at which the slope would vanish if the step passed no further planes
+    double way = 1.0;
     std::size_t stop = t.count;
     Met* first = met_.data();
     Met* last = first + count;
-    constexpr int kMostPartings = 64;  // on average, six are enough
+    constexpr int kMostPartings = 64;  // largest number of partitions; on average six are enough
     for (int parting = 0; first != last && parting < kMostPartings; ++parting) {
       const double at = first[(last - first) / 2].way;
       Met* const here = std::partition(first, last, [at](const Met& m) { return m.way < at; });
@@ -219,7 +221,7 @@ class Pivots {
     double way;
     std::size_t plane;
   };
-  std::array<Met, kMaxPrimitives> met_;  ///< Scratch memory of lineSearch().
+  std::array<Met, kMaxPrimitives> met_;  ///< Working memory of lineSearch().
   std::array<std::size_t, 3> holder_{};
   std::array<Vec3, 3> basis_;  ///< The normals that hold, each made orthogonal to those before it.
   std::size_t held_ = 0;

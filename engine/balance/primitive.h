@@ -48,7 +48,7 @@ enum class Load : std::uint8_t {
 };
 /// Returns the load of a primitive, given its force on the proxy [N]. RT: no allocation.
 [[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
-  constexpr double kLeast = 1e-12;  // [N]
+  constexpr double kLeast = 1e-12;  // [N]: a load up to this counts as none
   constexpr double kAll = 1.0 - 1e-9;
   const double load = force.norm();
   if (!(load > kLeast)) return Load::kNone;
@@ -104,8 +104,9 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
-  /// Returns the entry of the primitive that was appended last, for writing. A second call returns
-  /// the same entry. If the set is empty, the entry belongs to no primitive. RT: no allocation.
+  /// Returns the Varying entry of the primitive that was appended last, for writing. A second call
+  /// returns the same entry. If the set is empty, the returned entry belongs to no primitive. RT:
+  /// no allocation.
   Varying& vary() noexcept {
     if (count_ == 0) return varying_[0];
     if (varying_count_ == 0 || varying_[varying_count_ - 1].index + 1 != count_) {
@@ -122,7 +123,8 @@ class PrimitiveSet {
   /// Moves primitive i to `position` [m]. RT: no allocation.
   void setPosition(std::size_t i, const Vec3& position) noexcept { items_[i].position = position; }
 
-  /// Removes all primitives, friction links and entries, and keeps the memory. RT: no allocation.
+  /// Removes all primitives, friction links and Varying entries, and keeps the memory. RT: no
+  /// allocation.
   void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
   /// Number of primitives, friction lines included.
   [[nodiscard]] std::size_t size() const noexcept { return count_; }
@@ -134,11 +136,11 @@ class PrimitiveSet {
   [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
     return {links_.data(), link_count_};
   }
-  /// Returns the entries of the primitives that vary, in the primitives' order.
+  /// Returns the Varying entries, in the order of their primitives.
   [[nodiscard]] std::span<const Varying> varying() const noexcept {
     return {varying_.data(), varying_count_};
   }
-  /// Returns the same entries, for writing.
+  /// Returns the Varying entries, for writing.
   [[nodiscard]] std::span<Varying> varying() noexcept { return {varying_.data(), varying_count_}; }
 
  private:

@@ -59,7 +59,8 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   for (std::size_t i = 0; i < terms.count; ++i) {
     const Vec3 d = project(terms, i, problem.spring) - get(terms.b, i);
     const double r = d.norm();
-    // On its kink, a primitive takes all of d. Off its kink, it takes as much as its strength.
+    // On its kink, a primitive cancels all of d. Off its kink, it cancels as much of d as its
+    // strength allows.
     pull += r > terms.sigma[i] ? Vec3((terms.sigma[i] / r) * d) : d;
     set(terms.z, i, d / std::max(r, terms.sigma[i]));
   }
@@ -98,7 +99,7 @@ double share(const Primitive& primitive) noexcept {
   return 0.0;
 }
 
-/// Further results of makeProblem.
+/// Results of makeProblem besides the problem itself.
 struct Remainder {
   Vec3 origin = Vec3::Zero();  ///< origin of the terms, from the probe [m]
   double bound = 0.0;  ///< largest effect of rounding and of omitted primitives on the result [m]
@@ -270,7 +271,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   } else if (count == 2 && trySolvePair(problem, wanted, result)) {
     result.solver = SolverKind::kPair;
   } else {
-    // The proxy is expected to move as in the last tick.
+    // The guess assumes that the proxy moves as in the last tick.
     Vec3 guess = Vec3::Zero();
     if (warm != nullptr) guess = start - probe + warm->motion - remainder.origin;
     balanceGeneral(problem, guess / problem.length, primitives.size(), wanted, warm, result);

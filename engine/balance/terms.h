@@ -29,7 +29,7 @@ struct Terms {
   std::array<double*, 3> b;
   std::array<double*, 3> z;  ///< multiplier: the force is -sigma z, |z| <= 1, in the range of P
   std::array<double*, 3>
-      /// scratch of envelopeGradient, of Line and of Pivots
+      /// working memory of envelopeGradient, Line and Pivots
       u;
   std::size_t* source;  ///< index of the primitive
 
@@ -124,8 +124,8 @@ inline void Terms::placeFeet(const Vec3& origin, double scale) noexcept {
   const double oz = origin.z();
 #pragma omp simd
   for (std::size_t i = 0; i < count; ++i) {
-    // The projection is repeated, because the rounding error outside the range of P is not small
-    // compared with a near foot.
+    // The projection is repeated. The rounding error outside the range of P is not small compared
+    // with b if the kink is near the origin.
     const auto [ax, ay, az] = constrained(*this, i, scale * (b[0][i] - ox), scale * (b[1][i] - oy),
                                           scale * (b[2][i] - oz));
     const auto [bx, by, bz] = constrained(*this, i, ax, ay, az);

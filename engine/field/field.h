@@ -44,7 +44,7 @@ struct Attention {
 /// Mutable state that one thread needs to read one field, such as an accessor and the last cell. A
 /// Reader owns one FieldCache for each of its fields.
 struct alignas(64) FieldCache {
-  /// The field decides the layout. Valid after AnyField::reset().
+  /// Memory for the field's own data structure. Valid after AnyField::reset().
   std::array<std::byte, 1984> bytes;
 };
 
@@ -102,7 +102,7 @@ class AnyField {
     return false;
   }
   /// Announces the end of a tick for which attend() was called. The field is not read with this
-  /// cache until the next tick. RT: no allocation.
+  /// cache until attend() announces the next tick. RT: no allocation.
   virtual void leave(FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
   /// Returns true if the field needs calls of attend() and leave().
   [[nodiscard]] virtual bool attends() const noexcept { return false; }
@@ -145,13 +145,13 @@ class ScalarField : public AnyField {
   /// allocation.
   [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
                                               FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-  /// Finds the place where sign (V - level) first falls below zero on the path from a_W to b_W [m],
-  /// within the data. There a proxy that comes from the free side touches the surface. If the path
-  /// begins at or below zero, it crosses at its start if the value falls there; else it crosses
-  /// where the value falls after a rise. The default reads a value every half voxel; a grid
-  /// searches exactly. The search covers at most 128 voxels (in a grid 256 cells), and an end that
-  /// is not finite gives no result. RT: no allocation. Cost: a sample every half voxel; in a grid,
-  /// some 50 ns for each cell except the one read last.
+  /// Finds the first place on the path from a_W to b_W [m] where h = sign (V - level) falls below
+  /// zero, within the data. There a proxy from the free side touches the surface. If h <= 0 at
+  /// a_W, the crossing is at a_W if h falls there, otherwise where h falls below zero after h was
+  /// above zero. The default reads a value every half voxel; a grid searches exactly. The search
+  /// covers at most 128 voxels (in a grid 256 cells). An end that is not finite gives no result.
+  /// RT: no allocation. Cost: a sample every half voxel; in a grid, some 50 ns for each cell except
+  /// the one read last.
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;

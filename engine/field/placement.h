@@ -158,7 +158,7 @@ struct Body {
   Vec3 swept = Vec3::Zero();    ///< Vector from `seen` to the place where the path to `seen` ended,
                                 ///< by the pose before the reading [m]. Zero for a rigid pose. The
                                 ///< next path begins at that place.
-  /// True if the volume has moved since the proxy moved; else `carried` is the proxy.
+  /// True if the volume has moved since the proxy last moved. If false, `carried` equals the proxy.
   bool moved = false;
 };
 

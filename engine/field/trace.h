@@ -12,7 +12,8 @@ struct TraceOrder {
   Vec3 along = Vec3::UnitX();
   double length = 0.0;   ///< Arc length [m], negative for backwards. With `to_hand`, the largest
                          ///< length in either direction.
-  bool to_hand = false;  ///< Trace towards the hand, to the first place nearest to the hand.
+  bool to_hand = false;  ///< True to trace towards the hand, up to the first place that is nearest
+                         ///< to the hand.
   Vec3 hand = Vec3::Zero();        ///< Vector from the start to the hand [m]; decides `hairpin`.
   Mat3 metric = Mat3::Identity();  ///< Metric M of distances to the hand: |d|^2 = d^T M d.
   /// A trace to the hand ends when the pull along the curve is this small [voxels].

@@ -58,7 +58,8 @@ class CellTrace {
     if (begin()) {
       way_ = k1_;
       int steps = 0;
-      const int most = 4 * order_.max_steps;  // counts the steps that were too long
+      // limit of all tried steps, including those that were too long
+      const int most = 4 * order_.max_steps;
       for (int tries = 0; left_ > kEnough; ++tries) {
         if (order_.to_hand && atHand()) break;
         capped = steps >= order_.max_steps || tries >= most;
@@ -78,7 +79,7 @@ class CellTrace {
   static constexpr double kLongest = 1.0;  // longest step [voxels]
   // factor that lengthens a step to a face, so that it reaches the face
   static constexpr double kPast = 1.03;
-  static constexpr double kMostGrowth = 4.0;  // growth of a step without error, before the clamps
+  static constexpr double kMostGrowth = 4.0;  // largest growth of a step, for a step without error
   static constexpr double kRough =
       1.0 / 75.0;  // weight of the rough error estimate, found by measurement
   // [voxels]: a trace with no more length left than this is complete
@@ -141,7 +142,8 @@ class CellTrace {
     return face;
   }
 
-  /// Reads the direction k2_ in the middle of a straight step of length h_. Both rules share it.
+  /// Reads the direction k2_ in the middle of a straight step of length h_. The midpoint rule and
+  /// RK4 both use it.
   [[nodiscard]] bool middle() noexcept {
     if (h_ == middle_of_) return true;
     middle_of_ = 0.0;

@@ -25,8 +25,8 @@ void CacheWarmup::look(const HandState& hand, const StepReport& report) noexcept
 }
 
 bool CacheWarmup::strayed() const noexcept {
-  // The hand was not exactly at the expected place. If the proxies are farther apart than this,
-  // they are on two sides of an object.
+  // The hand may differ from its expected place. Proxies that are farther apart than this are on
+  // two sides of an object.
   constexpr double kApart = 2e-4;  // [m]
   return !fresh_ || warmed_.primitives != real_.primitives ||
          !((warmed_.proxy - real_.proxy).norm() < kApart);

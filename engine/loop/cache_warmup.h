@@ -1,8 +1,8 @@
 /// Cache warm-up: a tick without output, shortly before the real tick. It loads the code and the
-/// data of the tick into the processor's caches, which other programs have used meanwhile. Without
-/// a warm-up, a tick after a millisecond of sleep takes several times as long as one right after
-/// another. The code of a tick has some 600 cache lines and 360 taken branches, which the processor
-/// forgets if other programs are busy.
+/// data of the tick into the processor's caches. Since the last tick, other programs may have
+/// replaced them. Without a warm-up, a tick after a millisecond of sleep takes several times as
+/// long as a tick that follows another tick at once. The code of a tick has some 600 cache lines
+/// and 360 taken branches, which the processor forgets if other programs are busy.
 #pragma once
 
 #include <cstdint>
@@ -13,22 +13,23 @@
 
 namespace palpate {
 
-/// A copy of a proxy that moves to the expected place of the hand. The state of the real proxy does
-/// not change: its time, memory, tank and reader.
+/// The twin: a copy of a proxy that moves to the expected place of the hand. The real proxy keeps
+/// its state, such as its time, memory, tank and reader.
 class CacheWarmup {
  public:
-  /// Allocates memory like a ProxyState and a Reader. `limits` are those of the device.
+  /// Allocates the memory of a ProxyState and a Reader. `limits` are those of the device.
   explicit CacheWarmup(const ForceLimits& limits) : twin_(limits) {}
 
   /// Records the hand and the report of a tick. Call it after every tick.
   void look(const HandState& hand, const StepReport& report) noexcept;
 
   /// Runs a tick of the twin. The expected place of the hand is its last place plus its last
-  /// displacement. If the twin has strayed from the proxy, it first copies the whole state of
-  /// `real`. No tick runs if the force is cut, or before look() has recorded two ticks. Scenes with
-  /// user-defined modes have no warm-up either, because it would call these modes twice.
+  /// displacement. If the last tick of the twin differed too much from the real tick, the function
+  /// first copies the whole state of `real`. No tick runs if the force is cut, or before look() has
+  /// recorded two ticks. Scenes with user-defined modes have no warm-up, because it would call
+  /// these modes twice.
   ///
-  /// RT: no allocation. Cost: a tick; if the twin has strayed, also a copy of a ProxyState.
+  /// RT: no allocation. Cost: a tick; if the state of `real` is copied, also that copy.
   /// @return  True if a tick ran.
   bool run(const Scene& scene, const ProxyState& real, double dt) noexcept PALPATE_NONBLOCKING;
 

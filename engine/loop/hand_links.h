@@ -15,7 +15,7 @@ namespace palpate {
 
 inline constexpr std::size_t kMostLinks = 7;  ///< Largest number of remote hands.
 
-/// The newest word of each remote hand.
+/// The newest message (LinkWord) of each remote hand.
 struct LinksHeard {
   /// Number that identifies each hand; 0 if there is none. A changed number begins a new link.
   std::array<std::uint64_t, kMostLinks> who{};
@@ -59,11 +59,11 @@ class HandLinks {
   /// RT: no allocation.
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// Call it instead of pull() if no force is sent to a hand. The remote hands get no word of this
-  /// tick.
+  /// Call it instead of pull() if no force is sent to a hand. The remote hands get no message about
+  /// this tick.
   void rest(const HandState& hand) noexcept PALPATE_NONBLOCKING;
-  /// Call it at the end of a tick with pull(). `share` is a lower bound of the share of that force
-  /// that is part of the sent `force`. RT: no allocation; one atomic exchange.
+  /// Call it at the end of a tick with pull(). `share` is a lower bound of the share of the pull
+  /// that is contained in the sent `force`. RT: no allocation; one atomic exchange.
   void pulled(double share, const HandState& hand, const Vec3& proxy,
               const Vec3& force) noexcept PALPATE_NONBLOCKING;
 

@@ -32,8 +32,8 @@ class HandTick {
   /// force.
   explicit HandTick(const ForceLimits& limits) : state_(limits) {}
 
-  /// Begins a tick with `hand`, `dt`, `cleared` and `wrong`. If `scene` is null, the force is zero.
-  /// RT: see hapticStep.
+  /// Begins a tick. Reads all of `in` except `order`, `given` and `unsent`, which withhold() and
+  /// sent() read. If `scene` is null, the force is zero. RT: see hapticStep.
   [[nodiscard]] StepReport step(const Scene* scene,
                                 const TickInput& in) noexcept PALPATE_NONBLOCKING;
   /// If `order` is set, removes the force from the report and releases the hand. RT: no allocation.

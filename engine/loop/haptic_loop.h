@@ -34,14 +34,14 @@ class TickSink {
 
 /// Atomic words that a loop shares with its guardian, which may be in another process.
 struct LoopWatch {
-  /// Incremented by the loop in every tick, except while writes fail.
+  /// Counter that the loop increments in every tick, except while writes fail.
   std::atomic<std::uint64_t>* heart = nullptr;
-  /// Incremented for each stop order. Each order cuts the force, as HapticLoop::cut does.
+  /// Counter of stop orders. Each order cuts the force, as HapticLoop::cut does.
   const std::atomic<std::uint32_t>* stops = nullptr;
-  /// Incremented by the guardian while it watches. If it does not change for patience(), the loop
-  /// cuts the force.
+  /// Counter that the guardian increments while it watches. If it stays the same for patience(),
+  /// the loop cuts the force.
   const std::atomic<std::uint64_t>* guard = nullptr;
-  /// Incremented each time the guardian has cut the force because the loop was late.
+  /// Counter of the cuts that the guardian has made because the loop was late.
   const std::atomic<std::uint32_t>* cuts = nullptr;
   /// True if the guardian runs with real-time priority.
   const std::atomic<bool>* punctual = nullptr;
@@ -159,7 +159,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   Device& device_;
   TickSink* sink_;
-  double late_;  ///< Delay of a tick that is a fault [s]. Smaller delays are only counted.
+  double late_;  ///< Delay above which a late tick is a fault [s]. Smaller delays are only counted.
   double heartbeat_;
   LoopWatch watch_by_;
   Mailbox<std::shared_ptr<const Scene>> scenes_;

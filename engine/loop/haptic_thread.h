@@ -70,7 +70,7 @@ class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// stop().
   [[nodiscard]] bool running() const noexcept { return running_.load(std::memory_order_acquire); }
 
-  /// Returns the part of LoopParams::realtime that the system granted.
+  /// Returns which requests in LoopParams::realtime the system granted.
   [[nodiscard]] const RealtimeReport& realtime() const noexcept { return realtime_; }
   /// Returns the value of LoopParams::early that is in use [s].
   [[nodiscard]] double early() const noexcept { return early_; }

@@ -29,7 +29,8 @@ double energyOf(const LinkParams& params, double length) noexcept {
 }  // namespace
 
 void Link::forgetOther() noexcept {
-  // An end that returns has given its energy to the old life. That energy no longer counts.
+  // The other end gave its energy to the old life. Messages to the old life add no energy from now
+  // on.
   ++life_;
   begin(0);
 }
@@ -46,7 +47,8 @@ void Link::hear(const LinkWord& word) noexcept {
   const bool sane = isPlace(word.proxy) && std::isfinite(word.given);
   if (word.from < other_ || word.from == 0 || !sane) return;
   if (word.from > other_) begin(word.from);
-  // If the sender does not know this life yet, it will begin a new sum when it does.
+  // The sender does not know the present life of this end. When it learns this life, it begins a
+  // new sum of energy.
   if (word.to != life_) return;
   if (word.number > newest_) {
     newest_ = word.number;
@@ -97,7 +99,8 @@ void Link::rest(const Vec3& hand) noexcept {
 void Link::pulled(double share) noexcept {
   const double left = std::max(0.0, share);
   least_ = std::min(least_, left);
-  // If the share is unknown, it may have had any value, and may have changed twice.
+  // The sent force may be any part of force_. The change to it and the change from it cost at most
+  // D/2 |force_| each.
   if (share < 0.0) energy_ -= params_.step * force_.norm();
   change(left * force_);
 }
@@ -119,8 +122,9 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 way = first ? Vec3::Zero() : Vec3(hand.position - last_);
   count(hand.position);
   last_ = hand.position;
-  // The next period is expected to be the mean, or the shorter of the last two if that is longer. A
-  // short tick often follows a late one.
+  // The next period is expected to be the mean period. If both of the last two periods are longer
+  // than the mean, the shorter of the two is expected. A single long period is often followed by a
+  // short one.
   mean_ = mean_ > 0.0 ? mean_ + (span_ - mean_) / kPeriods : span_;
   const double period = std::max(mean_, std::min(span_, before_));
   before_ = span_;
@@ -133,8 +137,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 offset = there_ - proxy;
   const double length = offset.norm();
   held_ = newest_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
-  // Each end keeps half of the spring's energy, and the energy that the resolution of the readings
-  // may hide.
+  // This end gives its spare energy to the other end. It keeps `start`, half of the spring's
+  // energy, and the energy that the resolution of the readings may hide.
   const double hidden = 0.5 * params_.step * sent_.norm();
   const double spare = energy_ - params_.start - 0.5 * held_ - hidden;
   if (other_ != 0 && spare > 0.0) {
@@ -145,8 +149,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   if (first || presence_ == 0.0 || length == 0.0) return force_;
   const double size = part * presence_ * std::min(params_.stiffness, params_.peak / length);
   const Vec3 wanted = hand.drives * (size * offset);
-  // Computes the largest work until the next reading, if the hand continues as it moved with a
-  // bounded acceleration.
+  // Computes the largest work until the next reading, if the hand continues its motion with an
+  // acceleration of at most kLinkNimble.
   const double turn = wanted.norm() * kLinkNimble * period * period;
   const double worst = speeds * wanted.dot(way) + turn;
   double pays = worst > 0.0 ? 0.0 : trust_;  // for a tank in debt

@@ -60,7 +60,7 @@ inline constexpr double kLinkRise = 0.1;
 /// hand's path until the next tick.
 inline constexpr double kLinkNimble = 200.0;
 
-/// A message from one end to the other.
+/// A message from one end of the spring to the opposite end.
 ///
 /// A life of an end begins when the end is made, and when it forgets the other end. A later life
 /// has a greater number, also after a restart of the program. Each pair of lives has its own sums
@@ -115,7 +115,7 @@ class Link {
   [[nodiscard]] double energy() const noexcept { return energy_; }  ///< Energy in the tank [J].
   /// Returns the share of the spring that has faded in, 0 to 1.
   [[nodiscard]] double presence() const noexcept { return presence_; }
-  /// Returns the share of the last force that the tank could pay for.
+  /// Returns the share of the force of the last pull() that the energy in the tank allowed, 0 to 1.
   [[nodiscard]] double paid() const noexcept { return paid_; }
 
  private:

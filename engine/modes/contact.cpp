@@ -18,8 +18,8 @@ constexpr double kStep = 0.5;
 /// If the proxy is this near to its surface, the plane goes through the proxy, so that kinks which
 /// differ only by rounding coincide [voxels].
 constexpr double kOnIt = 1e-9;
-/// Height above the surface at which a path of the proxy along it is swept, as a share of the
-/// path's length. Of longer paths one voxel counts.
+/// Height above the surface at which a path of the proxy along the surface is swept, as a share of
+/// the path's length. For a path longer than one voxel, this height is that of a path of one voxel.
 constexpr double kLift = 0.25;
 
 void put(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,

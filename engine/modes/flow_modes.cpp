@@ -13,9 +13,10 @@ namespace {
 /// rounding and there is no vortex.
 constexpr double kNoVortex = 1e-5;
 
-/// Returns the unit direction of a primitive that is at the proxy and must hold as far as `read`.
-/// This is the mean of the directions at both places (the trapezoidal rule). `q` is the direction
-/// where properties were read last, and `before` that at the proxy.
+/// Returns the unit direction of a primitive that is anchored at the proxy and must be valid as far
+/// as the place of the reading. This is the mean of the directions at both places (the trapezoidal
+/// rule). `q` is the direction where properties were read last, and `before` is the direction at
+/// the proxy.
 Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;

@@ -56,7 +56,7 @@ struct Transfer {
 struct SurfaceMemory {
   Contact contact;        ///< The plane and its last load.
   bool holds = false;     ///< True if the last balance lies on the contact's plane.
-  bool captured = false;  ///< True if the plane is on V = level.
+  bool captured = false;  ///< True once the plane follows the surface V = level.
   double level = 0.0;     ///< Va, in the data's unit.
 };
 
@@ -77,7 +77,7 @@ struct IsosurfaceMemory {
 
 /// Memory of a curve that holds the proxy.
 struct OnCurve {
-  bool holds = false;        ///< True if the last balance lies on the mode's line.
+  bool holds = false;        ///< True if the last balance lies on the line of the mode.
   double stride = 0.5;       ///< First step of the next trace to try [voxels].
   Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve in its volume's resting frame
                              ///< [1/voxel].
@@ -254,7 +254,7 @@ template <class M>
   return *own;
 }
 
-/// Places to which the primitives of a mode refer.
+/// Places and states to which the primitives of a mode refer.
 struct EvaluationPoint {
   /// The proxy before it moves [m]. Primitives without memory are anchored here.
   const Vec3& proxy;
@@ -317,7 +317,8 @@ struct Curve {
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Returns true if a force of this mode varies with a property's value, so that its primitives are
-/// valid only near their reading. False for surfaces and streams: their Varying limits the steps.
+/// valid only near the place of the reading. Returns false for surfaces and streams, whose steps
+/// are limited by Varying.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
 /// Updates a mode's memory from the last balance. `forces` are the forces of all `primitives` on

@@ -83,8 +83,8 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
     }
     case Side::kYielded: {
       if (free) return Side::kOutside;
-      // As in fig. 6 d, the plane stays. Once the proxy is `depth` behind it, the plane fades over
-      // one voxel.
+      // As in figure 6 d of the paper, the plane stays. Once the proxy is `depth` behind it, the
+      // plane fades over one voxel.
       const double past = contact.normal.dot(contact.anchor - place.stand.read);
       memory.share = std::clamp(1.0 - (past - mode.depth) / mode.skin.voxel, 0.0, 1.0);
       return memory.share <= 0.0 ? Side::kInside : Side::kYielded;

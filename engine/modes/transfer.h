@@ -7,8 +7,7 @@
 namespace palpate {
 
 /// A piecewise-linear curve through knots. It is constant before the first and after the last knot.
-/// A constant has one knot, a window has two. (Similar classes elsewhere: PiecewiseFunction,
-/// WindowFunction.)
+/// A constant has one knot, a window has two.
 class TransferFunction {
  public:
   using Knot = std::pair<double, double>;  ///< input, output

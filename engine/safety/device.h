@@ -34,7 +34,8 @@ struct DeviceInfo {
 /// Bytes that set the force of a device to zero. Any holder of the descriptor, such as another
 /// process, can write them.
 struct ZeroForce {
-  static constexpr std::size_t kMostBytes = 256;  ///< Room for `bytes` in a guardian [bytes].
+  /// Largest size of `bytes`, which a guardian can store [bytes].
+  static constexpr std::size_t kMostBytes = 256;
   /// Descriptor for these bytes, separate from the device's own; -1 if not available.
   int descriptor = -1;
   /// Bytes of one write, at most kMostBytes. The device owns them.

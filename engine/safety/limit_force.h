@@ -21,7 +21,7 @@ struct ForceLimits {
   /// Length of the ramp of an engagement [s]. At a hand, HapticLoop uses at least kEngage. 0 means
   /// no ramp, and is only for forces that do not reach a hand.
   double engage = 0.0;
-  TankParams tank = {};  ///< Limits of the energy that may leave the hand's port.
+  TankParams tank = {};  ///< Limits of the energy that the hand may get from the device.
 };
 
 inline constexpr double kEngage = 0.5;  ///< Shortest ramp if a hand is present [s].
@@ -50,8 +50,8 @@ struct LimiterState {
     tank.forget();
   }
 
-  /// Returns the force that StillFade compares with friction [N]. This is `wanted`, at most the
-  /// peak. During an engagement it is zero, although the ramp already gives some force.
+  /// Returns the force for the comparison with friction in StillFade [N]. This is `wanted`, at most
+  /// the peak. During an engagement it is zero, although the ramp already gives some force.
   [[nodiscard]] double letsOut(double wanted, double peak) const noexcept {
     return waiting || share < 1.0 ? 0.0 : std::min(wanted, peak);
   }

@@ -94,7 +94,8 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
   }
   since_.change += ordered - arm.lag * (then.change - acting_.change);
   since_.most = std::max(since_.most, most);
-  // A switch of the force in this time or before it is in Acting::jump or certainly over.
+  // A change of the force before this time or within it is either counted in Acting::jump or
+  // certainly complete.
   recent_ = dt < 2.0 * arm.jitter ? std::max(recent_, square) : square;
   acting_.change = then.change;
   acting_.jump = then.jump;
@@ -102,8 +103,8 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
 
 void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   if (!(span_ > 0.0)) return;
-  // The mean of the force does the work. A hand that moves with the variation of the force about
-  // its mean could gain that part as well, but against b.
+  // The mean force does work over the path. A hand that moves with the variation of the force about
+  // its mean could gain further energy, but the damping b limits that gain.
   const Vec3 mean = since_.force / span_;
   const Vec3 moved = hand - last_;
   const double way = moved.norm();
@@ -112,7 +113,7 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   const double viscous = arm.viscous * span_ / (span_ + 2.0 * arm.jitter);
   double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   if (since_.change > 0.0) {
-    // Because of the doubt in the delays, the force may have differed by this much.
+    // Because of the doubt in the delays, the variation of the force may have been this large.
     const double other = std::sqrt(varies) + std::sqrt(since_.change * since_.most);
     varies = other * other;
     counted_ -= since_.change / span_ * (way + arm.step);
@@ -137,8 +138,8 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
 }
 
 double Tank::certain(const ArmDissipation& arm) const noexcept {
-  // Forces may begin later or act longer than assumed, and the last reading may be older than
-  // assumed. The possible cost of both is deducted.
+  // Forces may begin to act later or act for longer than assumed, and the last reading may be older
+  // than assumed. The largest possible cost of both is deducted.
   double later = arm.lag * acting_.jump + arm.jitter * recent_;
   for (std::size_t i = 1; i < count_; ++i) later += arm.doubt * sent_[i].jump;
   return counted_ - 0.5 * arm.step * mean_.norm() - later / (4.0 * arm.viscous);

@@ -12,8 +12,8 @@
 
 namespace palpate {
 
-/// Dissipation and timing of an arm, as assumed by the tank. Each number is a bound on its safe
-/// side.
+/// Dissipation and timing of an arm, as assumed by the tank. Each number must be on the safe side
+/// of the arm's true number, as its comment states.
 struct ArmDissipation {
   double viscous = 0.0;  ///< Viscous damping b [N s/m]: > 0, and at most that of the arm. Without
                          ///< it the tank cannot pay for a force.
@@ -34,7 +34,7 @@ struct ArmDissipation {
                         ///< If 0, HapticLoop sets its own value.
 };
 
-/// What the tank does if its energy cannot pay for a force.
+/// Action of the tank if its energy cannot pay for a force.
 enum class TankUse : std::uint8_t {
   kOff,      ///< The tank does not count.
   kObserve,  ///< The tank counts the energy, but does not reduce the force.

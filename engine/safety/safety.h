@@ -103,7 +103,7 @@ class HandWatch {
   /// @return      The cause if the force must be cut, else kNone.
   /// RT: no allocation.
   [[nodiscard]] Fault look(HandState& hand, double now) noexcept PALPATE_NONBLOCKING;
-  /// Forgets all positions, as after a fault. The next position is then the first one.
+  /// Forgets all positions, as after a fault. The next position then counts as the first.
   void forget() noexcept {
     known_ = false;
     fast_since_ = -1.0;
@@ -163,8 +163,8 @@ class Reengagement {
 /// Only the time distinguishes such an arm from one that a hand holds still. If no counter has
 /// changed for kStill while the force is larger than the friction, the force fades to zero in
 /// kFade. A hand moves by a count long before that. When a counter changes, the force returns at
-/// the same rate. Friction holds the arm during the fade. So a hand notices at most a missing force
-/// of that friction plus its own stiffness times one count.
+/// the same rate. Friction holds the arm during the fade. So the force that is missing when a
+/// counter changes is at most that friction, plus the stiffness of the hand times one count.
 class StillFade {
  public:
   /// Returns the share of the force that is left, 0 to 1.

@@ -65,7 +65,7 @@ std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
     bin.box.extend(boxes[i].upper);
     ++bin.count;
   }
-  std::array<double, kBins> right{};  // cost of the bins from i to the last one
+  std::array<double, kBins> right{};  // cost of the bins from i to the end
   Bin sum;
   const auto add = [&](const Bin& bin) {
     if (bin.count == 0) return;

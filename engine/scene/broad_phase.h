@@ -37,8 +37,8 @@ class BroadPhase {
                       std::span<std::uint32_t> found) const noexcept PALPATE_NONBLOCKING;
 
  private:
-  /// A node. Nodes are stored depth first: after an inner node come the nodes of its first child,
-  /// then those of its second child.
+  /// A node of the tree. The nodes are stored depth first: an inner node is followed by the nodes
+  /// of its first child, and then by those of its second child.
   struct Node {
     float lower[3];
     float upper[3];

@@ -81,7 +81,7 @@ enum class ModeKind : std::uint8_t {
   kUser,        ///< UserMode: the user's own mode, from C++ only.
 };
 
-/// The solid side of an isovalue: above or below it.
+/// States whether values above or below an isovalue are solid.
 enum class Solid : std::uint8_t { kAbove, kBelow };
 
 /// Sign of a force: along its field (attract) or against it (repel).
@@ -156,7 +156,7 @@ struct ModeSpec {
 struct GraphSpec {
   std::map<std::string, DerivedSpec> fields;  ///< Derived fields by name; not a volume's name.
   std::vector<ModeSpec> modes;  ///< At most kMaxModes. Primitives are placed in this order.
-  /// Motions by the name of the volume. Volumes without an entry stand still. Volumes with the same
+  /// Motions by the name of the volume. Volumes without an entry stand still. Volumes that share a
   /// pointer move together.
   std::map<std::string, MotionPtr> motions;
   std::optional<TransferSpec> stiffness;  ///< Coupling stiffness that depends on properties [N/m];

@@ -56,7 +56,8 @@ inline constexpr std::size_t kMaxNearParts = 64;
 /// A scene: fields, graph and parameters. It is immutable once made. Readers and the state of the
 /// proxy are stored elsewhere.
 struct Scene {
-  std::uint64_t id = 0;  ///< Unique in the process, so that a proxy notices a change of its scene.
+  /// Id, unique in the process, by which a proxy notices that its scene has changed.
+  std::uint64_t id = 0;
   /// Equal for scenes with the same fields and the same kinds of modes. If the new scene has the
   /// same shape, the engagement is that of an edit.
   std::uint64_t shape = 0;
@@ -65,10 +66,11 @@ struct Scene {
   std::vector<Part> parts;      ///< Parts, which a tick reads only near the hand.
   BroadPhase bounds;            ///< Boxes of the parts.
   double strongest_part = 0.0;  ///< The largest Part::most [N].
-  CouplingParams coupling;      ///< Coupling parameters. A varying stiffness begins with this one,
-                                ///< which is its lowest value.
-  StepParams step;              ///< Accuracy of the motion within each tick.
-  SolverParams solver;          ///< Accuracy of each balance; makeScene uses the defaults.
+  /// Coupling parameters. If the stiffness varies, it begins with the value here, which is its
+  /// lowest value.
+  CouplingParams coupling;
+  StepParams step;      ///< Accuracy of the motion within each tick.
+  SolverParams solver;  ///< Accuracy of each balance; makeScene uses the defaults.
 };
 
 /// Returns the fields that a tick reads at p_W [m]: those of all modes, and of the varying

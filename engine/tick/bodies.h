@@ -13,9 +13,9 @@
 
 namespace palpate {
 
-/// The bodies of a tick, one for each of Graph::motions. Before the balance, each volume carries
-/// its contents along: its fields are read at the place to which it has carried the proxy, and its
-/// primitives are placed there. The constructor allocates all memory.
+/// The bodies of a tick, one for each of Graph::motions. Before the balance, each volume moves
+/// and carries the proxy with it, to Body::carried. The tick reads the volume's fields there, and
+/// puts the volume's primitives there. The constructor allocates all memory.
 class Bodies {
  public:
   Bodies() : bodies_(kMaxMotions) {}

@@ -20,8 +20,8 @@ struct Felt {
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
-/// Calls `look` with each mode, its memory, its graph and its index in that graph, until a call
-/// returns true. Returns true if a call did.
+/// Calls `look` with each mode, its memory, its graph and its index in that graph, until `look`
+/// returns true. Returns true if `look` has returned true.
 template <class Do>
 bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   for (const Felt& felt : all) {
@@ -32,7 +32,7 @@ bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   }
   return false;
 }
-/// Calls `look` with every mode, as anyMode does, and ignores its result.
+/// Calls `look` with every mode, in the same way as anyMode. Ignores the result of `look`.
 template <class Do>
 void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   (void)anyMode(all, [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {

@@ -18,9 +18,9 @@ struct Balanced {
   Vec3 target_offset = Vec3::Zero();  ///< The target minus the probe [m].
 };
 
-/// Limits the length of Newton's step, at first to one voxel. If a step turns back on the last one,
-/// the radius becomes half of the shorter of both steps, else it doubles. Without surfaces, the
-/// balance lies between two readings whose steps turn back. The radius is then half of their
+/// Limits the length of Newton's step, at first to one voxel. If a step turns back on the previous
+/// step, the radius becomes half of the shorter of both steps, else it doubles. Without surfaces,
+/// the balance lies between two readings whose steps turn back. The radius is then half of their
 /// distance, which is bisection.
 struct TrustRegion {
   double radius = std::numeric_limits<double>::infinity();  ///< The trust radius [m].
@@ -74,9 +74,9 @@ void initContacts(Tick& tick) noexcept PALPATE_NONBLOCKING;
 [[nodiscard]] bool balance(Tick& tick, Iteration& now, bool foreseen,
                            const Vec3& from) noexcept PALPATE_NONBLOCKING;
 
-/// Updates the trust region after a reading that is displaced by `way` [m] from the last one.
-/// `compared` is true if both readings are of the same data. Only then does a step that turns back
-/// reduce the radius.
+/// Updates the trust region after a reading that is displaced by `way` [m] from the previous
+/// reading. `compared` is true if both readings are of the same data. Only then does a step that
+/// turns back reduce the radius.
 ///
 /// Some forces jump, such as a force towards an axis at that axis. Then Newton's step does not lead
 /// to a balance. The balance is where even a very short step turns back: a force between those on

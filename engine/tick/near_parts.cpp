@@ -98,7 +98,8 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   crowded_ = count > kMaxNearParts || !boxes_.complete();  // updated in every tick
   if (crowded_) count = strongest(scene, {awake_.data(), count}, report);
   keep({awake_.data(), count}, [&](std::size_t part, std::size_t slot) {
-    // Properties are read at the proxy, so that its path into the part is swept like any other.
+    // Reads properties at the proxy, so that the modes know the proxy's side of each surface before
+    // the path into the part is swept.
     NearPart& fresh = slots_[slot];
     fresh.part = part;
     const Felt felt{reader.bind(scene, part, slot), &fresh.properties, fresh.memories.data()};
@@ -115,9 +116,9 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   });
 }
 
-/// If more parts are near than there is room for, moves those that can hold most to the front, in
-/// the order of the scene. Of parts that can hold equally much, the earlier one is chosen. Returns
-/// the number of chosen parts.
+/// If more parts are near than there is room for, moves the parts with the largest Part::most to
+/// the front, in the order of the scene. Of parts with an equal Part::most, the earlier part is
+/// chosen. Returns the number of chosen parts.
 std::size_t NearParts::strongest(const Scene& scene, std::span<std::uint32_t> parts,
                                  StepReport& report) noexcept {
   const auto begin = parts.begin();

@@ -71,9 +71,9 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
       (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * along.voxel;
   const double straight = line.direction.dot(trial.end - line.position);
   if (std::abs(straight) < kStays * along.voxel) return false;
-  // If the step was cut, the curve is cut to the same length. A complete step goes to the place
-  // nearest to the hand. If the scene has only this stream, the trace itself reads the stream, so
-  // that the reading is valid for longer.
+  // If the trial step ends before its target, the curve gets the same length. A complete step leads
+  // to the place nearest to the hand. If the scene has only this stream, the trace itself reads the
+  // stream, so that the reading is valid for longer.
   const bool alone = tick.felt().size() == 1 && felt.graph().modes.size() == 1;
   const double reach =
       alone ? kLongest * along.voxel : std::min(trial.reach, kLongest * along.voxel);

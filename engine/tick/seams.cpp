@@ -11,12 +11,14 @@
 namespace palpate {
 namespace {
 
-/// Largest number of other surfaces that fill the samples of one surface. The first ones of the
-/// scene count.
+/// Largest number of other surfaces from which samples of one surface are replaced. If there are
+/// more, the first ones in the scene are used.
 constexpr std::size_t kMostOthers = 8;
-/// Surfaces farther away than this do not fill samples [steps].
+/// Samples are not replaced from surfaces that are farther away than this [steps of
+/// FieldFrame::reach].
 constexpr double kNearSteps = 2.0;
-/// If the gradient is below this share of the cell's own slope, it gives no scale.
+/// If the gradient is smaller than this share of the cell's own slope, the scale of the surface is
+/// unknown.
 constexpr double kFlat = 0.1;
 
 /// A surface, and the point of its volume that is at x in W. surfaceOf initialises all members.

@@ -100,7 +100,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     if (good) {
       const Vec3 spring = couplingForce({k, scene.coupling.damping}, offset, rate);
       assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives there is no force
-      // A change of the force within the hand's own motion and the limiter's growth is not
+      // A change of the force that the hand's motion and the limiter's growth can explain is not
       // attributed to the data.
       const Vec3 eased = k * (last - before);
       const double own = state.gate_.limits.slew * dt + 2.0 * eased.norm();

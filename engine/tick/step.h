@@ -39,8 +39,8 @@ class ProxyState {
     proxy_.placed = false;
     engage();
   }
-  /// Call it when no force is sent to the hand. The proxy restarts at the hand, and the next force
-  /// begins with an engagement.
+  /// Call this when no force is sent to the hand. The proxy restarts at the hand, and the next
+  /// force begins with an engagement.
   void release() noexcept {
     gate_.limiter.forget();
     proxy_.placed = false;

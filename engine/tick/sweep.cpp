@@ -25,9 +25,10 @@ Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from
   return crossing;
 }
 
-/// Returns the sum of the lifts of the planes that bear load, with a length of at most the longest
-/// lift. A surface without a plane is swept at this lift, so that a flush surface does not stop the
-/// path. A surface that rises above the lifted path stops it; the next reading detects all others.
+/// Returns the sum of the lifts of the planes that bear load. Its length is at most that of the
+/// longest lift. The path is swept at this lift for a surface without a plane, so that a surface at
+/// the same height as the loaded planes does not stop the path. A surface that rises above the
+/// lifted path stops it. The next reading detects all lower surfaces.
 Vec3 commonLift(const Tick& tick, double length) noexcept {
   Vec3 sum = Vec3::Zero();
   if (tick.balance.surfaces == 0) return sum;

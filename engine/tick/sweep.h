@@ -10,9 +10,9 @@ namespace palpate {
 
 /// Ends a trial step where it first falls through a surface from the free side. The path is swept
 /// in the resting frame of each surface's volume. For a surface in contact, the path is lifted by a
-/// quarter of its length. If it is shorter than a tenth of a voxel, the last reading suffices and
-/// there is no sweep. For any other surface, the path has the common lift of the planes that bear
-/// load. A surface that yields does not end the step. RT: no allocation. Cost:
+/// quarter of its length. If that path is shorter than a tenth of a voxel, the last reading
+/// suffices, and there is no sweep. For any other surface, the path has the common lift of the
+/// planes that bear load. A surface that yields does not end the step. RT: no allocation. Cost:
 /// ScalarField::firstFall.
 void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept PALPATE_NONBLOCKING;
 

@@ -14,7 +14,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "objects are little-endian");
 static_assert(kBrickVoxels % 8 == 0);
 
-/// Identity of a brick, in its last bytes.
+/// Identity of a brick, which is stored in its last bytes.
 struct Tail {
   std::uint64_t identity = 0;
   std::int32_t level = 0;
@@ -68,7 +68,7 @@ BrickCodec::~BrickCodec() = default;
 std::span<const std::byte> BrickCodec::encode(const BrickId& id, std::span<const float> values,
                                               std::span<const std::uint8_t> active,
                                               int compression) {
-  // Values, bits, tail.
+  // The buffer receives the values, then the active bits, then the identity.
   brick_.assign(format_.bytes(), std::byte{0});
   if (format_.half) {
     for (std::size_t n = 0; n < values.size(); ++n) {
@@ -106,7 +106,8 @@ bool BrickCodec::isOthers(const BrickId& id, std::span<const std::byte> slot) co
 }
 
 bool BrickCodec::isFinite(std::span<const std::byte> slot) const {
-  // Test for exponents with all bits set; without a branch, many values at a time.
+  // Tests whether all bits of the exponent are set. The test has no branch, so that the compiler
+  // can process many values at a time.
   const std::size_t count = kBrickVoxels * format_.components();
   unsigned endless = 0;
   for (std::size_t n = 0; n < count; ++n) {
@@ -130,7 +131,7 @@ BrickVerdict BrickCodec::decode(const BrickId& id, std::size_t bytes, const Bric
       !cut && entry != nullptr &&
       brickChecksum(std::span<const std::byte>(object_).first(bytes)) != entry->checksum;
   const bool whole = decompress(bytes, slot);
-  // A brick that decompresses identifies itself.
+  // A brick that decompresses contains its own identity, which is compared with the requested one.
   if (whole && isOthers(id, slot)) {
     const bool volume = tailOf(slot).identity != identity_;
     return {BrickStatus::kOthers,

@@ -1,5 +1,5 @@
-/// Private to samplers: compresses a brick into its object, and back. Include it in .cpp files
-/// only.
+/// Private to samplers: compresses a brick into an object of the store, and decompresses the
+/// object. Include it in .cpp files only.
 #pragma once
 
 #include <cstddef>
@@ -13,42 +13,46 @@
 
 namespace palpate {
 
-/// Returns the checksum of an object: CRC-32 as in zlib, and so in Python's zlib.crc32.
+/// Returns the checksum of an object. The checksum is CRC-32 as in zlib, and equals Python's
+/// zlib.crc32.
 [[nodiscard]] std::uint32_t brickChecksum(std::span<const std::byte> bytes) noexcept;
 
 /// The result of reading a brick.
 struct BrickVerdict {
   BrickStatus status = BrickStatus::kArrived;  ///< Status for the caller.
-  std::string why;                             ///< Reason in words; empty if the brick is valid.
+  std::string why;  ///< Reason in words; empty if the status is kArrived.
 };
 
-/// Compresses and decompresses bricks and reuses its memory. Not thread-safe.
+/// Compresses and decompresses bricks in memory that it keeps from brick to brick. Not thread-safe.
 class BrickCodec {
  public:
-  /// @param identity  The volume's, see BrickManifest.
+  /// @param identity  Identity of the volume (BrickManifest::identity).
   BrickCodec(const BrickFormat& format, std::uint64_t identity);
   BrickCodec(BrickCodec&&) noexcept;             ///< A moved-from codec can only be destroyed.
   BrickCodec& operator=(BrickCodec&&) noexcept;  ///< A moved-from codec can only be destroyed.
   ~BrickCodec();
 
-  /// Returns the object of a brick; valid until the next call.
-  /// @param values  Already rounded to the format.
-  /// @param active  kBrickActiveBytes.
+  /// Compresses a brick and returns its object, which is valid until the next call.
+  /// @param values  Values of all voxels of the brick, already rounded to the format.
+  /// @param active  Active bits of the voxels, kBrickActiveBytes bytes.
   [[nodiscard]] std::span<const std::byte> encode(const BrickId& id, std::span<const float> values,
                                                   std::span<const std::uint8_t> active,
                                                   int compression);
 
-  /// Returns the buffer for an object that decode() reads: one byte more than the longest object.
+  /// Returns the buffer for the object that decode() reads. It has one byte more than the longest
+  /// object, so that a longer object is detected.
   [[nodiscard]] std::span<std::byte> object() noexcept { return object_; }
-  /// Decompresses the first `bytes` of object() into a slot, and checks that it is brick `id`.
-  /// @param entry  The manifest's entry: size and checksum have to match. Null: not compared.
+  /// Decompresses the first `bytes` of object() into `slot`, and checks that the result is brick
+  /// `id`.
+  /// @param entry  Entry of the manifest, whose size and checksum must match. If null, they are not
+  ///               compared.
   [[nodiscard]] BrickVerdict decode(const BrickId& id, std::size_t bytes, const BrickEntry* entry,
                                     std::span<std::byte> slot);
 
  private:
   struct Contexts;
 
-  /// Returns false if the object cannot be decompressed to a brick.
+  /// Decompresses the object into `slot`. Returns false if the object does not contain a brick.
   [[nodiscard]] bool decompress(std::size_t bytes, std::span<std::byte> slot);
   /// Returns true if the slot holds a brick of another place or another volume.
   [[nodiscard]] bool isOthers(const BrickId& id, std::span<const std::byte> slot) const;
@@ -57,15 +61,15 @@ class BrickCodec {
   BrickFormat format_;
   std::uint64_t identity_;
   std::vector<std::byte> object_;
-  std::vector<std::byte> brick_;  ///< Uncompressed, for encode().
+  std::vector<std::byte> brick_;  ///< Uncompressed brick from which encode() makes the object.
   std::unique_ptr<Contexts> contexts_;
 };
 
-/// Copies the values of a slot as floats, and its bits.
+/// Converts the values of a slot to floats, and copies its active bits.
 void unpackBrick(const BrickFormat& format, std::span<const std::byte> slot,
                  std::span<float> values, std::span<std::uint8_t> active);
 
-/// Fills a slot with the one value of an entry.
+/// Fills a slot with the single value of an entry that has no object.
 void fillBrick(const BrickFormat& format, const BrickEntry& entry, std::span<std::byte> slot);
 
 }  // namespace palpate

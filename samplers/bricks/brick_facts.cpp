@@ -24,15 +24,17 @@ using Json = nlohmann::ordered_json;
 constexpr std::string_view kMagic = "PALPBRK1";
 constexpr int kVersion = 1;
 constexpr const char* kRemedy = "copy or write it again";
-/// Longest JSON of a manifest [bytes]; its reader takes some twenty times this memory.
+/// Longest JSON text of a manifest [bytes]. The parser needs some twenty times this memory.
 constexpr std::size_t kMostText = 1U << 16U;
 /// Largest coordinate of a voxel, so that sums of a few coordinates fit into 32 bits.
 constexpr std::int32_t kFarthestVoxel = 1 << 30;
-/// Largest number of bricks of a level. The writer visits each of them once.
+/// Largest number of bricks of a level. The limit bounds the time of the writer, which visits each
+/// brick of a level once.
 constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
-/// Largest number of bricks of the coarsest level.
+/// Largest number of bricks of the coarsest level, which a window always holds in memory.
 constexpr std::uint64_t kFew = 8;
-/// The active band of a level set may grow by this many voxels from level to level.
+/// Growth of the active band of a level set from one level to the next coarser level, at most, on
+/// each side [voxels of the coarser level].
 constexpr std::int32_t kBand = 3;
 
 static_assert(sizeof(BrickEntry) == 36 && std::is_trivially_copyable_v<BrickEntry>,
@@ -43,7 +45,7 @@ std::int32_t floorShift(std::int32_t v, int bits) noexcept {
   return v >> bits;
 }
 
-/// Returns all levels over an extent, which depend on these arguments alone.
+/// Returns all levels of the pyramid over an extent. The result depends on these arguments alone.
 std::vector<BrickLevel> levelsOf(const Mat3& linear, const Vec3& origin,
                                  std::array<VoxelAt, 2> extent, bool level_set) {
   std::vector<BrickLevel> levels;
@@ -57,7 +59,8 @@ std::vector<BrickLevel> levelsOf(const Mat3& linear, const Vec3& origin,
     }
     levels.push_back(level);
     if (level.bricks() <= kFew) return levels;
-    // The mean of eight voxels lies between them.
+    // A voxel of the coarser level is the mean of eight voxels, so its centre lies in the middle of
+    // their centres.
     level.origin += 0.5 * level.linear * Vec3::Ones();
     level.linear *= 2.0;
     const std::int32_t more = level_set ? kBand : 0;
@@ -75,12 +78,12 @@ Json jsonOf(const Mat3& m) {
   return Json::array({jsonOf(Vec3(m.row(0))), jsonOf(Vec3(m.row(1))), jsonOf(Vec3(m.row(2)))});
 }
 
-/// Returns JSON as text; replaces bytes that are not UTF-8.
+/// Converts JSON to text, and replaces bytes that are not UTF-8.
 std::string textOf(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
-/// Returns FNV-1a, 64 bits.
+/// Returns the FNV-1a hash of a text, with 64 bits.
 std::uint64_t hashOf(std::string_view text) noexcept {
   std::uint64_t hash = 0xCBF29CE484222325U;
   for (const char c : text) {
@@ -95,7 +98,7 @@ std::string hexOf(std::uint64_t number) {
   return text.data();
 }
 
-/// Reads and checks values in the JSON of a manifest. Throws std::exception.
+/// Reads and checks values in the JSON of a manifest. The functions throw std::exception.
 class FactsReader {
  public:
   explicit FactsReader(const Json& json) : json_(json) {}
@@ -236,7 +239,8 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
   facts_["metadata"] = Json::parse(input.metadata);
   facts_["values"] = input.identity;
   facts_["zstd"] = {{"level", options.compression}, {"version", ZSTD_versionString()}};
-  // Any option that changes the bytes changes the identity.
+  // The identity is a hash of all facts, so every option that changes the bytes also changes the
+  // identity.
   manifest_.identity_ = hashOf(textOf(facts_));
   facts_["identity"] = hexOf(manifest_.identity_);
   Json levels = Json::array();
@@ -247,7 +251,8 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
                       {"count", level.count}});
   }
   facts_["levels"] = std::move(levels);
-  constexpr std::size_t kStatistics = 1U << 12U;  // setStatistics adds this
+  // [bytes]: room for the statistics, which setStatistics() adds later
+  constexpr std::size_t kStatistics = 1U << 12U;
   if (textOf(facts_).size() > kMostText - kStatistics) {
     refuse("its name, source and metadata are more than 60 kB", "shorten them");
   }
@@ -289,7 +294,7 @@ std::string BrickFacts::array(std::int32_t level, int compression) const {
   }
   json["dtype"] = format.half ? "<f2" : "<f4";
   json["compressor"] = {{"id", "zstd"}, {"level", compression}};
-  // Zarr has one fill value for all components.
+  // Zarr has one fill value for all components of a vector.
   const bool same =
       !format.vector || (background[1] == background[0] && background[2] == background[0]);
   json["fill_value"] = same ? background[0] : 0.0F;
@@ -321,7 +326,8 @@ std::vector<std::byte> BrickFacts::file() const {
 
 namespace {
 
-/// Parses JSON from a file. Limits its depth, so that recursion does not exhaust the stack.
+/// Parses JSON text from a file. Limits the depth of nesting, so that recursion does not exhaust
+/// the stack.
 template <class... Text>
 Json parseText(Text... text) {
   constexpr int kDeepest = 64;
@@ -331,13 +337,14 @@ Json parseText(Text... text) {
   });
 }
 
-/// Reads consecutive bytes of a manifest with the right magic and checksum. Throws VolumeError.
+/// Reads consecutive bytes of a manifest. The constructor checks the magic number and the checksum.
+/// The functions throw VolumeError.
 class ManifestReader {
  public:
   ManifestReader(std::span<const std::byte> bytes, const std::string& called) : called_(called) {
     checkMagic(bytes);
     std::uint32_t checksum = 0;
-    // Magic, length of the JSON and checksum.
+    // The shortest manifest has the magic number, the length of the JSON text and the checksum.
     if (bytes.size() < kMagic.size() + 2 * sizeof checksum) refuse("it is cut off");
     rest_ = bytes.first(bytes.size() - sizeof checksum);
     std::memcpy(&checksum, bytes.data() + rest_.size(), sizeof checksum);
@@ -360,7 +367,7 @@ class ManifestReader {
     std::memcpy(&number, take(sizeof number).data(), sizeof number);
     return number;
   }
-  /// Returns the JSON of the facts.
+  /// Returns the JSON text, which contains all facts except the entries.
   std::string_view takeText() {
     const auto size = takeNumber<std::uint32_t>();
     if (size > kMostText) refuse("its description is longer than 64 kB");
@@ -369,7 +376,7 @@ class ManifestReader {
 
  private:
   void checkMagic(std::span<const std::byte> bytes) const {
-    constexpr std::size_t kName = kMagic.size() - 1;  // the version follows
+    constexpr std::size_t kName = kMagic.size() - 1;  // the version number follows the name
     if (bytes.size() < kMagic.size() || std::memcmp(bytes.data(), kMagic.data(), kName) != 0) {
       refuse("it is not a manifest of bricks");
     }
@@ -432,7 +439,7 @@ void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& 
   info.mean = FactsReader::number(statistics.at("mean"));
 }
 
-/// Returns true if a writer could have made the entry.
+/// Returns true if a correct writer can have produced the entry.
 bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifest& manifest) {
   if (!manifest.has(id) || entry.kind > BrickKind::kStored) return false;
   const auto is_finite = [](float v) { return std::isfinite(v); };
@@ -440,7 +447,8 @@ bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifes
          (entry.kind == BrickKind::kStored) == (entry.bytes > 0);
 }
 
-/// Reads the table of a level. Throws VolumeError unless the places ascend.
+/// Reads the table of entries of a level. Throws VolumeError if the entries are not sorted by their
+/// places.
 std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest& manifest,
                                     std::int32_t level) {
   const auto count = reader.takeNumber<std::uint64_t>();

@@ -21,22 +21,24 @@ using detail::IndexMap;
 using detail::kNoCell;
 using detail::LatticeReader;
 
-/// Distance over which a reading fades from a level to the next one [voxels of the level].
+/// Distance over which the weight of a level changes between 0 and 1 near a missing brick [voxels
+/// of the level].
 constexpr double kFade = 4.0;
-/// Time in which a brick that arrives at a hand fades in [ns].
+/// Time in which the weight of a brick that arrives near a hand grows to 1 [ns].
 constexpr double kArrives = 10e6;
-/// Filter time of a hand's velocity [s], because its encoders count in steps.
+/// Time constant of the filter for a hand's velocity [s]. The filter smooths the steps of the
+/// encoders.
 constexpr double kSmooth = 0.02;
 /// Longest wait in virtual time [s].
 constexpr double kLongestWait = 60.0;
 
-/// Gives the voxels of one level of a window to a LatticeReader.
+/// Provides the voxels of one level of a window to a LatticeReader.
 template <int C>
 class BrickLevelSource {
  public:
   struct Cache {
-    BrickWindow::Entry entry;  ///< The brick of the last cell.
-    bool whole = true;         ///< No brick was missing since this was set.
+    BrickWindow::Entry entry;  ///< Entry of the brick that contains the last cell.
+    bool whole = true;         ///< True if no brick was missing since this was last set to true.
   };
 
   template <int W, bool Edges>
@@ -98,7 +100,7 @@ FieldFrame frameOf(const BrickManifest& manifest, const Placement& placement, do
   return frame;
 }
 
-/// Common parts of scalar and vector fields.
+/// Common part of scalar and vector fields over bricks.
 template <class Base, int C>
 class BrickField : public Base {
  protected:
@@ -106,20 +108,22 @@ class BrickField : public Base {
   using Level = LatticeReader<BrickLevelSource<C>, Kernel>;
   using Row = typename Level::Row;
 
-  /// A level that is read, and its last cell.
+  /// A level that was read, and the cache of its last cell.
   struct Read {
     explicit Read(typename Level::Cache of) : cache(std::move(of)) {}
     typename Level::Cache cache;
     int level = -1;
   };
-  /// A region where only the finest level is read. One search covers a brick and its neighbours;
-  /// most readings of this tick and the next one are there.
+  /// A region in which only the finest level is read. One search finds the region around a brick.
+  /// Most readings of the same tick and of the next tick are in this region.
   struct Finest {
-    bool settled = false;       ///< No brick in or around it is still arriving.
-    std::uint64_t changes = 0;  ///< BrickWindow::changes for which it is valid.
-    std::array<int, 3> brick{kNoCell, kNoCell, kNoCell};  ///< Searched around this one.
-    Vec3 low = Vec3::Zero();   ///< Lower corner, included; index space of level 0.
-    Vec3 high = Vec3::Zero();  ///< Upper corner, excluded.
+    bool settled = false;  ///< True if no brick in the region or next to it is still fading in.
+    std::uint64_t changes = 0;  ///< BrickWindow::changes when the region was found.
+    /// Brick around which the region was found.
+    std::array<int, 3> brick{kNoCell, kNoCell, kNoCell};
+    /// Lower corner of the region, which belongs to it, in the index space of level 0.
+    Vec3 low = Vec3::Zero();
+    Vec3 high = Vec3::Zero();  ///< Upper corner of the region, which does not belong to it.
 
     [[nodiscard]] bool holds(const Vec3& p_I) const noexcept {
       return (p_I.array() >= low.array()).all() && (p_I.array() < high.array()).all();
@@ -129,16 +133,17 @@ class BrickField : public Base {
     Cache(typename Level::Cache a, typename Level::Cache b)
         : fine(std::move(a)), coarse(std::move(b)) {}
     Read fine;    ///< Finest level of the last reading.
-    Read coarse;  ///< Level after the finest one of the last reading.
-    /// Time of the tick, on the clock of arrivals. Without ticks, or if the window waits for
-    /// bricks, every brick counts as always loaded.
+    Read coarse;  ///< Next coarser level that contributed to the last reading.
+    /// Time of the tick, on the clock of BrickWindow::arrival. Without ticks, or if the window
+    /// waits for bricks, every loaded brick counts as completely faded in.
     std::int64_t now = std::numeric_limits<std::int64_t>::max();
     Vec3 probe = Vec3::Zero();     ///< Position of the hand [m].
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
-    bool met = false;              ///< A tick has set `probe` and `velocity`.
+    bool met = false;              ///< True if a tick has set `probe` and `velocity`.
     std::size_t hand = 0;
-    std::optional<std::uint32_t> side;  ///< Set while registered (BrickWindow::enter).
-    Finest finest;                      ///< Valid while registered.
+    /// Return value of BrickWindow::enter; set while the reader is registered.
+    std::optional<std::uint32_t> side;
+    Finest finest;  ///< Region of the finest level; used only while the reader is registered.
   };
   static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
 
@@ -184,7 +189,7 @@ class BrickField : public Base {
       if (!cache.finest.settled || cache.finest.changes != changes) cache.finest = {};
       cache.finest.changes = changes;
     }
-    return false;  // bricks take over as they arrive, and resemble the next coarser ones
+    return false;  // an arriving brick fades in, and its values are near those of the coarser level
   }
   void leave(FieldCache& memory) const noexcept final {
     if (const auto side = std::exchange(cacheIn(memory).side, std::nullopt)) window_->leave(*side);
@@ -197,7 +202,8 @@ class BrickField : public Base {
     return *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
   }
 
-  /// Registers a reader for one reading, if it reads outside of ticks or if ticks wait.
+  /// Registers a reader for one reading, if no tick has registered it. This happens outside of
+  /// ticks, and in a window that waits for bricks.
   class Visit {
    public:
     Visit(const BrickWindow& window, const Cache& cache) noexcept : window_(window) {
@@ -222,7 +228,7 @@ class BrickField : public Base {
     }
     return cell;
   }
-  /// Returns how far a brick has arrived, 0 to 1.
+  /// Returns the weight with which a brick has faded in, 0 to 1.
   [[nodiscard]] double arrived(const BrickWindow::Entry& entry, std::int64_t now) const noexcept {
     if (!entry.resident()) return 0.0;
     const double age = static_cast<double>(now) - static_cast<double>(window_->arrival(entry));
@@ -232,7 +238,8 @@ class BrickField : public Base {
                                            const std::array<int, 3>& cell) const noexcept {
     return window_->entryAt(level, cell[0], cell[1], cell[2]);
   }
-  /// A point in the index space of a level, and the brick that its cell is read from.
+  /// A point in the index space of a level, its cell, and the entry of the brick from which the
+  /// cell is read.
   struct At {
     Vec3 p_I;
     std::array<int, 3> cell;
@@ -245,9 +252,9 @@ class BrickField : public Base {
     out.entry = entryOf(level, out.cell);
     return out;
   }
-  /// Returns the share s of a level at a point: the least, over all bricks within kFade voxels, of
-  /// the brick's arrived share plus its distance / kFade. So s is continuous in space, and in time
-  /// as bricks arrive.
+  /// Returns the share s of a level at a point. This is the minimum, over all bricks within kFade
+  /// voxels, of the brick's faded-in weight plus its distance divided by kFade. So s is continuous
+  /// in space, and also in time as bricks arrive.
   [[nodiscard]] double shareAt(const At& at, int level, std::int64_t now) const noexcept {
     double least = arrived(at.entry, now);
     std::array<int, 3> side{};
@@ -275,8 +282,9 @@ class BrickField : public Base {
     return least;
   }
 
-  /// Searches the finest region around a point's brick. The region reaches into arrived neighbours,
-  /// except for points nearer than kFade to a brick that has not arrived.
+  /// Finds the region of the finest level around a point's brick. The region extends into
+  /// neighbours that have faded in completely. It excludes points that are nearer than kFade to a
+  /// brick that has not.
   void findFinest(const Vec3& p_I, const std::array<int, 3>& brick, Cache& cache) const noexcept {
     Finest& finest = cache.finest;
     finest.brick = brick;
@@ -301,14 +309,16 @@ class BrickField : public Base {
     if (!same) read.cache.cell.fill(kNoCell);
     read.level = 0;
   }
-  /// Returns the largest extent of a distance [m] along each axis of a level's index space.
+  /// Converts a distance [m] to the largest extent along each axis of a level's index space
+  /// [voxels].
   [[nodiscard]] Vec3 reachIn(int level, double distance) const noexcept {
     if (distance <= 0.0) return Vec3::Zero();
     const IndexMap& map = maps_[static_cast<std::size_t>(level)];
     return distance * map.index_from_world.rowwise().norm();
   }
-  /// Calls `of(level, its cache)` if two points, and `about` [m] around them, are in the finest
-  /// region. Returns false if not, or if a brick was removed during the call.
+  /// Calls `of(level, its cache)` if two points, and all points within `about` [m] of the box
+  /// between them, are in the region of the finest level. Returns false if they are not, or if a
+  /// brick was removed during the call.
   template <class Of>
   [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, double about, Cache& cache,
                               const Of& of) const noexcept {
@@ -335,7 +345,7 @@ class BrickField : public Base {
     return read.cache.source.whole;
   }
 
-  /// Reads a level at a point. Returns false if its brick was removed during the call.
+  /// Reads a level at a point. Returns false if the level's brick was removed during the call.
   [[nodiscard]] bool readAt(int level, const At& at, const Vec3& p_W, Read& read, Row& row,
                             bool& inside) const noexcept {
     if (read.level != level || !(read.cache.source.entry == at.entry)) {
@@ -348,11 +358,11 @@ class BrickField : public Base {
     return read.cache.source.whole;
   }
 
-  /// Reads a point: B_l = s_l L_l + (1 - s_l) B_(l+1). The coarsest level is always loaded and has
-  /// s = 1. Where a level is missing, s_l = 0; so all B_l are continuous where L and s are. Calls
-  /// `add(weight, level, read, row, inside)` for each level that counts, from the finest on. A
-  /// brick that is removed during the call counts as missing. Returns true if levels other than 0
-  /// counted.
+  /// Blends the levels at a point: B_l = s_l L_l + (1 - s_l) B_(l+1). The coarsest level is always
+  /// loaded and has s = 1. Where the brick of a level is missing, s_l = 0. So all B_l are
+  /// continuous where L and s are. Calls `add(weight, level, read, row, inside)` for each level
+  /// with a weight above 0, from the finest level on. A brick that is removed during the call
+  /// counts as missing. Returns true if a level other than level 0 has contributed.
   template <class Add>
   bool readLevels(const Vec3& p_W, Cache& cache, const Add& add) const noexcept {
     const Visit visit(*window_, cache);
@@ -375,7 +385,8 @@ class BrickField : public Base {
     return true;
   }
 
-  /// Reads the row at a point. Returns true if there is data.
+  /// Reads the value and the derivatives at a point. Returns true if there is data. `coarse`
+  /// becomes true if a level other than level 0 has contributed.
   [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
     bool inside = false;
     const auto straight = [&](const Level& level, typename Level::Cache& of) {
@@ -399,7 +410,8 @@ class BrickField : public Base {
     return inside;
   }
 
-  /// Counts of the bricks of a level in a box: all, resident, and fully arrived.
+  /// Numbers of the bricks of a level in a box: all, those in memory, and those that have faded in
+  /// completely.
   struct Counted {
     int all = 0;
     int resident = 0;
@@ -426,13 +438,14 @@ class BrickField : public Base {
     }
     return out;
   }
-  /// Calls `of` for the region between two points, and `about` [m] around them, if all of it is
-  /// read at one level. Returns false if not, or if a brick was removed during the call.
+  /// Calls `of` for the region between two points and `about` [m] around them, if the whole region
+  /// is read from a single level. Returns false if it is not, or if a brick was removed during the
+  /// call.
   template <class Of>
   [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, double about, Cache& cache,
                                 const Of& of) const noexcept {
     if (byFinest(a_W, b_W, about, cache, of)) return true;
-    constexpr double kFarthest = 256.0;  // longest path that is examined [voxels]
+    constexpr double kFarthest = 256.0;  // longest path for which the bricks are counted [voxels]
     const double size = ((b_W - a_W).norm() + 2.0 * about) / this->frame().voxel;
     if (!(size <= kFarthest)) return false;
     const Visit visit(*window_, cache);
@@ -502,7 +515,8 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
   }
 
  private:
-  /// Returns `of` of the levels at a point, blended as values are.
+  /// Returns the result of `of` for each level at a point, blended with the same weights as the
+  /// values.
   template <class Out, class Of>
   [[nodiscard]] Out mixed(const Vec3& p_W, FieldCache& memory, const Of& of) const noexcept {
     Out out{};

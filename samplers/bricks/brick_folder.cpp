@@ -16,10 +16,11 @@
 namespace palpate {
 namespace {
 
-/// Files are written here, and moved to their places when they are complete.
+/// Folder of the files that are being written. A complete file is moved from there to its final
+/// place.
 constexpr const char* kPartial = ".partial";
 
-/// A descriptor that closes itself.
+/// A file descriptor that the destructor closes.
 class Opened {
  public:
   explicit Opened(int number) noexcept : number_(number) {}
@@ -29,7 +30,8 @@ class Opened {
     if (number_ >= 0) ::close(number_);
   }
   [[nodiscard]] int get() const noexcept { return number_; }
-  /// Closes the file; only now may the system report that writing failed.
+  /// Closes the file. Returns false on an error, because the system may report a failed write only
+  /// at this time.
   [[nodiscard]] bool close() noexcept { return ::close(std::exchange(number_, -1)) == 0; }
 
  private:
@@ -77,7 +79,7 @@ bool BrickFolder::has(const std::string& name) const noexcept {
 int BrickFolder::read(const std::string& name, std::span<std::byte> to,
                       std::size_t& got) const noexcept {
   got = 0;
-  // Without O_NONBLOCK, opening a pipe would wait for its other end.
+  // Without O_NONBLOCK, opening a named pipe would wait until another process opens the pipe.
   const Opened file(::openat(folder_, name.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   if (file.get() < 0) return errno;
   struct stat status {};
@@ -102,7 +104,8 @@ void BrickFolder::fail(const std::string& name, int error) const {
 }
 
 void BrickFolder::lock() {
-  // A file system without locks, such as some network ones, gives no protection.
+  // A file system without locks, such as some network file systems, gives no protection against a
+  // second writer.
   if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
   throw Error(path_.string(), "another run is writing into it",
               "wait for the end of that run, or name another folder");
@@ -120,7 +123,8 @@ void BrickFolder::write(const std::string& name, std::span<const std::byte> byte
       std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
   int error = 0;
   {
-    // Removes the file of a killed run, or a link that another user made, and creates a new file.
+    // Removes the file of a terminated run, or a link that another user made, and then creates a
+    // new file.
     ::unlinkat(folder_, partial.c_str(), 0);
     Opened file(::openat(folder_, partial.c_str(),
                          O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,

@@ -1,4 +1,5 @@
-/// Private to samplers: the files of a folder of bricks. Include it in .cpp files only.
+/// Private to samplers: reads and writes the files in a folder of bricks. Include it in .cpp files
+/// only.
 #pragma once
 
 #include <cstddef>
@@ -9,54 +10,58 @@
 
 namespace palpate {
 
-/// An open folder: it remains the same folder if its path is renamed or replaced.
+/// An open folder. The object keeps referring to the same folder, even if the path is renamed or
+/// replaced.
 class BrickFolder {
  public:
   /// Opens an existing folder. Throws VolumeError.
-  /// @param writer  Number of this process among those that write into the folder together.
+  /// @param writer  Number of this process, if several processes write into the folder together.
   explicit BrickFolder(std::filesystem::path path, int writer = 0);
   BrickFolder(const BrickFolder&) = delete;
   BrickFolder& operator=(const BrickFolder&) = delete;
   ~BrickFolder();
 
-  /// Returns the path as it was given.
+  /// Returns the path that was passed to the constructor.
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
   /// Returns true if the folder has been removed.
   [[nodiscard]] bool isGone() const noexcept;
-  /// Identifies a version of a file or folder: changes when the file or folder is replaced.
+  /// Identifies a version of a file or folder. The stamp changes when the file or folder is
+  /// replaced.
   struct Stamp {
     std::uint64_t device = 0;  ///< Number of the device.
     std::uint64_t file = 0;    ///< Number of the file on the device.
-    std::int64_t time = 0;     ///< When a file was written [ns].
+    std::int64_t time = 0;     ///< Time of the last write to the file [ns].
 
-    /// Returns true if the file was not found.
+    /// Returns true if no file was found.
     [[nodiscard]] bool isNone() const noexcept { return *this == Stamp(); }
     [[nodiscard]] bool operator==(const Stamp&) const = default;  ///< Same file, unchanged.
   };
-  /// Returns the stamp of the folder itself, not of its content.
+  /// Returns the stamp of the folder itself, which does not depend on the files in the folder.
   [[nodiscard]] Stamp stamp() const noexcept;
   /// Returns the stamp of a file in the folder; isNone() if the file does not exist.
   [[nodiscard]] Stamp stampOf(const std::string& name) const noexcept;
 
-  /// Returns true if the folder holds this name.
+  /// Returns true if the folder contains a file or folder of this name.
   [[nodiscard]] bool has(const std::string& name) const noexcept;
 
-  /// Reads a file into `to`, at most as much as fits.
-  /// @return  0, or errno; EISDIR if the name is not a regular file.
+  /// Reads a file into `to`, up to the size of `to`.
+  /// @return  0, or the errno of the failure; EISDIR if the name does not belong to a regular file.
   [[nodiscard]] int read(const std::string& name, std::span<std::byte> to,
                          std::size_t& got) const noexcept;
 
   /// Locks the folder against other writers. Throws Error if any other BrickFolder has the lock.
   void lock();
-  /// Makes a folder in this one if it does not exist.
+  /// Makes a folder inside this folder if it does not exist.
   void makeFolder(const std::string& name) const;
-  /// Writes a whole file or leaves the old one, if any, unchanged. Throws Error.
+  /// Writes a whole file. If this fails, an existing file of that name stays unchanged. Throws
+  /// Error.
   void write(const std::string& name, std::span<const std::byte> bytes) const;
-  /// Writes text in the same way.
+  /// Writes a text as the other overload writes bytes.
   void write(const std::string& name, const std::string& text) const;
-  /// Removes partial files that terminated processes left. Call it also after the last write.
+  /// Removes the partial files of terminated processes. Call it before the first write and after
+  /// the last write.
   void removePartial() const;
-  /// Returns after all earlier writes are on the disk.
+  /// Waits until all earlier writes are on the disk.
   void sync() const;
 
  private:

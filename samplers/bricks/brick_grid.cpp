@@ -52,7 +52,7 @@ std::array<std::uint32_t, 3> bitsOf(const Value& value) {
   return std::bit_cast<std::array<std::uint32_t, 3>>(numbers);
 }
 
-/// Returns true for metadata that OpenVDB keeps or counts itself.
+/// Returns true for metadata that OpenVDB itself writes or computes.
 bool isOpenvdbs(const std::string& key) {
   using openvdb::GridBase;
   constexpr std::string_view kFile = "file_";
@@ -62,7 +62,8 @@ bool isOpenvdbs(const std::string& key) {
          key.compare(0, kFile.size(), kFile) == 0;
 }
 
-/// Returns {"key": {"type": value}}, for the types that palpate and most other programs write.
+/// Returns the metadata as JSON, {"key": {"type": value}}. Contains the types that palpate and most
+/// other programs write.
 std::string metadataOf(const openvdb::GridBase& grid) {
   Json all = Json::object();
   for (auto meta = grid.beginMeta(); meta != grid.endMeta(); ++meta) {
@@ -88,7 +89,7 @@ std::string metadataOf(const openvdb::GridBase& grid) {
     }
     all[meta->first] = {{one.typeName(), std::move(value)}};
   }
-  // Other text than UTF-8 would be an error.
+  // Replaces bytes that are not UTF-8, because dump() would otherwise throw.
   return all.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
@@ -119,11 +120,12 @@ void setMetadata(const std::string& text, openvdb::GridBase& grid) {
   }
 }
 
-/// A voxel's coordinate shifted right by this is the coordinate of its brick, also if negative.
+/// Number of bits by which a voxel's coordinate is shifted right to get the coordinate of its
+/// brick. This also holds for negative coordinates.
 constexpr int kBrickShift = 6;
 static_assert(1 << kBrickShift == kBrickSide);
 
-/// Fills boxes from a grid.
+/// Fills boxes of voxels (BrickInput::fill) from a grid.
 template <class GridT>
 class GridBoxes {
   using Tree = typename GridT::TreeType;
@@ -141,7 +143,7 @@ class GridBoxes {
     const Coord lower = coordOf(box.lower);
     const CoordBBox all(lower, lower.offsetBy(kBrickEdge - 1));
     if (isOneTile(accessor, all, box)) return BoxFilled::kOneValue;
-    // Copies leaf by leaf, also where a tile is in place of a leaf.
+    // Copies one leaf's range at a time. A tile may be in place of a leaf.
     const Coord first = lower & ~(Leaf::DIM - 1U);
     for (int x = first.x(); x <= all.max().x(); x += Leaf::DIM) {
       for (int y = first.y(); y <= all.max().y(); y += Leaf::DIM) {
@@ -157,8 +159,8 @@ class GridBoxes {
   }
 
  private:
-  /// Returns true if a box is in one tile. The box is not larger than a node above the leaves: it
-  /// meets only nodes that its corners meet.
+  /// Returns true if a whole box lies in one tile. The box is not larger than a node of the level
+  /// above the leaves. So it overlaps only nodes that contain one of its corners.
   bool isOneTile(const Accessor& accessor, const CoordBBox& all, const BrickBox& box) const {
     static_assert(Above::DIM >= kBrickEdge);
     const Value value = accessor.getValue(all.min());
@@ -201,7 +203,7 @@ class GridBoxes {
   typename GridT::ConstPtr grid_;
 };
 
-/// A checksum of numbers, in their order.
+/// A checksum (FNV-1a) of numbers, which depends on their order.
 class Sum {
  public:
   void add(std::uint64_t number) noexcept {
@@ -227,13 +229,14 @@ class Sum {
   std::uint64_t hash_ = 0xCBF29CE484222325U;
 };
 
-/// The checksum of a leaf.
+/// The checksum of one leaf, and the origin of that leaf.
 struct LeafSum {
   VoxelAt origin{};
   std::uint64_t sum = 0;
 };
 
-/// Sorts leaves in the order of a tree: node by node, and in each along x, y and z.
+/// Sorts leaves in the order in which a tree stores them: node by node, and within a node along x,
+/// y and z.
 template <class Tree>
 void sortAsTree(std::vector<LeafSum>& leaves) {
   using Lower = typename Tree::RootNodeType::ChildNodeType::ChildNodeType;
@@ -247,8 +250,8 @@ void sortAsTree(std::vector<LeafSum>& leaves) {
 }
 
 /// Sets the identity, extent, background, metadata and fill function of an input from a grid.
-/// @param group  The process group that has the parts; each rank's part counts in its input's
-/// share.
+/// @param group  Process group that holds the parts of the grid. Each rank adds the leaves in its
+///               own share (BrickInput::share).
 template <class GridT>
 void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInput& input) {
   using Tree = typename GridT::TreeType;
@@ -301,7 +304,7 @@ void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInpu
   input.fill = GridBoxes<GridT>(grid);
 }
 
-/// Nodes of a brick: leaves, and tiles of one value.
+/// The nodes of one brick: leaves, and tiles, which have one value each.
 template <class GridT>
 struct BrickNodes {
   using Leaf = typename GridT::TreeType::LeafNodeType;
@@ -323,7 +326,7 @@ BrickNodes<GridT> nodesOf(const BrickView& view, const Coord& origin,
   using Value = typename GridT::ValueType;
   constexpr int kLeaf = Leaf::DIM;
   constexpr int kAlong = kBrickSide / kLeaf;
-  // Compares bits, because -0.0 is not 0.0.
+  // Compares bits, because -0.0 and 0.0 are equal as numbers but different in the file.
   const auto same = [](const Value& a, const Value& b) { return bitsOf(a) == bitsOf(b); };
   BrickNodes<GridT> nodes;
   nodes.leaves.reserve(std::size_t{kAlong} * kAlong * kAlong);
@@ -401,7 +404,7 @@ openvdb::GridBase::Ptr gridOf(BrickSource& source, std::int32_t level) {
 }
 
 openvdb::math::Transform::Ptr transformOf(const BrickLevel& level) {
-  // OpenVDB's matrices act on rows.
+  // OpenVDB's matrices multiply row vectors, so the matrix is transposed.
   openvdb::Mat4d map = openvdb::Mat4d::identity();
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) map(c, r) = level.linear(r, c);
@@ -424,7 +427,7 @@ openvdb::GridClass classOf(GridClass grid_class) {
   return openvdb::GRID_UNKNOWN;
 }
 
-/// @param share  See BrickInput.
+/// @param share  Value of BrickInput::share.
 BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half,
                    ProcessGroup& group, const std::optional<Share>& share) {
   if (parts.size() != 1) {
@@ -454,14 +457,14 @@ BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& 
 BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
   SingleProcess alone;
   BrickInput input = inputOf(volume->info(), volume->grid().parts, half, alone, std::nullopt);
-  // Keep the volume as long as its boxes are requested.
+  // The function object keeps the volume alive as long as the writer requests boxes.
   input.fill = [volume, boxes = std::move(input.fill)](const BrickBox& box) { return boxes(box); };
   return input;
 }
 
 BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& group, const Share& share) {
   const Prepared prepared = prepare(part->getName(), part, {});
-  // A part may be empty, though the whole is not.
+  // A part of the grid may be empty although the whole grid is not.
   if (!prepared.info.refusal.empty() && prepared.info.active_voxels > 0) {
     const auto colon = prepared.info.refusal.find(": ");
     throw VolumeError("grid \"" + prepared.info.name + "\"", prepared.info.refusal.substr(0, colon),

@@ -1,4 +1,5 @@
-/// Private to samplers and scenes: the parts of a process group's grid as input of writeBricks.
+/// Private to samplers and scenes: makes the input of writeBricks from a grid that a process group
+/// holds in parts.
 #pragma once
 
 #include <openvdb/Grid.h>
@@ -8,12 +9,12 @@
 namespace palpate {
 
 /// Returns one rank's part of a grid as input of writeBricks. A process group (ProcessGroup) holds
-/// the grid in parts and writes the bricks together. The part holds the bricks of the rank's share
-/// (BrickInput::share) and two more voxels around them, as leaves, without tiles. It may be empty
-/// if another rank's part is not. All ranks call this function. The result except `fill` and
-/// `share` describes the whole grid and is the same as for one grid. The part is not copied: do not
-/// write to it afterwards. Throws VolumeError with the grid's name if the volume cannot be used.
-/// Slow: reads every value.
+/// the grid in parts and writes the bricks together. The part consists of the bricks in the rank's
+/// share (BrickInput::share) and of two more voxels around them, as leaves without tiles. It may be
+/// empty if the part of another rank is not. All ranks must call this function. Except for `fill`
+/// and `share`, the result describes the whole grid, and equals that of brickInput for the whole
+/// grid. The function does not copy the part: do not write to the part afterwards. Throws
+/// VolumeError with the grid's name if the volume cannot be used. Slow: reads every value.
 [[nodiscard]] BrickInput brickInput(const openvdb::GridBase::Ptr& part, ProcessGroup& group,
                                     const Share& share);
 

@@ -9,11 +9,12 @@
 namespace palpate {
 namespace {
 
-/// Edge of a halved brick.
+/// Edge of a brick at half the resolution [voxels].
 constexpr int kHalf = kBrickSide / 2;
-/// Distance up to which signs around a voxel of the apron are read.
+/// Distance from a voxel up to which signs are read to decide whether the voxel is in the band of a
+/// level set [voxels].
 constexpr int kPyramidReach = 3;
-/// Voxels around a brick's own that are read.
+/// Number of voxels that are read around a brick's own voxels, on each side.
 constexpr int kAround = kBrickApron + kPyramidReach;
 constexpr int kBlock = kBrickSide + 2 * kAround;
 
@@ -27,7 +28,7 @@ float rounded(double sum, const BrickFormat& format) noexcept {
   return format.half ? floatOfHalf(halfOfFloat(mean)) : mean;
 }
 
-/// Returns the places of a brick's children and of the bricks beside them: 4 along each axis.
+/// Returns the places of a brick's children and of the bricks next to them, 4 along each axis.
 std::array<VoxelAt, 64> placesBelow(const BrickManifest& manifest, std::int32_t finer,
                                     const VoxelAt& at) {
   const BrickLevel& fine = manifest.levels()[static_cast<std::size_t>(finer)];
@@ -44,21 +45,22 @@ std::array<VoxelAt, 64> placesBelow(const BrickManifest& manifest, std::int32_t 
   return places;
 }
 
-/// Combines every byte by OR with those up to kPyramidReach away along an axis of the block.
+/// Combines every byte of the block by OR with all bytes within kPyramidReach of it along one axis.
 void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std::size_t stride) {
   std::copy(from.begin(), from.end(), to.begin());
   const std::size_t size = from.size();
   for (std::size_t s = 1; s <= kPyramidReach; ++s) {
     const std::size_t by = s * stride;
-    // Bytes that wrap around an edge of the block stay within kPyramidReach of it, where they are
-    // not read.
+    // At an edge of the block, some bytes are combined with bytes from the opposite edge. Only
+    // bytes within kPyramidReach of an edge are affected, and these are not read.
     for (std::size_t n = 0; n + by < size; ++n) to[n] |= from[n + by];
     for (std::size_t n = by; n < size; ++n) to[n] |= from[n - by];
   }
   from.swap(to);
 }
 
-/// Returns the coordinates' bits in turn, for an order in which neighbours are near.
+/// Returns the Morton code of a place: the bits of its coordinates in turn. Places with similar
+/// codes are near each other.
 std::uint64_t mortonOf(const VoxelAt& at) noexcept {
   std::uint64_t code = 0;
   for (unsigned bit = 0; bit < 21; ++bit) {
@@ -75,7 +77,8 @@ constexpr std::size_t kBlockVoxels = std::size_t{kBlock} * kBlock * kBlock;
 /// @param step  Place of the finer brick among the 4 x 4 x 4 of the block.
 void copyIntoBlock(const HalvedBrick& halved, const std::array<int, 3>& step,
                    std::size_t components, CoarserSpace& space) {
-  // Position of the finer brick's first voxel in the block, and its voxels that are in the block.
+  // `begin` is the position of the finer brick's first voxel in the block. `low` and `high` bound
+  // its voxels that are in the block.
   std::array<int, 3> begin{};
   std::array<int, 3> low{};
   std::array<int, 3> high{};
@@ -106,7 +109,7 @@ void copyIntoBlock(const HalvedBrick& halved, const std::array<int, 3>& step,
   }
 }
 
-/// Activates the band of a level set: the block's voxels near both signs.
+/// Activates the voxels of a level set's band: those with both signs within kPyramidReach voxels.
 void activateBand(CoarserSpace& space) {
   space.signs.resize(kBlockVoxels);
   space.other.resize(kBlockVoxels);
@@ -125,7 +128,7 @@ void activateBand(CoarserSpace& space) {
   }
 }
 
-/// Copies the brick and its apron out of the block.
+/// Copies the brick and its apron from the block.
 void cutBrick(const CoarserSpace& space, std::size_t components, std::span<float> values,
               std::span<std::uint8_t> active) {
   std::fill(active.begin(), active.end(), std::uint8_t{0});
@@ -160,7 +163,7 @@ std::shared_ptr<const HalvedBrick> HalvedBricks::of(const VoxelAt& at) {
   std::shared_ptr<const HalvedBrick> halved = make(entry);
   if (halved->kind != BrickKind::kStored) return halved;
   const std::lock_guard lock(mutex_);
-  // Another thread may have made it by now.
+  // Another thread may have made the same halved brick in the meantime.
   if (by_place_.count(at) != 0) return halved;
   kept_.emplace_front(at, halved);
   by_place_[at] = kept_.begin();
@@ -216,7 +219,8 @@ bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, Coarse
   const std::size_t components = finer.manifest().format().components();
   const auto places = placesBelow(finer.manifest(), finer.level(), at);
 
-  // Handles one value everywhere first, as in most of a sparse volume.
+  // First handles the case that all bricks have the same single value, which is frequent in a
+  // sparse volume.
   const BrickEntry first = finer.manifest().entry({finer.level(), places[0]});
   const bool uniform = std::all_of(places.begin(), places.end(), [&](const VoxelAt& place) {
     const BrickEntry one = finer.manifest().entry({finer.level(), place});
@@ -246,7 +250,8 @@ std::vector<VoxelAt> coarserPlaces(const BrickManifest& manifest, std::int32_t f
   std::vector<std::pair<std::uint64_t, VoxelAt>> ordered;
   ordered.reserve(manifest.entries(finer).size());
   for (const BrickEntry& entry : manifest.entries(finer)) {
-    // Its parent, and bricks with an apron that it reaches: two along each axis.
+    // The entry affects its parent brick, and neighbours of the parent whose apron it reaches: two
+    // places along each axis.
     for (int n = 0; n < 8; ++n) {
       VoxelAt at{};
       bool there = true;

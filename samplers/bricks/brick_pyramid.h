@@ -16,19 +16,22 @@
 
 namespace palpate {
 
-/// A brick's own voxels at half the resolution: 32^3 voxels, or their one value.
+/// A brick's own voxels at half the resolution: 32^3 voxels, or a single value for all of them.
 struct HalvedBrick {
-  BrickKind kind = BrickKind::kStored;  ///< kStored: each voxel has its own value.
-  std::array<float, 3> value{};         ///< The one value, if not kStored.
-  std::vector<float> values;            ///< Means, rounded to the format.
-  std::vector<std::uint8_t> active;     ///< One byte a voxel: 1 if one of the eight is active.
+  /// If kStored, each voxel has its own value; else all voxels have `value`.
+  BrickKind kind = BrickKind::kStored;
+  std::array<float, 3> value{};  ///< Value of all voxels, if `kind` is not kStored.
+  std::vector<float> values;     ///< Means of eight voxels each, rounded to the format.
+  /// One byte for each halved voxel: 1 if one of its eight voxels is active.
+  std::vector<std::uint8_t> active;
 };
 
-/// Makes each halved brick of a level once, and caches as many as there is room for. Any thread may
-/// use it.
+/// Makes the halved bricks of a level at their first request, and caches the latest kMost of them.
+/// Any thread may use it.
 class HalvedBricks {
  public:
-  /// @param source  Source of the bricks of `level`, with the level's entries in its manifest.
+  /// @param source  Source of the bricks of `level`. Its manifest must contain the entries of that
+  ///                level.
   HalvedBricks(BrickSource& source, std::int32_t level);
 
   /// Returns a halved brick. Throws VolumeError if the brick does not arrive.
@@ -36,7 +39,8 @@ class HalvedBricks {
 
   /// Returns the manifest of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_.manifest(); }
-  [[nodiscard]] std::int32_t level() const noexcept { return level_; }  ///< Their level.
+  /// Level of the halved bricks.
+  [[nodiscard]] std::int32_t level() const noexcept { return level_; }
 
  private:
   /// Largest number of cached bricks.
@@ -48,28 +52,31 @@ class HalvedBricks {
   std::int32_t level_;
   std::mutex mutex_;
   using Kept = std::list<std::pair<VoxelAt, std::shared_ptr<const HalvedBrick>>>;
-  Kept kept_;  ///< The last requested first.
+  Kept kept_;  ///< Cached bricks, the last requested one first.
   std::map<VoxelAt, Kept::iterator> by_place_;
 };
 
 /// Working memory of one thread for coarserBrick().
 struct CoarserSpace {
   std::vector<float> values;         ///< Values of the block around the brick.
-  std::vector<std::uint8_t> active;  ///< Active voxels of the block, one byte a voxel.
-  std::vector<std::uint8_t> signs;   ///< Near values: 1 if one is below zero, 2 if one is not.
-  std::vector<std::uint8_t> other;   ///< Buffer to compute `signs`.
+  std::vector<std::uint8_t> active;  ///< Active voxels of the block, one byte for each voxel.
+  /// Signs near each voxel: bit 0 is set if a value below zero is near, bit 1 if another value is
+  /// near.
+  std::vector<std::uint8_t> signs;
+  std::vector<std::uint8_t> other;  ///< Working memory for the computation of `signs`.
 };
 
-/// Makes a brick of the next level, with its apron.
-/// @param values  kBrickVoxels values; set on return.
-/// @param active  kBrickActiveBytes; set on return.
-/// @return        True if all voxels equal the first one; then only the first one is set.
+/// Makes a brick of the next coarser level, with its apron.
+/// @param values  Receives kBrickVoxels values.
+/// @param active  Receives kBrickActiveBytes bytes of active bits.
+/// @return        True if all voxels have the same value and state. Then only the first voxel of
+///                `values` and `active` is set.
 [[nodiscard]] bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set,
                                 CoarserSpace& space, std::span<float> values,
                                 std::span<std::uint8_t> active);
 
-/// Returns the places of the next level where bricks may differ from the background, in an order
-/// that keeps neighbours near each other.
+/// Returns the places of the next coarser level at which bricks may differ from the background. The
+/// order keeps neighbouring places near each other.
 [[nodiscard]] std::vector<VoxelAt> coarserPlaces(const BrickManifest& manifest, std::int32_t finer);
 
 }  // namespace palpate

@@ -10,9 +10,11 @@
 namespace palpate {
 namespace {
 
-/// Requests are chosen again if a hand has moved by this since the last choice [voxels].
+/// Distance that a hand must move since the last choice of requests before they are chosen again
+/// [voxels].
 constexpr double kMoved = 8.0;
-/// Requests are chosen again if a hand's future position has moved by this [voxels].
+/// Distance that a hand's predicted position must move since the last choice before requests are
+/// chosen again [voxels].
 constexpr double kMovedAhead = kBrickSide / 2.0;
 
 }  // namespace
@@ -64,8 +66,8 @@ std::uint32_t BrickWindow::enter() const noexcept {
     const std::uint32_t side = pool_->side.load();
     pool_->in[side].readers.fetch_add(1);
     if (pool_->side.load() == side) return side;
-    // The loader has changed sides and may have counted the readers of this side already. It
-    // changes sides at most once per brick.
+    // The loader has changed the side since `side` was read, and may not wait for this reader. The
+    // reader therefore tries again. The loader changes the side at most once per brick.
     pool_->in[side].readers.fetch_sub(1);
   }
 }
@@ -116,7 +118,7 @@ bool BrickWindow::cellAt(const Entry& entry, std::int32_t level, const std::arra
       out.rows[row] = values + first * components;
     }
     if (a % 3 == 0 || b % 3 == 0) continue;
-    // Reads four bits, which are in one word or in two.
+    // Reads four active bits, which may lie in one word or in two.
     const std::size_t shift = first % 32;
     std::uint32_t four = bits[first / 32] >> shift;
     if (shift > 28) four |= bits[first / 32 + 1] << (32 - shift);

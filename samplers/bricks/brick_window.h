@@ -1,4 +1,4 @@
-/// A window of bricks around the hands: the part in memory of a volume larger than memory.
+/// A window of bricks: the part of a volume that is in memory, if the volume is larger than memory.
 #pragma once
 
 #include <array>
@@ -16,47 +16,54 @@
 
 namespace palpate {
 
-/// Limits and look-ahead of a window.
+/// Limits of a window's memory, and the time that it looks ahead.
 struct WindowParams {
-  std::uint64_t budget = 256ULL << 20;  ///< For pool, tables and fetches in progress [bytes].
-  double horizon = 0.25;  ///< Look-ahead at a hand's present velocity [s]; the window looks farther
-                          ///< if bricks take long to arrive (BrickSource::delay).
-  bool lock = true;       ///< Locks the pool in memory, if that is allowed.
-  bool waits = false;     ///< A field's attend() waits for all requested bricks, 60 s at most: for
-                          ///< virtual time, where equal motions have to give equal forces.
+  /// Memory for the pool, the tables and the fetches in progress [bytes].
+  std::uint64_t budget = 256ULL << 20;
+  /// Time for which the window predicts a hand's path from its velocity [s]. The time is longer if
+  /// bricks take long to arrive (BrickSource::delay).
+  double horizon = 0.25;
+  bool lock = true;  ///< True to lock the pool in memory, if the system permits it.
+  /// If true, attend() of a field waits for all requested bricks, at most 60 s. For virtual time,
+  /// in which equal motions must give equal forces.
+  bool waits = false;
 
-  [[nodiscard]] bool operator==(const WindowParams&) const = default;  ///< Same window.
+  /// True if all parameters are equal.
+  [[nodiscard]] bool operator==(const WindowParams&) const = default;
 };
 
-/// Present content and counters of a window.
+/// Number of bricks in a window, and counters of its work.
 struct WindowState {
-  std::uint64_t slots = 0;     ///< Bricks that the pool can hold.
-  std::uint64_t resident = 0;  ///< Bricks in the pool, including the coarsest level.
-  std::uint64_t bytes = 0;     ///< For pool, tables and fetches in progress.
-  std::uint64_t fetched = 0;   ///< Bricks fetched, including those at the start.
-  std::uint64_t failed = 0;    ///< Failed bricks: read at a coarser level, retried.
-  bool locked = false;         ///< The pool is locked in memory.
-  bool gone = false;           ///< See lost().
+  std::uint64_t slots = 0;     ///< Number of bricks for which the pool has room.
+  std::uint64_t resident = 0;  ///< Number of bricks in the pool, including the coarsest level.
+  /// Memory for the pool, the tables and the fetches in progress [bytes].
+  std::uint64_t bytes = 0;
+  std::uint64_t fetched = 0;  ///< Number of bricks fetched so far, including those at the start.
+  /// Number of bricks whose fetch failed. A coarser level is read in their place, and they are
+  /// requested again.
+  std::uint64_t failed = 0;
+  bool locked = false;  ///< True if the pool is locked in memory.
+  bool gone = false;    ///< Value of BrickWindow::lost().
 };
 
-/// A pool of bricks of all levels around the hands. A loader thread keeps it full, finest where a
-/// hand is and soon will be. The whole coarsest level is always loaded.
+/// A pool of bricks of all levels around the hands. A loader thread keeps the pool full. It prefers
+/// bricks that are near a hand or on its predicted path. The whole coarsest level is always loaded.
 ///
-/// One pool serves any number of readers, which take no lock. The loader never overwrites a brick
-/// that a reader sees. It removes the brick from the tables, and reuses its slot after all readers
-/// that had called enter() by then have left. A reader that does not leave for long stops the
-/// loader.
+/// Any number of readers share one pool, without a lock. The loader never overwrites a brick that a
+/// reader may be reading. It first removes the brick from the tables. It then waits until all
+/// readers that had called enter() before have left, and reuses the slot. A reader that does not
+/// leave stops the loader.
 class BrickWindow {
  public:
-  /// Number of hands that a window follows. Hands beyond this number share an entry with another.
+  /// Number of hands that a window can follow. Further hands share the records of the first ones.
   static constexpr std::size_t kMostHands = 16;
 
   /// Fetches the coarsest level and starts the loader. Throws VolumeError if the level cannot be
-  /// fetched, or if the budget does not hold it and 27 more bricks.
+  /// fetched, or if the budget does not suffice for this level and 27 more bricks.
   BrickWindow(std::unique_ptr<BrickSource> source, const WindowParams& params = {});
   BrickWindow(const BrickWindow&) = delete;
   BrickWindow& operator=(const BrickWindow&) = delete;
-  ~BrickWindow();  ///< Stops the thread; takes as long as one fetch.
+  ~BrickWindow();  ///< Stops the loader thread. May take as long as one fetch.
 
   /// Returns the manifest of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_->manifest(); }
@@ -65,49 +72,52 @@ class BrickWindow {
   /// Returns the coarsest level as a volume, for display and statistics. Throws VolumeError. Slow.
   [[nodiscard]] std::shared_ptr<const Volume> coarsest() const;
 
-  /// Returns a number for aim(), for one reader. RT: wait-free.
+  /// Returns the number of a new hand, for use with aim(). RT: wait-free.
   [[nodiscard]] std::size_t newHand() const noexcept;
   /// Position and velocity of a hand, in index space of level 0 [voxels, voxels/s].
   struct Aim {
     Vec3 proxy = Vec3::Zero();     ///< Position of the proxy, which surfaces hold.
-    Vec3 probe = Vec3::Zero();     ///< Position of the hand itself.
+    Vec3 probe = Vec3::Zero();     ///< Position of the probe.
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
-  /// Reports where a hand is. The caller calls it once a tick. The window stops following a hand
-  /// that has not reported for a second. RT: wait-free.
+  /// Reports where a hand is. Call it once in each tick. If a hand has not reported for a second,
+  /// the window stops following it. RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
 
   /// Registers a reader. Bricks that entryAt() returns from now on stay readable until leave(). A
-  /// registered reader must not call settle(). RT: no lock; repeats the count if the loader removes
-  /// a brick at that moment.
+  /// registered reader must not call settle(). RT: no lock; tries again if the loader removes a
+  /// brick during the call.
   [[nodiscard]] std::uint32_t enter() const noexcept;
-  /// Unregisters a reader, with the value that enter() returned. RT: wait-free.
+  /// Ends the registration of a reader. `side` is the value that enter() returned. RT: wait-free.
   void leave(std::uint32_t side) const noexcept;
 
-  /// State of a brick at one moment. RT: get it again before each reading.
+  /// State of a brick at one moment: missing, of one value, or in a slot. RT: call entryAt() again
+  /// before each reading, because the state may change.
   class Entry {
    public:
-    /// Missing, of one value, or in a slot.
+    /// Missing, of one value, or in a slot of the pool.
     enum Kind : std::uint32_t { kAbsent = 0, kConstant = 1, kSlot = 2 };
 
     Entry() = default;
-    explicit Entry(std::uint64_t bits) noexcept : bits_(bits) {}  ///< From bits().
+    /// Makes an entry from the number that bits() returned.
+    explicit Entry(std::uint64_t bits) noexcept : bits_(bits) {}
     /// @param index       Index of the slot or of the constant brick, below 2^30.
     /// @param generation  Generation of the slot; 0 for other kinds.
     Entry(Kind kind, std::uint32_t index, std::uint32_t generation) noexcept
         : bits_(std::uint64_t{generation} << 32U | std::uint64_t{index} << 2U | kind) {}
     /// Returns whether the brick is missing, of one value, or in a slot.
     [[nodiscard]] Kind kind() const noexcept { return static_cast<Kind>(bits_ & 3U); }
-    [[nodiscard]] bool resident() const noexcept { return kind() != kAbsent; }  ///< It can be read.
-    /// Returns the index of a slot, or of a constant brick.
+    /// Returns true if the brick can be read.
+    [[nodiscard]] bool resident() const noexcept { return kind() != kAbsent; }
+    /// Returns the index of the brick's slot, or of its value if it has only one.
     [[nodiscard]] std::uint32_t index() const noexcept {
       return static_cast<std::uint32_t>(bits_ >> 2U) & 0x3fffffffU;
     }
-    /// Returns the number that a slot has as long as it holds the brick.
+    /// Returns the generation of the slot, which changes when another brick is put into the slot.
     [[nodiscard]] std::uint32_t generation() const noexcept {
       return static_cast<std::uint32_t>(bits_ >> 32U);
     }
-    /// Returns the entry as a number.
+    /// Returns the entry as one number, for atomic access.
     [[nodiscard]] std::uint64_t bits() const noexcept { return bits_; }
     /// Returns true for the same brick in the same slot.
     [[nodiscard]] bool operator==(const Entry&) const = default;
@@ -116,39 +126,44 @@ class BrickWindow {
     std::uint64_t bits_ = 0;
   };
 
-  /// Counts the bricks that arrived and left: entries are the same while this number is. RT.
+  /// Returns the number of changes of the tables. While this number stays the same, all entries
+  /// stay the same. RT: no lock.
   [[nodiscard]] std::uint64_t changes() const noexcept;
 
-  /// Returns the entry of the brick with cell (i, j, k) of a level; a constant one beyond the
-  /// pyramid. RT.
+  /// Returns the entry of the brick that contains cell (i, j, k) of a level. For a cell outside of
+  /// the pyramid, this is the entry of the background. RT: no lock.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
-  /// Returns when the brick of a slot arrived [ns of the steady clock]. For other entries, and for
-  /// a brick that arrived away from all proxies, returns a time long ago. RT.
+  /// Returns the time at which the brick in a slot arrived [ns of the steady clock]. For other
+  /// entries, and for a brick that arrived far from all proxies, returns a time in the distant
+  /// past. RT: no lock.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
-  /// 4^3 voxels: rows along the last axis, and their active bits in the order of a cell (cell.h).
+  /// A block of 4^3 voxels: pointers to its rows along the last axis, and its active bits in the
+  /// order of a kernel's mask (cell.h).
   struct Cell {
-    std::array<const float*, 16> rows;  ///< In the pool, or in `room`.
-    std::uint64_t active = 0;           ///< One bit a voxel.
-    std::array<float, 64UL * 3> room;   ///< For rows that are not in the pool in this form.
+    std::array<const float*, 16> rows;  ///< Rows in the pool, or in `room`.
+    std::uint64_t active = 0;           ///< One bit for each voxel, set if the voxel is active.
+    std::array<float, 64UL * 3> room;   ///< Memory for rows that the pool stores in another form.
   };
-  /// Reads the voxels around a cell, from one voxel before its lowest corner. The entry has to come
-  /// from a call since enter(). Returns false if the brick is missing. RT: no allocation.
+  /// Reads the block of voxels around a cell. The block begins one voxel before the cell's lowest
+  /// corner. The caller must have got `entry` after its last call of enter(). Returns false if the
+  /// brick is missing. RT: no allocation.
   [[nodiscard]] bool cellAt(const Entry& entry, std::int32_t level, const std::array<int, 3>& cell,
                             Cell& out) const noexcept;
 
-  [[nodiscard]] WindowState state() const;  ///< Present state. Takes a lock.
-  /// Returns true while the volume is lost, from one to two seconds after the loss; see
-  /// BrickSource::isThere. Bricks in memory stay readable. RT: wait-free.
+  [[nodiscard]] WindowState state() const;  ///< Returns the present state. Takes a lock.
+  /// Returns true while the volume is missing (BrickSource::isThere). A loss is detected after one
+  /// to two seconds. Bricks in memory stay readable. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;
   /// Returns the errors since the last call: one line for each brick and kind of error, at most 8
-  /// of a kind. One more line reports that the whole volume is lost, and one that it is back.
+  /// lines of a kind. Further lines report that the whole volume is missing, or that it is
+  /// available again.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
   /// Waits until every requested brick has arrived or failed. Returns false if that takes more than
-  /// `seconds` [s]. In virtual time the loop does not wait for disks: call this before each tick.
-  /// During the wait the window keeps following its hands, even if they do not report. Cost: two
-  /// loads if no request changed.
+  /// `seconds` [s]. In virtual time the loop does not wait for disks, so call this before each
+  /// tick. During the wait the window keeps following its hands, even if they do not report. Cost:
+  /// two loads if no request changed.
   [[nodiscard]] bool settle(double seconds) const;
 
  private:

@@ -1,5 +1,6 @@
-/// Volumes larger than memory: bricks of 64^3 values in levels of halving resolution. Each brick is
-/// an object and is fetched by itself. docs/bricks.md has the format.
+/// Volumes larger than memory: bricks of 64^3 values, in levels of which each has half the
+/// resolution of the one before. Each brick is stored as one object and can be fetched by itself.
+/// docs/bricks.md has the format.
 #pragma once
 
 #include <array>
@@ -20,49 +21,55 @@
 
 namespace palpate {
 
-inline constexpr int kBrickSide = 64;  ///< A brick's own voxels along an edge.
-inline constexpr int kBrickApron = 2;  ///< Voxels of its neighbours around them, on each side.
-inline constexpr int kBrickEdge = kBrickSide + 2 * kBrickApron;  ///< Voxels along an edge, in all.
+inline constexpr int kBrickSide = 64;  ///< Number of a brick's own voxels along an edge.
+/// Width of a brick's apron, which repeats voxels of its neighbours on each side [voxels].
+inline constexpr int kBrickApron = 2;
+/// Number of voxels along an edge, apron included.
+inline constexpr int kBrickEdge = kBrickSide + 2 * kBrickApron;
 inline constexpr std::size_t kBrickVoxels =
-    std::size_t{kBrickEdge} * kBrickEdge * kBrickEdge;              ///< Voxels of a brick, in all.
-inline constexpr std::size_t kBrickActiveBytes = kBrickVoxels / 8;  ///< One bit a voxel.
+    std::size_t{kBrickEdge} * kBrickEdge * kBrickEdge;  ///< Voxels of a brick and its apron.
+/// Size of a brick's active bits, one for each voxel [bytes].
+inline constexpr std::size_t kBrickActiveBytes = kBrickVoxels / 8;
 
 /// A voxel in the index space of a level.
 using VoxelAt = std::array<std::int32_t, 3>;
 
-/// Memory layout of the bricks of a volume. First come kBrickVoxels values, the last axis fastest,
-/// with the components of a vector side by side. Then comes one bit a voxel, lowest first, set if
-/// the voxel is active. Padding follows up to a whole number of slabs; a slab is the values of one
-/// place along the first axis. The last bytes identify the brick.
+/// Memory layout of the bricks of a volume. First come the values of kBrickVoxels voxels. The index
+/// along the last axis varies fastest, and the components of a vector are next to each other. Then
+/// comes one bit for each voxel, lowest bit first, which is set if the voxel is active. Padding
+/// follows, up to a whole number of slabs. A slab holds as many bytes as the values of all voxels
+/// with one index along the first axis. The last bytes identify the brick.
 struct BrickFormat {
-  bool vector = false;  ///< Three components a value, else one.
-  bool half = false;    ///< A component has 16 bits, else 32.
+  bool vector = false;  ///< True for vectors of three components, false for scalars.
+  bool half = false;    ///< True if a component has 16 bits, false if it has 32 bits.
 
   /// Returns the number of components of a value.
   [[nodiscard]] std::size_t components() const noexcept { return vector ? 3 : 1; }
   /// Returns the size of a component [bytes].
   [[nodiscard]] std::size_t componentBytes() const noexcept { return half ? 2 : 4; }
-  /// Returns where the bits begin [bytes].
+  /// Returns the offset of the active bits in a brick [bytes].
   [[nodiscard]] std::size_t activeBegin() const noexcept {
     return kBrickVoxels * components() * componentBytes();
   }
-  /// Returns the size of the values of one place along the first axis.
+  /// Returns the size of a slab [bytes].
   [[nodiscard]] std::size_t slabBytes() const noexcept { return activeBegin() / kBrickEdge; }
-  [[nodiscard]] std::size_t slabs() const noexcept;  ///< Including those for the bits: 69 to 73.
-  /// Returns the size of a brick in memory.
+  /// Number of slabs of a brick, 69 to 73, including those for the bits and the identity.
+  [[nodiscard]] std::size_t slabs() const noexcept;
+  /// Returns the size of a brick in memory [bytes].
   [[nodiscard]] std::size_t bytes() const noexcept { return slabs() * slabBytes(); }
-  [[nodiscard]] bool operator==(const BrickFormat&) const = default;  ///< Same layout.
+  /// True if the layouts are equal.
+  [[nodiscard]] bool operator==(const BrickFormat&) const = default;
 };
 
-/// Reads a brick in memory.
+/// Provides the voxels of a brick in memory.
 class BrickView {
  public:
-  /// @param slot  BrickFormat::bytes(), filled by a BrickSource.
+  /// @param slot  Brick of BrickFormat::bytes() bytes, filled by a BrickSource.
   BrickView(const BrickFormat& format, const std::byte* slot) noexcept
       : format_(format), slot_(slot) {}
 
-  /// Returns the number of a voxel of the brick. i, j and k are from -2 to 65; (0, 0, 0) is the
-  /// brick's first own voxel.
+  /// Returns the number of a voxel in a brick. i, j and k are from -2 to 65. (0, 0, 0) is the
+  /// brick's first own voxel, and negative indices are in the apron.
   [[nodiscard]] static std::size_t numberOf(int i, int j, int k) noexcept {
     return (static_cast<std::size_t>(i + kBrickApron) * kBrickEdge +
             static_cast<std::size_t>(j + kBrickApron)) *
@@ -92,86 +99,97 @@ class BrickView {
   const std::byte* slot_;
 };
 
-/// A brick's place in the pyramid.
+/// Place of a brick in the pyramid of levels.
 struct BrickId {
-  std::int32_t level = 0;  ///< 0: the resolution of the given volume.
-  VoxelAt at{};            ///< From 0, along the three axes of the level's array.
+  std::int32_t level = 0;  ///< Level; 0 has the resolution of the given volume.
+  VoxelAt at{};            ///< Index of the brick along each axis of the level, from 0.
 
-  [[nodiscard]] bool operator==(const BrickId&) const = default;  ///< Same place.
-  /// Orders by level, then in the order of arrays.
+  [[nodiscard]] bool operator==(const BrickId&) const = default;  ///< True if the places are equal.
+  /// Orders bricks by level, then by their indices, with the last axis varying fastest.
   [[nodiscard]] bool operator<(const BrickId& other) const noexcept {
     return level != other.level ? level < other.level : at < other.at;
   }
 };
 
-/// One level of a pyramid. Its voxel I is the mean of the voxels 2 I and 2 I + 1 of the level
-/// before, and lies between them.
+/// One level of a pyramid. Voxel I of a level is the mean of the voxels 2 I and 2 I + 1, along each
+/// axis, of the next finer level. Its centre lies in the middle of their centres.
 struct BrickLevel {
-  Mat3 linear = Mat3::Identity();  ///< file = linear * index + origin, with this level's index.
-  Vec3 origin = Vec3::Zero();      ///< Position of index (0, 0, 0), file.
-  VoxelAt first{};                 ///< Brick (0, 0, 0): its own voxels begin at 64 times this.
-  std::array<std::int32_t, 3> count{};  ///< Bricks along each axis.
+  /// Linear part of the map file = linear * index + origin, where index is in this level's index
+  /// space.
+  Mat3 linear = Mat3::Identity();
+  Vec3 origin = Vec3::Zero();  ///< Position of index (0, 0, 0) in the file's world space.
+  /// Index of brick (0, 0, 0) in bricks: its first own voxel is at 64 times this.
+  VoxelAt first{};
+  std::array<std::int32_t, 3> count{};  ///< Number of bricks along each axis.
 
-  /// Returns the position of a point in index space.
+  /// Maps a point from this level's index space to the file's world space.
   [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }
-  /// Returns the first own voxel of a brick.
+  /// Returns the index of a brick's first own voxel.
   [[nodiscard]] VoxelAt voxelOf(const VoxelAt& at) const noexcept;
-  [[nodiscard]] std::uint64_t bricks() const noexcept;  ///< Number of bricks.
+  /// Returns the number of bricks of the level.
+  [[nodiscard]] std::uint64_t bricks() const noexcept;
 };
 
-/// Content of a brick's place.
+/// Content of a brick.
 enum class BrickKind : std::uint32_t {
-  kInactive = 0,  ///< All voxels and the apron inactive, of one value: no object.
-  kActive = 1,    ///< All voxels and the apron active, of one value: no object.
-  kStored = 2,    ///< The place has an object.
+  /// All voxels, apron included, are inactive and have one value. The brick has no object.
+  kInactive = 0,
+  /// All voxels, apron included, are active and have one value. The brick has no object.
+  kActive = 1,
+  kStored = 2,  ///< The brick has an object.
 };
 
 /// One brick, as listed in the manifest.
 struct BrickEntry {
-  VoxelAt at{};                           ///< See BrickId.
-  BrickKind kind = BrickKind::kInactive;  ///< Content of the place.
-  std::uint32_t bytes = 0;                ///< Size of its object.
-  std::uint32_t checksum = 0;             ///< CRC-32 of its object, as in zlib.
-  std::array<float, 3> value{};           ///< The one value, if `kind` is not kStored.
+  VoxelAt at{};                           ///< Indices of the brick (BrickId::at).
+  BrickKind kind = BrickKind::kInactive;  ///< Content of the brick.
+  std::uint32_t bytes = 0;                ///< Size of the brick's object [bytes].
+  std::uint32_t checksum = 0;             ///< CRC-32 of the brick's object, as in zlib.
+  std::array<float, 3> value{};           ///< Value of all voxels, if `kind` is not kStored.
 };
 
-/// The description of a volume in bricks, without its values. Memory: a few hundred bytes, and 36
-/// for each brick that is not the background.
+/// The description of a volume in bricks, without its values. Takes a few hundred bytes of memory,
+/// and 36 bytes for each brick that differs from the background.
 class BrickManifest {
  public:
   /// Reads the manifest of a finished folder. Throws VolumeError if the folder does not exist, is
   /// unfinished, does not hold bricks or is of another version, or if its manifest is cut off or
   /// damaged.
   [[nodiscard]] static BrickManifest read(const std::filesystem::path& folder);
-  /// Reads a manifest from memory, with the same errors.
-  /// @param called  Name of the manifest in errors.
+  /// Parses a manifest in memory. Throws VolumeError for the same errors as read().
+  /// @param called  Name of the manifest in error messages.
   [[nodiscard]] static BrickManifest parse(std::span<const std::byte> bytes,
                                            const std::string& called);
 
-  [[nodiscard]] const GridInfo& info() const noexcept { return info_; }  ///< Facts about level 0.
+  /// Returns the facts about level 0.
+  [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
   /// Returns the format of every brick.
   [[nodiscard]] const BrickFormat& format() const noexcept { return format_; }
-  /// Returns the value where there is neither an entry nor a brick; inactive.
+  /// Returns the value of inactive voxels in bricks without an entry.
   [[nodiscard]] const std::array<float, 3>& background() const noexcept { return background_; }
-  /// Returns the levels from the finest to the coarsest, which has 8 bricks at most.
+  /// Returns the levels from the finest to the coarsest. The coarsest level has at most 8 bricks.
   [[nodiscard]] const std::vector<BrickLevel>& levels() const noexcept { return levels_; }
-  /// Returns the entries of a level, in the order of BrickId; all other bricks are background.
+  /// Returns the entries of a level, in the order of BrickId. Bricks without an entry are
+  /// background.
   [[nodiscard]] std::span<const BrickEntry> entries(std::int32_t level) const noexcept;
-  /// Returns true if the pyramid has this place.
+  /// Returns true if the pyramid contains this place.
   [[nodiscard]] bool has(const BrickId& id) const noexcept;
-  /// Returns the entry of a brick. If the manifest does not list the brick, and beyond the pyramid,
-  /// returns the background. RT: no allocation. Cost: logarithm of the level's entries.
+  /// Returns the entry of a brick. For a brick without an entry, or outside of the pyramid, returns
+  /// an entry of the background. RT: no allocation. Cost: logarithm of the number of entries.
   [[nodiscard]] BrickEntry entry(const BrickId& id) const noexcept;
-  /// Returns the brick that owns a voxel; std::nullopt beyond the level.
+  /// Returns the brick that has the voxel as one of its own; std::nullopt if the voxel is outside
+  /// of the level.
   [[nodiscard]] std::optional<BrickId> holding(std::int32_t level,
                                                const VoxelAt& voxel) const noexcept;
-  /// Returns a number that is the same for all bricks of the same values and the same options.
+  /// Returns the identity of the volume. Volumes in bricks have the same identity if they were made
+  /// from the same values with the same options.
   [[nodiscard]] std::uint64_t identity() const noexcept { return identity_; }
-  /// Returns the first and the last voxel of level 0 that may differ from the background.
+  /// Returns the first and the last voxel of the box in which level 0 may differ from the
+  /// background.
   [[nodiscard]] const std::array<VoxelAt, 2>& extent() const noexcept { return extent_; }
-  /// Returns the other facts of the volume's file, such as units: a JSON object.
+  /// Returns the metadata of the volume's file, such as units, as a JSON object.
   [[nodiscard]] const std::string& metadata() const noexcept { return metadata_; }
-  /// Returns the size of all objects [bytes].
+  /// Returns the sum of the sizes of all objects [bytes].
   [[nodiscard]] std::uint64_t storedBytes() const noexcept;
 
  private:
@@ -188,49 +206,55 @@ class BrickManifest {
   std::string metadata_;
 };
 
-/// Returns the name of a stored brick's object, below its folder: "0/1.2.3.0.0.0".
+/// Returns the name of a brick's object, relative to the folder of the volume: "0/1.2.3.0.0.0".
 [[nodiscard]] std::string brickObject(const BrickId& id, const BrickFormat& format);
 
-/// The result of a brick's fetch. After each result, other bricks can be fetched.
+/// The result of a brick's fetch. After each of them, other bricks can be fetched.
 enum class BrickStatus : std::uint8_t {
-  kArrived,  ///< The slot holds the brick.
-  kUnknown,  ///< The pyramid does not have this place: an error of the caller.
+  kArrived,  ///< The slot contains the brick.
+  kUnknown,  ///< The pyramid does not contain this place. The caller made an error.
   kMissing,  ///< The object does not exist: copy or write the volume again.
-  kCut,  ///< The object is shorter or longer than in the manifest: copy or write the volume again.
-  kDamaged,     ///< The checksum or the content is wrong: copy or write the volume again.
-  kOthers,      ///< The brick is of another place or volume: copy or write the volume again.
-  kGone,        ///< The whole volume does not exist any more; do not retry.
-  kUnreadable,  ///< The system reports an error; a retry may succeed.
+  /// The object is shorter or longer than the manifest states: copy or write the volume again.
+  kCut,
+  kDamaged,  ///< The checksum or the content is wrong: copy or write the volume again.
+  /// The object contains a brick of another place or volume: copy or write the volume again.
+  kOthers,
+  kGone,        ///< The whole volume no longer exists. Do not retry.
+  kUnreadable,  ///< The system reports an error. A retry may succeed.
 };
 
-/// Returns "arrived", "missing", "cut", ...
+/// Returns the word for a status, such as "arrived", "missing" or "cut".
 [[nodiscard]] const char* wordFor(BrickStatus status) noexcept;
 
 /// A requested brick.
 struct BrickWish {
-  BrickId id;             ///< The brick.
-  double priority = 0.0;  ///< The highest is fetched first; of equal ones the first.
+  BrickId id;  ///< The brick.
+  /// Priority. The brick with the highest priority is fetched first; of equal priorities, the brick
+  /// that is first in the list.
+  double priority = 0.0;
 };
 
 /// The result of a brick's fetch.
 struct BrickArrival {
-  BrickId id;                                  ///< The brick.
-  BrickStatus status = BrickStatus::kUnknown;  ///< Whether the slot holds the brick.
-  std::string why;  ///< One line, "what: why: remedy"; empty if the brick has arrived.
+  BrickId id;  ///< The brick.
+  /// kArrived if the slot contains the brick, else the reason why it does not.
+  BrickStatus status = BrickStatus::kUnknown;
+  /// One line with the subject, the reason and the remedy; empty if the brick has arrived.
+  std::string why;
 };
 
-/// A source of bricks: files, or a store that provides objects by name.
+/// A source of bricks: a folder, or a store that provides objects by name.
 ///
-/// One thread requests bricks; the same thread or others take them as they arrive:
+/// One thread requests bricks. The same thread or other threads receive them as they arrive:
 ///
-///     source.want(wishes);                                 // whenever the hand has moved on
-///     while (auto arrival = source.next(slot, patience))   // in a thread of its own
+///   source.want(wishes);                 // when the hand has moved
+///   while (auto arrival = source.next(slot, patience))  // in another thread
 ///       if (arrival->status == BrickStatus::kArrived) ...
 ///
-/// Each list of requests replaces the one before, so no request needs to be cancelled. If the fetch
-/// of a brick has begun, the brick arrives once, even if later lists omit or repeat it. A brick
-/// that has arrived and is listed again is fetched again. Any thread may call any function at any
-/// time.
+/// Each list of requests replaces the previous list, so a request need not be cancelled. If the
+/// fetch of a brick has begun, the brick arrives once, even if later lists omit or repeat it. If a
+/// brick that has arrived is requested again, it is fetched again. Any thread may call any function
+/// at any time.
 class BrickSource {
  public:
   BrickSource() = default;
@@ -244,34 +268,38 @@ class BrickSource {
   /// Requests these bricks and drops all earlier requests. Never waits for a fetch.
   virtual void want(std::vector<BrickWish> wishes) = 0;
 
-  /// Fetches the most urgent requested brick into a slot of the caller, also if it has one value.
-  /// Several threads may wait at a time, each with its own slot. Takes the time of one brick if one
-  /// is requested, else waits for a request, `patience` at most.
-  /// @param slot  BrickFormat::bytes() of the caller; unspecified if the brick has not arrived.
-  /// @return      std::nullopt if no brick was requested or, from a remote source, has arrived.
+  /// Fetches the requested brick of the highest priority into a slot of the caller. A brick of one
+  /// value is delivered in the same way. Several threads may call this at the same time, each with
+  /// its own slot. If a brick is requested, the call takes as long as its fetch. Otherwise it waits
+  /// for a request, at most for `patience`.
+  /// @param slot  Memory of the caller, BrickFormat::bytes() bytes. Its content is unspecified if
+  ///              the brick has not arrived.
+  /// @return      std::nullopt if no brick was requested in time, or if no brick arrived from a
+  ///              remote source in time.
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 
-  /// Returns true if the volume exists: a finished volume is at its place, and is the same. If the
-  /// volume has come back, later fetches read it from there. Takes as long as a small file.
+  /// Returns true if a finished volume is at the place of this volume and has the same manifest. If
+  /// the volume has returned after a loss, later fetches read it there. Takes as long as reading a
+  /// small file.
   [[nodiscard]] virtual bool isThere() = 0;
 
-  /// Fetches one brick now, apart from all requests.
+  /// Fetches one brick at once, independently of all requests.
   [[nodiscard]] virtual BrickArrival read(const BrickId& id, std::span<std::byte> slot) = 0;
 
-  /// Returns how long bricks have lately taken from the start of their fetch. The window looks
-  /// ahead farther by a few times this. 0: negligible.
+  /// Returns the recent mean time from the start of a fetch to the arrival of its brick. The
+  /// window's look-ahead grows by a few times this value. 0 means that the time is negligible.
   [[nodiscard]] virtual std::chrono::duration<double> delay() const { return {}; }
 };
 
-/// Bricks in a folder, without a thread of its own. The caller of next() reads, decompresses and
-/// checks. The memory for this is kept from brick to brick, one set for each thread that was ever
-/// in it at once.
+/// Bricks in a folder. This source has no thread of its own: the thread that calls next() reads,
+/// decompresses and checks the brick. The memory for that is kept from brick to brick. There is one
+/// set of memory for each thread that was in next() at the same time.
 class PosixBricks final : public BrickSource {
  public:
-  /// Throws VolumeError, see BrickManifest::read.
+  /// Opens a finished folder. Throws VolumeError in the cases of BrickManifest::read.
   explicit PosixBricks(const std::filesystem::path& folder);
-  /// Uses a given manifest; the folder need not have one (yet).
+  /// Opens a folder with a given manifest. The folder need not contain a manifest yet.
   PosixBricks(const std::filesystem::path& folder, BrickManifest manifest);
   ~PosixBricks() override;
 
@@ -279,7 +307,7 @@ class PosixBricks final : public BrickSource {
   void want(std::vector<BrickWish> wishes) override;
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override;
-  /// Checks the folder's path and the manifest in it.
+  /// Returns true if the folder is still at its path and contains the manifest of this volume.
   [[nodiscard]] bool isThere() override;
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override;
 
@@ -288,19 +316,20 @@ class PosixBricks final : public BrickSource {
   std::unique_ptr<State> state_;
 };
 
-/// Returns true for a folder of bricks, finished or not.
+/// Returns true if the folder contains bricks, even if the volume is unfinished.
 [[nodiscard]] bool isBricks(const std::filesystem::path& folder) noexcept;
 
-/// Returns a level of a volume in bricks as one grid in memory, for comparison and display. Values
-/// and active states are those written, to the last bit. Throws VolumeError like
-/// BrickManifest::read, and if the level does not exist or a brick does not arrive.
+/// Loads a level of a volume in bricks as one grid in memory, for comparison and display. Values
+/// and active states equal the written ones to the last bit. Throws VolumeError in the cases of
+/// BrickManifest::read, if the level does not exist, and if a brick does not arrive.
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder,
                                                        std::int32_t level = 0);
-/// Returns the same from any source.
+/// Loads a level from any source in the same way.
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level,
                                                        const std::string& called);
 
-/// Returns the manifest's path. This file is written last; its identity is that of the volume.
+/// Returns the path of the manifest in a folder of bricks. The writer creates this file last. It
+/// contains the identity of the volume.
 [[nodiscard]] std::filesystem::path brickManifestFile(const std::filesystem::path& folder);
 
 }  // namespace palpate

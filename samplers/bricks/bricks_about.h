@@ -1,4 +1,5 @@
-/// Finds the region around a brick where all bricks are loaded, once instead of at each reading.
+/// Finds a region around a brick in which all bricks are loaded, so that each reading need not
+/// check all neighbours.
 #pragma once
 
 #include <array>
@@ -9,24 +10,26 @@
 
 namespace palpate::detail {
 
-/// Returns a box around a brick, at most into its neighbours. All points of the box are at least
-/// `fade` away from missing bricks. If p is as far from each missing brick along an axis, p is in
-/// the box.
+/// Returns a box around a brick, which may extend into the brick's neighbours. Every point of the
+/// box is at least `fade` away from all missing bricks. If p itself is at least `fade` away from
+/// each missing brick along one of the axes, the box contains p.
 /// @param p      A point in the brick [voxels].
-/// @param first  The brick's first voxel [voxels].
-/// @param fade   Distance to missing bricks, at most half a brick [voxels].
-/// @param there  there(std::array<int, 3> off) of a neighbour, by -1 to 1 along each axis.
-/// @return       The box includes its lower faces, not its upper ones [voxels].
+/// @param first  Position of the brick's first voxel [voxels].
+/// @param fade   Smallest distance to missing bricks, at most half a brick [voxels].
+/// @param there  Called as there(std::array<int, 3> off), where off is -1, 0 or 1 along each axis.
+///               Returns true if the neighbour at that offset is loaded.
+/// @return       The box [voxels]. It includes its lower faces and excludes its upper faces.
 template <class There>
 [[nodiscard]] Box bricksAbout(const Vec3& p, const Vec3& first, double fade,
                               const There& there) noexcept {
   const Vec3 end = first + Vec3::Constant(kBrickSide);
   Box box{first - Vec3::Constant(kBrickSide - fade), end + Vec3::Constant(kBrickSide - fade)};
-  for (int touching = 1; touching <= 3; ++touching) {  // faces first, then edges, corners
+  // neighbours across faces first, then those across edges, then those across corners
+  for (int touching = 1; touching <= 3; ++touching) {
     for (int n = 0; n < 27; ++n) {
       const std::array<int, 3> off{n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1};
       if (std::abs(off[0]) + std::abs(off[1]) + std::abs(off[2]) != touching) continue;
-      // Cut along the axis along which the point is farthest from the brick.
+      // Cuts the box along the axis along which p is farthest from the missing brick.
       Eigen::Index axis = 0;
       double farthest = -1.0;
       bool reached = true;

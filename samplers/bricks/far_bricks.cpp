@@ -22,18 +22,18 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Longest manifest [bytes]: 30 million bricks of 36 bytes each.
+/// Longest manifest that is accepted [bytes], enough for 30 million bricks with 36 bytes each.
 constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
-/// Longest part of a manifest's head that identifies the volume [bytes].
+/// Longest part of a manifest's head that is compared to identify the volume [bytes].
 constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
-/// Largest growth of incompressible data by compression [bytes].
+/// Largest number of bytes by which compression can enlarge a brick [bytes].
 constexpr std::size_t kMostAround = std::size_t{64} << 10U;
-/// Number of bricks over which the delay is averaged.
+/// Number of recent bricks over which the delay is averaged.
 constexpr double kDelaysAveraged = 8.0;
-/// Sleep of the thread if no event wakes it.
+/// Longest time that the thread waits for an event.
 constexpr std::chrono::milliseconds kTurn{100};
 
-/// Converts the result of a request to a verdict on the brick's object.
+/// Converts the result of a request to the verdict on the object of a brick.
 BrickVerdict verdictOf(const ObjectRequest& of) {
   switch (of.status) {
     case BrickStatus::kArrived:
@@ -64,7 +64,7 @@ struct FarBricks::State {
     if (thread.joinable()) thread.join();
   }
 
-  /// A fetch in progress, or complete; reused.
+  /// A fetch that is in progress or complete. The object is reused for later fetches.
   struct Fetch {
     BrickId id;
     BrickEntry entry;
@@ -73,7 +73,8 @@ struct FarBricks::State {
   };
   using FetchPtr = std::unique_ptr<Fetch>;
 
-  /// Returns the most bytes of a brick's object, even if its manifest says more.
+  /// Returns the largest number of bytes that is accepted for the object of a brick, even if the
+  /// manifest states more.
   [[nodiscard]] std::size_t longest(const BrickEntry& entry) const {
     return std::min<std::size_t>(entry.bytes, manifest->format().bytes() + kMostAround);
   }
@@ -94,26 +95,28 @@ struct FarBricks::State {
   StoreParams params;
   std::unique_ptr<ObjectStore> store;
   std::optional<BrickManifest> manifest;
-  std::vector<std::byte> head;  ///< Head of the manifest, as it was at the start.
+  std::vector<std::byte> head;  ///< Head of the manifest when the source was opened.
 
-  mutable std::mutex mutex;  ///< Guards all members down to those of the thread; free while a brick
-                             ///< is fetched or decoded.
+  /// Guards the members from here down to `delay`. No thread holds it during a fetch or while it
+  /// decodes a brick.
+  mutable std::mutex mutex;
   std::condition_variable arrived;
   RequestQueue wishes;
-  /// Unused fetches. With those in use there is one for each connection.
+  /// Unused fetches. Together with the used ones there are as many as connections.
   std::vector<FetchPtr> free;
-  std::vector<FetchPtr> here;                        ///< Complete, not yet taken.
-  std::vector<BrickCodec> codecs;                    ///< Not in use now.
-  std::vector<std::unique_ptr<ObjectRequest>> idle;  ///< Not in use now; for get().
-  double delay = 0.0;                                ///< BrickSource::delay [s].
+  std::vector<FetchPtr> here;      ///< Complete fetches that next() has not yet taken.
+  std::vector<BrickCodec> codecs;  ///< Codecs that no thread uses now.
+  /// Requests for get() that no thread uses now.
+  std::vector<std::unique_ptr<ObjectRequest>> idle;
+  double delay = 0.0;  ///< BrickSource::delay [s].
 
-  // For the thread only.
+  // Members for the fetching thread only.
   std::vector<FetchPtr> away;
-  std::unique_ptr<ObjectRequest> asker;  ///< Checks whether the volume exists.
+  std::unique_ptr<ObjectRequest> asker;  ///< Request that checks whether the volume exists.
 
   std::atomic<bool> there{true};
   std::atomic<bool> ask{false};
-  /// Start of a check without an answer yet [ns]; 0: no check.
+  /// Time at which the unanswered check began [ns]; 0 if no check is in progress.
   std::atomic<std::int64_t> asked{0};
   std::atomic<bool> stop{false};
   std::thread thread;
@@ -140,7 +143,8 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
-  // Afterwards only the store allocates memory, and it reports a lack of memory.
+  // Allocates all memory now. Later only the store allocates memory, and it reports a lack of
+  // memory as an error.
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -152,7 +156,7 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   thread = std::thread([this] { run(); });
 }
 
-/// Fetches an object while the caller waits; tries again if no answer comes.
+/// Fetches an object for a caller that waits. Tries again if no answer comes.
 void FarBricks::State::get(Fetch& fetch, const std::string& object, std::size_t least,
                            std::size_t limit) {
   constexpr int kTries = 3;
@@ -168,7 +172,7 @@ void FarBricks::State::get(Fetch& fetch, const std::string& object, std::size_t 
   const Clock::time_point begun = Clock::now();
   for (int i = 0; i < kTries && Clock::now() - begun < params.opened; ++i) {
     request.ask(least, limit);
-    request.last = begun;  // StoreParams::opened is for all tries together
+    request.last = begun;  // StoreParams::opened limits the time of all tries together
     store->get(object, request);
     if (request.status != BrickStatus::kUnreadable || request.code != 0) return;
   }
@@ -226,7 +230,8 @@ void FarBricks::State::come(FetchPtr fetch) {
   arrived.notify_one();
 }
 
-/// Starts as many fetches as there are connections, less those that are complete but not taken.
+/// Starts fetches until all connections are in use. A complete fetch that next() has not taken
+/// counts as a connection in use.
 void FarBricks::State::beginFetches() {
   while (true) {
     FetchPtr fetch;
@@ -271,7 +276,7 @@ void FarBricks::State::end(const ObjectRequest* request) {
   come(std::move(fetch));
 }
 
-/// Ends stalled transfers, to make room for others.
+/// Ends transfers that have stalled or take too long, so that other fetches can begin.
 void FarBricks::State::endStalled() {
   const Clock::time_point now = Clock::now();
   for (std::size_t i = away.size(); i-- > 0;) {
@@ -283,16 +288,17 @@ void FarBricks::State::endStalled() {
   }
 }
 
-/// Checks whether the answer is the manifest of this volume, unchanged.
+/// Processes the answer to a check: the volume exists if the answer equals the head of its
+/// manifest.
 void FarBricks::State::answer() {
-  // With too little memory for the check, the answer is unknown.
+  // If there was too little memory for the check, the check has no result.
   if (asker->why != kNoMemory) {
     there = asker->status == BrickStatus::kArrived && asker->body == head;
   }
   asked = 0;
 }
 
-/// Checks whether the volume exists, with one request at a time.
+/// Checks whether the volume exists. Only one check is in progress at a time.
 void FarBricks::State::probe() {
   if (asked != 0) {
     if (Clock::now() - asker->last <= params.silent) return;
@@ -355,7 +361,7 @@ std::optional<BrickArrival> FarBricks::next(std::span<std::byte> slot,
     fetch = std::move(state_->here.front());
     state_->here.erase(state_->here.begin());
   }
-  // In every case, make room for another fetch.
+  // Frees the fetch for another brick, even if decoding throws.
   const auto end = [&](State* state) {
     {
       const std::lock_guard lock(state->mutex);
@@ -373,7 +379,8 @@ std::optional<BrickArrival> FarBricks::next(std::span<std::byte> slot,
 bool FarBricks::isThere() {
   state_->ask = true;
   state_->store->wake();
-  // `silent` is also true if the thread itself waits, for example for a name lookup.
+  // `silent` also becomes true if the fetching thread itself waits, for example for the resolution
+  // of a host name.
   const Clock::duration since(state_->asked);
   const bool silent =
       since.count() != 0 && Clock::now().time_since_epoch() - since > state_->params.silent;

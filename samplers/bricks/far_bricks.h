@@ -14,36 +14,44 @@
 
 namespace palpate {
 
-/// Limits for requests to a store.
+/// Limits of the requests to a store.
 struct StoreParams {
-  int connections = 6;                        ///< At a time, 1 to 32; each carries one brick.
-  std::chrono::milliseconds connect{2'000};   ///< Time to establish a connection.
-  std::chrono::milliseconds stalled{2'000};   ///< Longest pause of a transfer.
-  std::chrono::milliseconds longest{30'000};  ///< Longest transfer.
-  std::chrono::milliseconds silent{2'000};    ///< isThere(): false if unanswered for this time.
-  std::chrono::milliseconds opened{60'000};   ///< Limit for a blocking fetch, all tries together.
+  /// Number of simultaneous connections, 1 to 32. Each transfers one brick at a time.
+  int connections = 6;
+  std::chrono::milliseconds connect{2'000};   ///< Longest time to establish a connection.
+  std::chrono::milliseconds stalled{2'000};   ///< Longest pause within a transfer.
+  std::chrono::milliseconds longest{30'000};  ///< Longest duration of a transfer.
+
+  /// isThere() returns false if the store has not answered for this time.
+  std::chrono::milliseconds silent{2'000};
+  /// Longest duration of a blocking fetch, which is that of all its tries together.
+  std::chrono::milliseconds opened{60'000};
 };
 
-/// ObjectRequest::why if memory is short.
+/// Value of ObjectRequest::why if memory is short.
 inline constexpr char kNoMemory[] = "the system has too little memory";
 
-/// A request for an object, and its result. Reused with its memory.
+/// A request for an object, and the result. The caller may reuse the object and its memory.
 struct ObjectRequest {
   virtual ~ObjectRequest() = default;
 
-  // The request.
-  std::size_t limit = 0;  ///< Most bytes to take of the object [bytes].
-  bool part = false;      ///< Only the first `limit` bytes are requested.
-  std::size_t least = 0;  ///< Least length of the object [bytes].
-  // The result.
-  std::vector<std::byte> body;                    ///< At most `limit`.
-  BrickStatus status = BrickStatus::kUnreadable;  ///< kCut: its length is not the requested one.
-  std::optional<std::size_t> announced;  ///< Length that the server stated, if that is wrong.
-  const char* why = nullptr;             ///< For kUnreadable; stays valid.
-  long code = 0;  ///< For kUnreadable: the server's status code; 0: not known.
-  std::chrono::steady_clock::time_point last;  ///< When data arrived last, or the request began.
+  // Members that describe the request.
+  std::size_t limit = 0;  ///< Largest number of bytes of the object to transfer [bytes].
+  bool part = false;      ///< True if only the first `limit` bytes of the object are requested.
+  std::size_t least = 0;  ///< Smallest valid length of the object [bytes].
+  // Members that contain the result.
+  std::vector<std::byte> body;  ///< Received bytes, at most `limit`.
 
-  /// Sets the request and clears the result.
+  /// Result of the request. kCut means that the object's length is not within `least` and `limit`.
+  BrickStatus status = BrickStatus::kUnreadable;
+  /// Length of the object that the server stated, if that length is invalid.
+  std::optional<std::size_t> announced;
+  const char* why = nullptr;  ///< Reason for kUnreadable. The text stays valid.
+  long code = 0;              ///< Status code of the server for kUnreadable; 0 if unknown.
+  /// Time at which the last data arrived, or else at which the request began.
+  std::chrono::steady_clock::time_point last;
+
+  /// Describes a new request and clears the result.
   void ask(std::size_t at_least, std::size_t at_most, bool its_begin = false) noexcept {
     least = at_least;
     limit = at_most;
@@ -53,7 +61,7 @@ struct ObjectRequest {
     fail(nullptr);
     last = std::chrono::steady_clock::now();
   }
-  /// Sets the result to kUnreadable.
+  /// Sets the result to kUnreadable, with a reason and the server's status code.
   void fail(const char* reason, long number = 0) noexcept {
     status = BrickStatus::kUnreadable;
     why = reason;
@@ -67,41 +75,44 @@ class ObjectStore {
   ObjectStore() = default;
   ObjectStore(const ObjectStore&) = delete;
   ObjectStore& operator=(const ObjectStore&) = delete;
-  virtual ~ObjectStore() = default;  ///< Only while no request is in progress.
+  /// The store may be destroyed only while no request is in progress.
+  virtual ~ObjectStore() = default;
 
-  /// Makes a request for this store. Any thread may call it.
+  /// Makes a request object for this store. Any thread may call it.
   [[nodiscard]] virtual std::unique_ptr<ObjectRequest> make() = 0;
-  /// Fetches an object and waits for the end. Any thread may call it, with requests that are never
-  /// passed to begin().
+  /// Fetches an object and waits for the result. Any thread may call it, but not with a request
+  /// that is passed to begin() at any time.
   virtual void get(const std::string& name, ObjectRequest& request) noexcept = 0;
-  /// Starts a request; ended() returns the request when it has ended. Returns false if the request
-  /// failed at once; `request` has the reason.
+  /// Starts a request. When the request has ended, ended() returns it. If the request fails at
+  /// once, begin() returns false, and `request` contains the reason.
   [[nodiscard]] virtual bool begin(const std::string& name, ObjectRequest& request) noexcept = 0;
-  /// Drops a request in progress: ended() never returns it, and the store does not write to it.
+  /// Drops a request in progress. ended() will not return this request, and the store no longer
+  /// writes to it.
   virtual void drop(ObjectRequest& request) noexcept = 0;
-  /// Returns a request that has ended; null after `patience`, or if wake() was called.
+  /// Waits for the end of a request and returns that request. Returns null if none ends within
+  /// `patience`, or if wake() was called.
   [[nodiscard]] virtual ObjectRequest* ended(std::chrono::milliseconds patience) noexcept = 0;
-  virtual void wake() noexcept = 0;  ///< Any thread may call it.
+  virtual void wake() noexcept = 0;  ///< Ends the wait of ended(). Any thread may call it.
 };
 
-/// A folder of bricks in a store. A thread of its own requests the objects; the caller of next()
-/// decompresses and checks them. A faulty server can withhold bricks, but cannot pass wrong ones.
-/// No object is accepted that is longer than the manifest says or a brick can be. Objects are
-/// checked as files are.
+/// A folder of bricks in a store. A thread of this object requests the objects. The thread that
+/// calls next() decompresses and checks them. A faulty server can withhold bricks but cannot
+/// deliver wrong bricks. An object is rejected if it is longer than the manifest states or than a
+/// brick can be. Objects are checked in the same way as files.
 class FarBricks final : public BrickSource {
  public:
   /// Fetches the manifest. Throws VolumeError if the store does not answer or has no manifest.
   /// @param address  Address of the folder, for messages.
   FarBricks(const std::string& address, std::unique_ptr<ObjectStore> store,
             const StoreParams& params = {});
-  ~FarBricks() override;  ///< Stops transfers in progress.
+  ~FarBricks() override;  ///< Ends the transfers in progress.
 
   [[nodiscard]] const BrickManifest& manifest() const noexcept override;
   void want(std::vector<BrickWish> wishes) override;
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override;
-  /// Returns the store's last answer about the manifest, and requests a new one. Does not wait. At
-  /// worst it reports the state of StoreParams::silent ago.
+  /// Returns the last answer of the store about the manifest, and requests a new answer. Does not
+  /// wait. The result is at most as old as StoreParams::silent.
   [[nodiscard]] bool isThere() override;
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override;
   [[nodiscard]] std::chrono::duration<double> delay() const override;

@@ -25,12 +25,13 @@ struct PosixBricks::State {
   BrickManifest manifest;
 
   std::mutex mutex;
-  std::shared_ptr<const BrickFolder> folder;  ///< Opened again if it was removed and came back.
-  const bool finished;                        ///< It had a manifest at the start.
-  BrickFolder::Stamp manifest_stamp;          ///< Stamp of the volume's own manifest.
+  /// Open folder. It is opened again if the folder was removed and has returned.
+  std::shared_ptr<const BrickFolder> folder;
+  const bool finished;                ///< True if the folder had a manifest at the start.
+  BrickFolder::Stamp manifest_stamp;  ///< Stamp of the manifest when it was last found valid.
   std::condition_variable wake;
   RequestQueue wishes;
-  std::vector<BrickCodec> free;  ///< Not in use now.
+  std::vector<BrickCodec> free;  ///< Codecs that no thread uses now.
 
   BrickCodec takeCodec() {
     const std::lock_guard lock(mutex);
@@ -48,11 +49,12 @@ struct PosixBricks::State {
     const std::lock_guard lock(mutex);
     return folder;
   }
-  /// Returns true if the volume is in a folder. A finished volume has to have its manifest.
+  /// Returns true if the volume is in this folder. A finished volume must still have its manifest
+  /// there.
   bool isIn(const BrickFolder& some) const {
     return !some.isGone() && (!finished || some.has(kBrickManifestFile));
   }
-  /// Returns why a read failed.
+  /// Converts errno of a failed read to a verdict.
   static BrickVerdict verdictOf(int error) {
     if (error == ENOENT || error == ENOTDIR) return {BrickStatus::kMissing, "it is missing"};
     if (error == EISDIR) return {BrickStatus::kDamaged, "it is not a file"};
@@ -110,7 +112,7 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
     }
     id = state_->wishes.begin();
   }
-  // Runs also if there was too little memory to read the brick.
+  // Also runs if there was too little memory to read the brick.
   const auto end = [&](State* state) {
     const std::lock_guard lock(state->mutex);
     state->wishes.end(id);

@@ -10,24 +10,26 @@
 namespace palpate {
 namespace {
 
-/// Largest distance of requested bricks from a hand's present position [bricks of a level].
+/// Bricks within this distance of a hand's present position are requested [bricks of the level].
 constexpr double kReachHere = 2.0;
-/// Largest distance of requested bricks from a hand's future positions [bricks of a level].
+/// Bricks within this distance of a hand's predicted positions are requested [bricks of the level].
 constexpr double kReachAhead = 1.0;
-/// The path ahead is sampled once a brick, at most at this many places.
+/// Largest number of predicted positions of a hand. They are one brick apart.
 constexpr int kMostAhead = 8;
-/// The look-ahead grows by this number times the delay of a brick.
+/// The look-ahead time grows by the delay of a brick times this number.
 constexpr double kDelaysAhead = 4.0;
-/// Distance that is added per brick of path ahead, because the path may bend [bricks].
+/// Distance by which a predicted position counts as farther, for each brick of the predicted path
+/// [bricks]. The reason is that the hand may leave that path.
 constexpr double kDistancePerBrick = 0.15;
-/// Most messages of a kind, over the whole run.
+/// Largest number of messages about one kind of error, in the life of a window.
 constexpr int kMostMessages = 8;
-/// Interval of checks whether the volume exists; after two failures it is lost.
+/// Interval between two checks of whether the volume exists. After two failed checks the volume
+/// counts as lost.
 constexpr std::chrono::seconds kCheckInterval{1};
-/// A hand that has not reported for this time is not followed any more.
+/// If a hand has not reported for this time, the loader stops following it.
 constexpr std::chrono::seconds kSilent{1};
-/// A proxy within this distance of a brick may read the brick before its next report [voxels of
-/// level 0].
+/// If a proxy is within this distance of a brick, it may read the brick before it reports again
+/// [voxels of level 0].
 constexpr double kNearProxy = 16.0;
 
 /// Converts a point in the index space of level 0 to that of another level.
@@ -61,14 +63,14 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
   thread = std::thread([this] { run(); });
 }
 
-/// Returns true if a proxy is in a brick or beside it, where a new brick has to fade in.
+/// Returns true if a proxy is in a brick or near it. A new brick must then fade in.
 bool BrickWindow::Loader::isNearProxy(const BrickId& id) const noexcept {
   const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
   const double size = std::ldexp(1.0, id.level);
   for (std::size_t h = 0; h < kMostHands; ++h) {
     if (!following[h].alive) continue;
     const auto aim = pool.hands[h].read();
-    if (!aim) return true;  // being written now
+    if (!aim) return true;  // the hand's report is being written now
     Vec3 off;
     const Vec3 at = toLevel(aim->proxy, id.level);
     for (std::size_t a = 0; a < 3; ++a) {
@@ -81,9 +83,8 @@ bool BrickWindow::Loader::isNearProxy(const BrickId& id) const noexcept {
   return false;
 }
 
-/// Waits until all readers that may have seen the tables' earlier state have left. Returns false if
-/// the loader is to stop. Readers that enter from now on use the other side and see the present
-/// state.
+/// Waits until all readers that may have read the old tables have left. Readers that enter from now
+/// on are counted on the other side and read the new tables. Returns false if the loader must stop.
 bool BrickWindow::Loader::leftByAll() {
   constexpr std::chrono::microseconds kLittle{20};
   const std::uint32_t side = pool.side.load();
@@ -95,12 +96,12 @@ bool BrickWindow::Loader::leftByAll() {
   return true;
 }
 
-/// Copies the staged brick to a slot and enters it in the tables. No brick may be in the slot.
+/// Copies the brick in `staging` to a slot and enters it in the tables. The slot must be empty.
 void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   std::memcpy(pool.slotAt(slot), staging.data(), staging.size());
   owners[slot] = id;
   used[slot] = choices;
-  // A brick that arrives away from all proxies does not fade in.
+  // A brick that arrives far from all proxies counts as faded in at once.
   pool.arrivals[slot].store(isNearProxy(id)
                                 ? Clock::now().time_since_epoch() / std::chrono::nanoseconds(1)
                                 : Pool::kLongAgo,
@@ -117,9 +118,9 @@ std::size_t BrickWindow::Loader::takeFree() {
   return slot;
 }
 
-/// Evicts the brick that is wanted least, if it is wanted less than `id`, and returns its slot. If
-/// some bricks are not wanted, evicts the one that has been unwanted for longest. The brick is then
-/// not in the tables, but readers may still read its slot.
+/// Removes from the tables the brick with the largest distance in `wanted`, if `id` has a smaller
+/// distance. Bricks that are not wanted come first, and of these the one that has been unwanted for
+/// longest. Returns the slot of that brick. Readers may still read the slot.
 std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   const auto key = [&](const BrickId& of, std::uint64_t last) {
     const auto found = wanted.find(of);
@@ -146,8 +147,8 @@ std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   return victim;
 }
 
-/// Requests the bricks nearest to the present and future positions of hands. Treats all levels
-/// alike, with distances in bricks of the level.
+/// Requests the bricks that are nearest to the present and predicted positions of the hands. All
+/// levels are treated alike: distances are counted in bricks of the level.
 void BrickWindow::Loader::chooseRequests() {
   struct Place {
     Vec3 p;
@@ -191,7 +192,8 @@ void BrickWindow::Loader::chooseRequests() {
           for (id.at[2] = low[2]; id.at[2] <= high[2]; ++id.at[2]) {
             const Vec3 corner(id.at[0], id.at[1], id.at[2]);
             const Vec3 off = (b - (b.cwiseMax(corner).cwiseMin(corner + Vec3::Ones())));
-            // At equal distance a coarser brick comes first, because it covers more space.
+            // At equal distances, a brick of a coarser level comes first, because it covers more
+            // space.
             const double key = off.norm() + place.later - 1e-3 * static_cast<double>(l);
             const auto known = all.find(id);
             if (known != all.end() && known->second <= key) continue;
@@ -227,7 +229,7 @@ void BrickWindow::Loader::chooseRequests() {
   changed.notify_all();
 }
 
-/// Reports each brick and kind of error once, and only a few of a kind.
+/// Reports each brick and kind of error once, and at most kMostMessages errors of a kind.
 void BrickWindow::Loader::reportOnce(const BrickArrival& of) {
   const bool all = of.status == BrickStatus::kGone;
   if (!reported.insert({all ? BrickId{} : of.id, of.status}).second) return;
@@ -245,11 +247,12 @@ void BrickWindow::Loader::handleArrival(const BrickArrival& arrival,
     ++fetched;
     failing.had(arrival.id);
     if (pool.entryOf(arrival.id).resident()) {
-      // It was requested twice.
+      // The brick was requested twice, and is already in the pool.
     } else if (!free.empty()) {
       publish(arrival.id, takeFree());
     } else if (const auto slot = evictFor(arrival.id)) {
-      // The wait for a reader that does not leave blocks only the loader.
+      // Waits for readers without holding the mutex, so that a reader that does not leave blocks
+      // only the loader.
       lock.unlock();
       const bool left = leftByAll();
       lock.lock();
@@ -264,7 +267,7 @@ void BrickWindow::Loader::handleArrival(const BrickArrival& arrival,
   changed.notify_all();
 }
 
-/// Checks whether the volume exists.
+/// Checks at intervals whether the volume exists.
 void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   if (now - checked_at < kCheckInterval) return;
   checked_at = now;
@@ -273,7 +276,7 @@ void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   const bool doubted = std::exchange(doubt, !there);
   if (!there && doubted && !gone) {
     gone = true;
-    // Report it even if no fetch has failed.
+    // Reports the loss even if no fetch has failed yet.
     reportOnce(
         {{},
          BrickStatus::kGone,
@@ -287,12 +290,12 @@ void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   }
   std::erase_if(reported, [](const auto& of) { return of.second == BrickStatus::kGone; });
   messages.erase(BrickStatus::kGone);
-  // Fetches may have failed because the volume was about to go.
+  // Earlier fetches may have failed only because of the loss. They are retried at once.
   failing.forget();
   chooseRequests();
 }
 
-/// Updates which hands report.
+/// Finds which hands have reported since the last call, and which hands no longer report.
 void BrickWindow::Loader::updateHands(Clock::time_point now) {
   for (std::size_t h = 0; h < kMostHands; ++h) {
     Following& hand = following[h];
@@ -300,7 +303,7 @@ void BrickWindow::Loader::updateHands(Clock::time_point now) {
     const bool beat = beats != std::exchange(hand.beats, beats);
     if (beat || settling > 0) hand.at = now;
     if (beat == hand.alive) continue;
-    // In virtual time the duration of a tick is not known.
+    // In virtual time the real duration of a tick is unknown, so no hand counts as silent.
     if (hand.alive && (pool.waits || now - hand.at < kSilent)) continue;
     hand.alive = beat;
     pool.aimed.fetch_add(1, std::memory_order_release);

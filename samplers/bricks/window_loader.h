@@ -24,7 +24,7 @@
 
 namespace palpate {
 
-/// Fetches requested bricks in a thread of its own.
+/// Loads the requested bricks of a window in its own thread.
 struct BrickWindow::Loader {
   using Clock = std::chrono::steady_clock;
 
@@ -35,11 +35,12 @@ struct BrickWindow::Loader {
     thread.join();
   }
 
-  void run();  ///< The thread's function.
+  void run();  ///< Function of the thread.
   /// See BrickWindow::settle.
   [[nodiscard]] bool settle(Clock::time_point until);
 
-  // The thread holds `mutex` during these calls, except during checkVolume() and leftByAll().
+  // The thread holds `mutex` during the calls of these functions, but releases it in checkVolume()
+  // and during leftByAll().
   void chooseRequests();
   void handleArrival(const BrickArrival& arrival, std::unique_lock<std::mutex>& lock);
   void reportOnce(const BrickArrival& of);
@@ -54,35 +55,39 @@ struct BrickWindow::Loader {
 
   BrickSource& source;
   Pool& pool;
-  const double own_horizon;        ///< WindowParams::horizon.
-  std::vector<std::byte> staging;  ///< Used by the thread only.
+  const double own_horizon;        ///< Value of WindowParams::horizon.
+  std::vector<std::byte> staging;  ///< Brick that arrived last; only the thread uses it.
 
-  mutable std::mutex mutex;         ///< Guards all members down to `troubles`; free during fetches.
-  std::condition_variable changed;  ///< Notified if `pending` may have changed.
-  std::vector<std::size_t> free;    ///< Slots that never held a brick.
-  std::vector<std::optional<BrickId>> owners;  ///< Per slot: its brick.
-  std::vector<std::uint32_t> generations;      ///< Per slot: number of bricks it has had.
-  std::vector<std::uint64_t> used;             ///< Per slot: last choice that wanted its brick.
-  std::uint64_t choices = 0;                   ///< Number of calls of chooseRequests().
-  std::map<BrickId, double> wanted;            ///< Bricks of the last choice, with their distances.
+  /// Guards the members from here down to `troubles`. The thread does not hold it during a fetch.
+  mutable std::mutex mutex;
+  std::condition_variable changed;             ///< Notified when `pending` may have changed.
+  std::vector<std::size_t> free;               ///< Slots that have never contained a brick.
+  std::vector<std::optional<BrickId>> owners;  ///< For each slot, the brick that it contains.
+  /// For each slot, the number of bricks that it has contained.
+  std::vector<std::uint32_t> generations;
+  /// For each slot, the number of the last choice that wanted its brick.
+  std::vector<std::uint64_t> used;
+  std::uint64_t choices = 0;         ///< Number of calls of chooseRequests().
+  std::map<BrickId, double> wanted;  ///< Bricks of the last choice, with their distances.
   std::set<BrickId> awaited;         ///< Requested bricks that have neither arrived nor failed.
   detail::Retries<BrickId> failing;  ///< Bricks that cannot be fetched.
-  bool doubt = false;                ///< The last check did not find the volume.
+  bool doubt = false;                ///< True if the last check did not find the volume.
   Clock::time_point checked_at;      ///< Time of the last checkVolume().
-  std::set<std::pair<BrickId, BrickStatus>> reported;  ///< See reportOnce().
-  std::map<BrickStatus, int> messages;                 ///< Number of messages, by kind of error.
-  /// The reports of a hand.
+  std::set<std::pair<BrickId, BrickStatus>> reported;  ///< Errors that reportOnce() has reported.
+  std::map<BrickStatus, int> messages;                 ///< Number of errors of each kind.
+  /// The reports of a hand to the window.
   struct Following {
-    std::uint32_t beats = 0;  ///< HandReport::beats when it was last looked up.
-    Clock::time_point at;     ///< Time of the last report.
-    bool alive = false;       ///< The window follows the hand.
+    std::uint32_t beats = 0;  ///< HandReport::beats at the last look.
+    Clock::time_point at;     ///< Time at which the last report was noticed.
+    bool alive = false;       ///< True if the loader follows the hand.
   };
   std::array<Following, kMostHands> following;
-  int settling = 0;        ///< Callers in settle(). During a call no hand counts as silent.
-  std::size_t pinned = 0;  ///< Bricks of the coarsest level; never evicted.
-  std::vector<std::string> troubles;  ///< See takeTroubles().
+  /// Number of callers in settle(). While there is one, no hand counts as silent.
+  int settling = 0;
+  std::size_t pinned = 0;  ///< Number of bricks of the coarsest level, which are never removed.
+  std::vector<std::string> troubles;  ///< Errors for takeTroubles().
 
-  std::atomic<std::uint64_t> chosen{0};  ///< Pool::aimed at the last choice.
+  std::atomic<std::uint64_t> chosen{0};  ///< Value of Pool::aimed at the last choice.
   std::atomic<std::size_t> pending{0};   ///< Size of `awaited`.
   std::atomic<std::uint64_t> resident{0};
   std::atomic<std::uint64_t> fetched{0};

@@ -10,9 +10,10 @@
 namespace palpate {
 namespace {
 
-/// Least number of slots beside the coarsest level; a hand's neighbourhood does not fit in fewer.
+/// Smallest number of slots besides those of the coarsest level. The neighbourhood of a hand needs
+/// 27 bricks.
 constexpr std::uint64_t kLeastSlots = 27;
-/// Largest part of the machine's memory for a window.
+/// Largest part of the machine's memory that a window may use.
 constexpr double kMostOfMemory = 0.75;
 
 }  // namespace
@@ -76,7 +77,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
         "reduce the budget of the window");
   }
   memory = static_cast<std::byte*>(mapped);
-  // With pages of the usual size a cell's rows lie on four or more.
+  // With pages of 4 KB, the rows of a cell would lie on four or more pages.
   (void)madvise(mapped, bytes, MADV_HUGEPAGE);
   locked = params.lock && mlock(mapped, bytes) == 0;
 }

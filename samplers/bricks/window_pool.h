@@ -16,10 +16,11 @@
 
 namespace palpate {
 
-/// The last report of a hand: a seqlock, written by one thread and read by another.
+/// The last report of a hand. One thread writes it and another thread reads it, with a sequence
+/// counter (a seqlock).
 struct BrickWindow::HandReport {
   std::atomic<std::uint32_t> count{0};
-  std::atomic<std::uint32_t> beats{0};  ///< Number of ticks.
+  std::atomic<std::uint32_t> beats{0};  ///< Number of calls of aim().
   std::array<std::atomic<double>, 9> numbers{};
 
   void write(const Aim& at) noexcept {
@@ -33,7 +34,7 @@ struct BrickWindow::HandReport {
     }
     count.store(begun + 1U, std::memory_order_release);
   }
-  /// Returns the values written last. For the writer only.
+  /// Returns the values that were written last. Only the writing thread may call it.
   [[nodiscard]] Aim last() const noexcept {
     Aim out;
     for (std::size_t i = 0; i < 3; ++i) {
@@ -44,7 +45,7 @@ struct BrickWindow::HandReport {
     }
     return out;
   }
-  /// Returns std::nullopt if no report was written, or one is being written.
+  /// Returns the last report. Returns std::nullopt if there is none, or if it is being written now.
   [[nodiscard]] std::optional<Aim> read() const noexcept {
     const std::uint32_t before = count.load(std::memory_order_acquire);
     if (before == 0 || (before & 1U) != 0) return std::nullopt;
@@ -54,15 +55,15 @@ struct BrickWindow::HandReport {
   }
 };
 
-/// Slots and tables. All threads read the tables; only the loader writes them.
+/// The slots and tables of a window. Any thread may read the tables. Only the loader writes them.
 struct BrickWindow::Pool {
-  /// A window needs memory for this many more bricks: the compressed and the decompressed data of
-  /// the brick that is being read.
+  /// Number of bricks for which a window needs memory besides the pool: the compressed data and the
+  /// decompressed data of the brick that is being read.
   static constexpr std::uint64_t kReading = 2;
-  /// Arrival time of bricks that were never awaited [ns].
+  /// Arrival time of bricks for which no reader has waited [ns].
   static constexpr std::int64_t kLongAgo = std::numeric_limits<std::int64_t>::min();
 
-  /// A brick of one value.
+  /// Value and state of a brick with only one value.
   struct Constant {
     std::array<float, 3> value{};
     bool active = false;
@@ -73,20 +74,21 @@ struct BrickWindow::Pool {
   Pool& operator=(const Pool&) = delete;
   ~Pool();
 
-  /// Returns the brick that a cell is read from, along one axis. This is the brick that owns the
-  /// cell's lowest corner, except that the cell before the first brick is read from the first
-  /// brick, whose apron has its voxels.
+  /// Returns the index, along one axis, of the brick from which a cell is read. This is the brick
+  /// that owns the cell's lowest corner. The cell just before the first brick is an exception: it
+  /// is read from the apron of the first brick.
   /// @param first  BrickLevel::first along the axis.
   [[nodiscard]] static int brickOf(int cell, int first) noexcept {
     constexpr int kShift = 6;
     static_assert(1 << kShift == kBrickSide);
-    return ((cell == kBrickSide * first - 1 ? cell + 1 : cell) >> kShift) - first;  // rounds down
+    // the shift rounds down
+    return ((cell == kBrickSide * first - 1 ? cell + 1 : cell) >> kShift) - first;
   }
   [[nodiscard]] std::byte* slotAt(std::size_t slot) const noexcept {
     return memory + slot * slot_bytes;
   }
-  /// Returns the place of the brick of a cell in the table of its level; std::nullopt beyond the
-  /// level.
+  /// Returns the place of a cell's brick in the table of the level; std::nullopt if the cell is
+  /// outside of the level.
   [[nodiscard]] std::optional<std::size_t> placeOf(std::int32_t level, int i, int j,
                                                    int k) const noexcept {
     const BrickLevel& of = levels[static_cast<std::size_t>(level)];
@@ -99,7 +101,7 @@ struct BrickWindow::Pool {
     }
     return place;
   }
-  /// Returns the entry of a brick. The pyramid must have its place.
+  /// Returns the table entry of a brick, which must be in the pyramid.
   [[nodiscard]] std::atomic<std::uint64_t>& entry(const BrickId& id) noexcept {
     const auto l = static_cast<std::size_t>(id.level);
     std::size_t place = 0;
@@ -113,27 +115,31 @@ struct BrickWindow::Pool {
     return Entry(entry(id).load(std::memory_order_relaxed));
   }
 
-  /// Number of registered readers. Each count has a cache line of its own.
+  /// Number of registered readers. Each count has its own cache line.
   struct alignas(64) Count {
     std::atomic<std::uint32_t> readers{0};
   };
-  mutable std::array<Count, 2> in;        ///< Readers that entered each side.
-  std::atomic<std::uint64_t> changes{0};  ///< Changes of the tables.
+  /// Number of readers that have entered on each side and not left.
+  mutable std::array<Count, 2> in;
+  std::atomic<std::uint64_t> changes{0};  ///< Number of changes of the tables.
   std::vector<BrickLevel> levels;
   BrickFormat format;
-  std::vector<std::vector<std::atomic<std::uint64_t>>> tables;  ///< Entry::bits() per level.
-  std::vector<Constant> constants;                              ///< Number 0 is the background.
-  std::vector<std::atomic<std::int64_t>> arrivals;  ///< Per slot: time [ns of the steady clock].
-  std::atomic<double> horizon;                      ///< Present look-ahead [s].
-  std::atomic<std::uint32_t> side{0};               ///< The side that readers enter now.
-  bool waits;                                       ///< WindowParams::waits.
+  /// For each level, Entry::bits() of its bricks.
+  std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
+  /// Values of bricks that have only one value. Entry 0 is the background.
+  std::vector<Constant> constants;
+  /// For each slot, the arrival time of its brick [ns of the steady clock].
+  std::vector<std::atomic<std::int64_t>> arrivals;
+  std::atomic<double> horizon;         ///< Present look-ahead time [s].
+  std::atomic<std::uint32_t> side{0};  ///< Side on which readers enter now.
+  bool waits;                          ///< WindowParams::waits.
   std::array<HandReport, kMostHands> hands;
-  std::atomic<std::size_t> numbered{0};  ///< Calls of newHand().
+  std::atomic<std::size_t> numbered{0};  ///< Number of calls of newHand().
   std::atomic<std::uint64_t> aimed{
-      0};                       ///< Counts the changes after which the loader chooses again.
-  std::byte* memory = nullptr;  ///< The slots, one after the other.
+      0};                       ///< Counts the reports that require a new choice of requests.
+  std::byte* memory = nullptr;  ///< Memory of all slots, in the order of their indices.
   std::size_t slots = 0;        ///< Number of slots.
-  std::size_t slot_bytes = 0;   ///< Size of a slot, a multiple of 64.
+  std::size_t slot_bytes = 0;   ///< Size of a slot [bytes], a multiple of 64.
   bool locked = false;          ///< See WindowState::locked.
 };
 

@@ -28,7 +28,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// State of a folder before the first write.
+/// Content of the folder before the first write.
 enum class Found { kNothing, kUnfinished, kFinished };
 
 std::string contentsOf(const fs::path& file) {
@@ -36,7 +36,8 @@ std::string contentsOf(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-/// Makes the folder if it does not exist. Throws Error if it has other content.
+/// Makes the folder if it does not exist, and returns what it contains. Throws Error if it contains
+/// anything but bricks of this identity.
 Found lookInto(const fs::path& folder, std::uint64_t identity) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(folder, error))) {
@@ -62,7 +63,7 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
     throw Error(folder.string(), "it contains other data, or unfinished bricks of another input",
                 remedy);
   }
-  // Files that a killed run may have left.
+  // A terminated run may have left these files.
   for (const auto& one : fs::directory_iterator(folder, error)) {
     const std::string name = one.path().filename().string();
     if (name != ".partial" && name != ".zgroup") {
@@ -72,7 +73,7 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
   return Found::kNothing;
 }
 
-/// Working memory of a thread.
+/// Working memory of one thread.
 struct Space {
   Space(const BrickFormat& format, std::uint64_t identity)
       : values(kBrickVoxels * format.components()),
@@ -87,12 +88,12 @@ struct Space {
   CoarserSpace coarser;
 };
 
-/// Returns the statistics of a brick's own voxels.
+/// Returns the statistics of a brick's own voxels, without its apron.
 BrickStatistics statisticsOf(const Space& space, std::size_t components, const VoxelAt& voxel) {
   BrickStatistics s;
   for (int i = 0; i < kBrickSide; ++i) {
     for (int j = 0; j < kBrickSide; ++j) {
-      // Goes row by row, because this runs for every voxel and must be fast.
+      // Processes the voxels row by row, for speed: the function visits every voxel of the volume.
       const std::size_t begin = BrickView::numberOf(i, j, 0);
       const VoxelAt lower{voxel[0] + i, voxel[1] + j, voxel[2] + kBrickSide};
       const VoxelAt upper{lower[0], lower[1], voxel[2]};
@@ -117,7 +118,7 @@ BrickStatistics statisticsOf(const Space& space, std::size_t components, const V
   return s;
 }
 
-/// Sets all voxels of a brick to the first one.
+/// Copies the value and the state of the first voxel to all voxels of a brick.
 void spreadFirst(Space& space, std::size_t components) {
   for (std::size_t n = components; n < space.values.size(); ++n) {
     space.values[n] = space.values[n - components];
@@ -155,13 +156,13 @@ class Writer {
   BrickReport write() {
     const auto levels = static_cast<std::int32_t>(facts_.manifest().levels().size());
     if (group_.rank() == 0) makeFolders(levels);
-    // Wait for the folders.
+    // Waits until rank 0 has made the folders.
     (void)group_.gather({});
     for (std::int32_t l = 0; l < levels; ++l) {
       l == 0 ? writeFinest() : writeCoarser(l);
       finish(l);
     }
-    // The bricks of every rank have to be on the disk before a manifest that names them.
+    // The bricks of every rank must be on the disk before the manifest that lists them is written.
     folder_.sync();
     const std::vector<std::byte> manifest = facts_.file();
     BrickReport report{BrickFacts::parse(manifest, (folder_.path() / kBrickManifestFile).string())};
@@ -180,7 +181,7 @@ class Writer {
   }
 
  private:
-  /// A brick that may differ from the background, and its statistics.
+  /// The entry of a brick that may differ from the background, and the brick's statistics.
   struct Row {
     BrickEntry entry;
     BrickStatistics statistics;
@@ -201,7 +202,8 @@ class Writer {
     return facts_.manifest().levels()[static_cast<std::size_t>(l)];
   }
 
-  /// Each rank writes a slab along the last axis, along which image files are slowest.
+  /// Writes level 0. Each rank writes the bricks of one slab, divided along the last axis, because
+  /// the index along that axis varies slowest in image files.
   void writeFinest() {
     const auto& first = level(0).first;
     const auto& count = level(0).count;
@@ -237,7 +239,7 @@ class Writer {
     });
   }
 
-  /// Runs `body` for the bricks of a level in parallel, and reports progress.
+  /// Calls `body` for all bricks of a level, in parallel, and reports progress.
   template <class Body>
   void forEach(std::size_t count, Body body) {
     inParallel(count, [&](std::size_t n) {
@@ -246,8 +248,9 @@ class Writer {
     });
   }
 
-  /// @param fill  Sets the values and bits of a space; returns true if it set only the first of
-  /// each.
+  /// Makes one brick and stores it.
+  /// @param fill  Sets the values and bits of a space. Returns true if it has set only the first
+  ///              voxel, whose value and state all voxels have.
   template <class Fill>
   void make(const BrickId& id, Fill fill) {
     Space& space = spaces_.local();
@@ -269,14 +272,14 @@ class Writer {
     }
   }
 
-  /// Returns true if a brick of one value is background.
+  /// Returns true if a brick with a single value is background.
   [[nodiscard]] bool isBackground(const Space& space) const {
     return (space.active[0] & 1) == 0 &&
            std::memcmp(space.values.data(), facts_.manifest().background().data(),
                        components_ * sizeof(float)) == 0;
   }
 
-  /// Fills a brick of level 0 from the input.
+  /// Fills a brick of level 0 by BrickInput::fill.
   bool fill(const VoxelAt& at, Space& space) {
     std::fill(space.active.begin(), space.active.end(), std::uint8_t{0});
     VoxelAt lower = level(0).voxelOf(at);
@@ -304,7 +307,7 @@ class Writer {
                       input_.format.half ? "replace it, or store 32 bits" : "replace it");
   }
 
-  /// Sets all voxels beyond the extent to background, even if the input set them.
+  /// Sets all voxels outside of the extent to the background, even if the input has set them.
   bool clip(const VoxelAt& lower, bool one, Space& space) {
     std::array<int, 3> begin{};
     std::array<int, 3> end{};
@@ -331,8 +334,8 @@ class Writer {
     return false;
   }
 
-  /// Keeps a brick of an earlier run, if its object is identical to the one that would be written.
-  /// zstd may decompress an object with a flipped bit to the same values.
+  /// Keeps the object of an earlier run if it is identical to the object that would be written. The
+  /// bytes are compared, because zstd may decompress a damaged object to the same values.
   bool keep(const BrickId& id, Space& space) {
     std::size_t got = 0;
     const std::string name = brickObject(id, input_.format);
@@ -372,7 +375,7 @@ class Writer {
     rows_.push_back(row);
   }
 
-  /// Completes a level. Sorts its rows, so that sums do not depend on the threads.
+  /// Completes a level. Sorts the rows, so that the sums do not depend on the order of threads.
   void finish(std::int32_t l) {
     rows_ = gatherAll(group_, rows_);
     std::sort(rows_.begin(), rows_.end(),
@@ -395,8 +398,8 @@ class Writer {
     told(0.0);
   }
 
-  /// Reports progress, unless another thread is reporting.
-  /// @param part  Finished part of the level, 0 to 1.
+  /// Reports progress, unless another thread is just reporting.
+  /// @param part  Share of the level that is finished, 0 to 1.
   void told(double part) {
     if (!options_.progress) return;
     const std::unique_lock lock(telling_, std::try_to_lock);
@@ -415,8 +418,8 @@ class Writer {
   std::vector<Row> rows_;
   std::mutex telling_;
   double all_ = 0.0;
-  double before_ = 0.0;  ///< Bricks of complete levels.
-  double bricks_ = 0.0;  ///< Bricks of the level that is being written.
+  double before_ = 0.0;  ///< Number of bricks of the levels that are complete.
+  double bricks_ = 0.0;  ///< Number of bricks of the level that is being written.
   std::atomic<std::uint64_t> done_{0};
   std::atomic<std::uint64_t> written_{0};
   std::atomic<std::uint64_t> kept_{0};
@@ -430,7 +433,7 @@ BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
   ProcessGroup& group = options.group == nullptr ? alone : *options.group;
   BrickFacts facts(input, options);
   const std::uint64_t identity = facts.manifest().identity();
-  // Rank 0 checks the folder and holds its lock while any rank writes.
+  // Rank 0 checks the folder, and holds the lock as long as any rank writes.
   std::optional<BrickFolder> held;
   Found found = Found::kNothing;
   if (group.rank() == 0) {

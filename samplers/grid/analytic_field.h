@@ -14,7 +14,8 @@ namespace palpate {
 template <class Formula>
 class AnalyticScalarField final : public ScalarField {
  public:
-  /// `frame.voxel` is the step [m] that the proxy may take before the formula is read again.
+  /// `frame.voxel` is the distance [m] that the proxy may move before the formula is evaluated
+  /// again.
   AnalyticScalarField(const FieldFrame& frame, Formula formula)
       : ScalarField(frame), formula_(std::move(formula)) {}
 
@@ -28,7 +29,8 @@ class AnalyticScalarField final : public ScalarField {
   Formula formula_;
 };
 
-/// A vector field from a formula for its value and Jacobian: VectorSample(const Vec3& p) noexcept.
+/// A vector field from a formula for its value and Jacobian. The formula has the type
+/// VectorSample(const Vec3& p) noexcept; for its duties see AnalyticScalarField.
 template <class Formula>
 class AnalyticVectorField final : public VectorField {
  public:
@@ -39,31 +41,31 @@ class AnalyticVectorField final : public VectorField {
   [[nodiscard]] VectorSample sample(const Vec3& p_W,
                                     FieldCache& /*cache*/) const noexcept override {
     return p_W.allFinite() ? formula_(p_W) : VectorSample{};
-  }  ///< The formula's sample; no data if p_W is not finite.
+  }  ///< Returns the sample of the formula; no data if p_W is not finite.
 
  private:
   Formula formula_;
 };
 
-/// Makes a scalar field from any formula.
+/// Makes a scalar field from a formula.
 template <class Formula>
 [[nodiscard]] std::shared_ptr<const ScalarField> makeScalarField(const FieldFrame& frame,
                                                                  Formula formula) {
   return std::make_shared<AnalyticScalarField<Formula>>(frame, std::move(formula));
 }
 
-/// Makes a vector field from any formula.
+/// Makes a vector field from a formula.
 template <class Formula>
 [[nodiscard]] std::shared_ptr<const VectorField> makeVectorField(const FieldFrame& frame,
                                                                  Formula formula) {
   return std::make_shared<AnalyticVectorField<Formula>>(frame, std::move(formula));
 }
 
-/// Makes a field of the distance to a sphere's surface [m], negative inside.
+/// Makes a scalar field that is the distance [m] from the surface of a sphere, negative inside.
 [[nodiscard]] std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
                                                             double voxel = 1e-3);
 
-/// Makes a field of the height over a plane through `point` [m].
+/// Makes a scalar field that is the height [m] above the plane through `point`.
 [[nodiscard]] std::shared_ptr<const ScalarField> makeHalfSpace(const Vec3& point,
                                                                const Vec3& normal,
                                                                double voxel = 1e-3);

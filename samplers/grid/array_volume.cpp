@@ -21,7 +21,7 @@ namespace {
 
 constexpr std::int64_t kMostAlong = std::numeric_limits<std::int32_t>::max();
 
-/// Reads values of a grid's type from an array.
+/// Reads values from an array and converts them to the value type of a grid.
 template <class GridT>
 struct ArrayValues {
   using Value = typename GridT::ValueType;
@@ -32,7 +32,7 @@ struct ArrayValues {
   [[nodiscard]] Value at(std::int64_t i, std::int64_t j, std::int64_t k) const {
     const auto* place = static_cast<const std::byte*>(array.values) + i * array.stride[0] +
                         j * array.stride[1] + k * array.stride[2];
-    // The address may be unaligned.
+    // Copies bytes, because the address may be unaligned.
     Value value;
     if constexpr (kVector) {
       for (int c = 0; c < 3; ++c) {
@@ -45,7 +45,7 @@ struct ArrayValues {
   }
 };
 
-/// Returns the median of the finite values on the six faces, or 0 if all are not finite.
+/// Returns the median of the finite values on the six faces of an array; 0 if no value is finite.
 template <class GridT>
 double medianOfFaces(const ArrayValues<GridT>& values) {
   const std::array<std::int64_t, 3>& size = values.array.size;
@@ -67,7 +67,7 @@ double medianOfFaces(const ArrayValues<GridT>& values) {
   return *middle;
 }
 
-/// Makes one leaf. Returns null if all its values equal the background.
+/// Makes one leaf of the grid. Returns null if all values of the leaf equal the background.
 template <class GridT>
 std::unique_ptr<typename GridT::TreeType::LeafNodeType> leafOf(
     const ArrayValues<GridT>& values, const openvdb::Coord& origin,
@@ -85,7 +85,8 @@ std::unique_ptr<typename GridT::TreeType::LeafNodeType> leafOf(
     for (c.y() = origin.y(); c.y() < end[1]; ++c.y()) {
       for (c.z() = origin.z(); c.z() < end[2]; ++c.z()) {
         const auto value = values.at(c.x(), c.y(), c.z());
-        // A NaN is not background.
+        // A NaN is not equal to the background, so it becomes an active value that later checks
+        // detect.
         if (!(value == background)) leaf->setValueOn(Leaf::coordToOffset(c), value);
       }
     }
@@ -94,7 +95,7 @@ std::unique_ptr<typename GridT::TreeType::LeafNodeType> leafOf(
   return leaf;
 }
 
-/// Returns the map in OpenVDB's convention: row vectors.
+/// Returns the map of an array in OpenVDB's convention, in which matrices multiply row vectors.
 openvdb::math::Transform::Ptr transformOf(const VoxelArray& array) {
   openvdb::Mat4R map;
   map.setIdentity();
@@ -117,7 +118,7 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
   const auto leaves_along = [&](std::size_t a) {
     return static_cast<std::size_t>((array.size[a] + Leaf::DIM - 1) / Leaf::DIM);
   };
-  // One task per column of leaves along z.
+  // Each task makes one column of leaves along z.
   const std::size_t columns = leaves_along(0) * leaves_along(1);
   std::vector<std::vector<std::unique_ptr<Leaf>>> made(columns);
   inParallel(columns, [&](std::size_t column) {

@@ -14,30 +14,35 @@
 
 namespace palpate {
 
-/// A view of an array of scalars or of vectors, in any memory order. In the volume's own space,
+/// A view of an array of scalars or of vectors, in any memory order. In the array's own space,
 /// value (i, j, k) is at origin + axes (i, j, k).
 struct VoxelArray {
   /// Storage type of a scalar, or of a vector's component: 32 or 64 bits.
   enum class Type : std::uint8_t { kFloat, kDouble };
 
-  const void* values = nullptr;            ///< Value (0, 0, 0), at any address; read, not kept.
-  Type type = Type::kFloat;                ///< Type of the array, and of the grid made from it.
-  bool vector = false;                     ///< Three components a value, in W's order.
-  std::array<std::int64_t, 3> size{};      ///< Values along i, j and k, each > 0.
-  std::array<std::ptrdiff_t, 3> stride{};  ///< Step to the next value along each axis [bytes].
-  std::ptrdiff_t component_stride = 0;     ///< Step to the next component [bytes].
-  Mat3 axes = Mat3::Identity();            ///< Columns: steps along i, j and k, in own units.
-  Vec3 origin = Vec3::Zero();              ///< Place of value (0, 0, 0), in own units.
-  std::string name = "values";             ///< Used in errors and messages.
-  bool level_set = false;                  ///< Signed distances, negative inside; the surface is 0.
-  /// Value of places without data; values equal to it are not data. If not set: for scalars the
-  /// median of the values on the array's six faces, as in `palpate import`; for vectors zero.
+  /// Address of value (0, 0, 0), with any alignment. The array is read during the call only.
+  const void* values = nullptr;
+  Type type = Type::kFloat;  ///< Type of the numbers in the array, and in the grid made from it.
+  bool vector = false;       ///< True if a value has three components, in the order of W's axes.
+  std::array<std::int64_t, 3> size{};  ///< Number of values along i, j and k, each > 0.
+  /// Distance in memory to the next value along each axis [bytes].
+  std::array<std::ptrdiff_t, 3> stride{};
+  /// Distance in memory to the next component of a vector [bytes].
+  std::ptrdiff_t component_stride = 0;
+  /// Columns: steps along i, j and k, in the array's unit of length.
+  Mat3 axes = Mat3::Identity();
+  Vec3 origin = Vec3::Zero();   ///< Place of value (0, 0, 0), in the array's unit of length.
+  std::string name = "values";  ///< Name of the volume, used in messages.
+  bool level_set = false;  ///< True for signed distances, negative inside. The surface is at 0.
+  /// Value of places without data. A value in the array that equals it is not data. If not set, it
+  /// is zero for vectors. For scalars it is the median of the values on the array's six faces, as
+  /// in `palpate import`.
   std::optional<double> background;
 };
 
-/// Copies the values and checks them as loadVolume checks a file. Throws VolumeError, under the
-/// array's name, for sizes outside 1 to 2^31 - 1, for axes without a volume, and for values that
-/// cannot be felt. Slow: reads every value, in parallel.
+/// Copies the values, and checks them as loadVolume checks a file. Throws VolumeError, with the
+/// array's name, if a size is not within 1 to 2^31 - 1, if the axes do not span a volume, or if
+/// loadVolume would reject the values. Slow: reads every value, in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const VoxelArray& array,
                                                        const LoadOptions& options = {});
 

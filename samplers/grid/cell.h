@@ -1,11 +1,12 @@
-/// Private to samplers: the cached data of a grid's last cell, and the kernels that read it.
+/// Private to samplers: the cached data of the cell that was read last, and the kernels that read
+/// it.
 ///
-/// A kernel implements one order of interpolation. It keeps the data that it needs of the voxels
-/// around a cell. For a position t in the cell it returns one row: C components of the value, then
-/// their derivatives by the first, second and third index. If rows blend linearly (kBlendsRows),
-/// load() turns the rows of the cell's corners into W, so the rows read are turned already. All
-/// data are in plain arrays: in a unit as large as OpenVDB's the compiler does not inline Eigen's
-/// expressions, which makes them three times as slow.
+/// A kernel implements one order of interpolation. It stores the data of the voxels around a cell
+/// that it needs. For a position t in the cell, it returns one row: C components of the value, then
+/// their derivatives by the first, second and third index. If a row depends linearly on the rows of
+/// the cell's corners (kBlendsRows), load() rotates the corners' rows into W, so that the rows that
+/// are read need no rotation. All data are in plain arrays. In a translation unit as large as
+/// OpenVDB's, the compiler does not inline Eigen's expressions, and they take three times as long.
 #pragma once
 
 #include <algorithm>
@@ -19,13 +20,14 @@
 
 namespace palpate {
 
-/// c0 + c1 s + c2 s^2 + c3 s^3.
+/// The cubic polynomial c0 + c1 s + c2 s^2 + c3 s^3.
 using Cubic = std::array<double, 4>;
 
-/// Returns where a cubic first falls below zero for s from 0 to 1, or 2 if it does not.
-/// @param above  On entry, true if a value before this cubic was above zero. On return, also true
+/// Returns the first s from 0 to 1 at which a cubic falls below zero; 2 if it does not fall below
+/// zero.
+/// @param above  On entry, true if a value was above zero before this cubic. On return, also true
 ///               if the cubic was above zero.
-/// @param first  If true, a cubic that begins at or below zero and falls counts as a fall at 0.
+/// @param first  If true, a cubic that begins at or below zero and falls counts as a fall at s = 0.
 inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };
   if (c[0] > 0.0) above = true;
@@ -40,7 +42,7 @@ inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   const double half = c[2];
   const double root = half * half - a * c[1];
   if (root > 0.0) {
-    // The roots of a s^2 + 2 half s + c1 without cancellation.
+    // Computes the roots of a s^2 + 2 half s + c1 without cancellation.
     const double q = -(half + std::copysign(std::sqrt(root), half));
     const double s1 = a != 0.0 ? q / a : 2.0;
     const double s2 = q != 0.0 ? c[1] / q : 2.0;
@@ -64,8 +66,9 @@ inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   return 2.0;
 }
 
-/// A cube of W^3 voxels in place: the address of the first number of each row (i, j), which runs
-/// along the last axis. The components of a voxel are side by side.
+/// A cube of W^3 voxels that is read where it is stored. Row (i, j) runs along the last axis.
+/// `first` holds the address of the first number of each row. The components of a voxel are side by
+/// side.
 template <class Number, int W>
 struct Rows {
   static constexpr std::size_t kW = W;
@@ -76,14 +79,14 @@ struct Rows {
   }
 };
 
-/// Returns the bit of voxel (i, j, k) in a cube's mask.
+/// Returns the bit of voxel (i, j, k) in the mask of active voxels of a cube.
 template <int W>
 constexpr int bitOf(int i, int j, int k) noexcept {
   return (i * W + j) * W + k;
 }
 
-/// Returns the bits of a cell's eight voxels in a cube's mask; the cell's lower corner is at
-/// (0,0,0).
+/// Returns the bits of the eight voxels of a cell whose lower corner is voxel (0, 0, 0) of the
+/// cube.
 template <int W>
 constexpr std::uint64_t cellBits() noexcept {
   std::uint64_t bits = 0;
@@ -91,11 +94,12 @@ constexpr std::uint64_t cellBits() noexcept {
   return bits;
 }
 
-/// The polynomial c0 + c1 u + c2 v + c3 w + c4 uv + c5 uw + c6 vw + c7 uvw of N numbers.
+/// The polynomial c0 + c1 u + c2 v + c3 w + c4 uv + c5 uw + c6 vw + c7 uvw, for N numbers at once.
 template <std::size_t N>
 class Trilinear {
  public:
-  /// Takes the numbers at a cell's eight corners, the last axis fastest.
+  /// Computes the coefficients from the numbers at a cell's eight corners, whose last index varies
+  /// fastest.
   void load(const std::array<std::array<double, 8>, N>& at) noexcept {
     for (std::size_t n = 0; n < N; ++n) {
       const std::array<double, 8>& d = at[n];
@@ -109,7 +113,7 @@ class Trilinear {
       c[7][n] = (d[7] - d[3]) - (d[5] - d[1]) - c[4][n];
     }
   }
-  /// Writes the first M numbers at t.
+  /// Evaluates the first M numbers at t.
   template <std::size_t M>
   [[gnu::always_inline]] void read(const Vec3& t, std::array<double, M>& out) const noexcept {
     const double x = t.x();
@@ -131,18 +135,24 @@ class Trilinear {
 template <int C>
 class TrilinearKernel {
  public:
-  static constexpr int kWidth = 4;         ///< Voxels along an edge of the block that load() takes.
-  static constexpr int kBefore = 1;        ///< Voxels of the block before the cell or voxel.
-  static constexpr bool kNearest = false;  ///< Centred on the nearest voxel, not on the cell.
+  /// Number of voxels along an edge of the block that load() reads.
+  static constexpr int kWidth = 4;
+  /// Number of voxels of the block before the cell, or before the voxel if kNearest.
+  static constexpr int kBefore = 1;
+  /// True if the block is centred on the nearest voxel, not on the cell.
+  static constexpr bool kNearest = false;
   static constexpr bool kBlendsRows = true;
-  static constexpr bool kNeedsEdges = false;   ///< Needs voxels at the rim of two block axes.
-  static constexpr bool kDifferences = false;  ///< Derivatives use the reader's slope reach.
+  /// True if the kernel needs rows that are at the rim of the block along two axes.
+  static constexpr bool kNeedsEdges = false;
+  /// True if the derivatives use the reader's slope reach.
+  static constexpr bool kDifferences = false;
   static constexpr std::size_t kC = C;
   using Row = std::array<double, 4 * kC>;
 
   template <class Number, class Turn>
   void load(const Rows<Number, kWidth>& rows, Turn turn) noexcept {
-    // For each number the eight corners are side by side; a pass sets two along the last axis.
+    // For each number, the values at the eight corners are side by side. Each pass computes two of
+    // them, which differ in the last index.
     std::array<std::array<double, 8>, 4 * kC> at;
     for (std::size_t n = 0; n < 8; n += 2) {
       const std::size_t i = 1 + n / 4;
@@ -165,7 +175,7 @@ class TrilinearKernel {
   }
 
   [[gnu::always_inline]] void read(const Vec3& t, Row& row) const noexcept { rows_.read(t, row); }
-  /// Writes the value only.
+  /// Evaluates only the value.
   [[gnu::always_inline]] void value(const Vec3& t, std::array<double, kC>& v) const noexcept {
     rows_.read(t, v);
   }
@@ -201,7 +211,8 @@ class TrilinearKernel<1> {
     };
     face_ = bilinear(at(1, 1, 1), at(1, 1, 2), at(1, 2, 1), at(1, 2, 2));
     for (std::size_t m = 0; m < 3; ++m) {
-      // Slopes along an axis at the four edges of cell m: at (0, 0), (0, 1), (1, 0), (1, 1).
+      // Slopes along each axis, at the four edges of cell m that are parallel to the axis: at (0,
+      // 0), (0, 1), (1, 0) and (1, 1) of the other two axes.
       std::array<std::array<double, 4>, 3> d;
       for (std::size_t n = 0; n < 4; ++n) {
         const std::size_t p = 1 + n / 2;
@@ -223,7 +234,7 @@ class TrilinearKernel<1> {
       const double at = t[static_cast<Eigen::Index>(a)];
       const auto [P, Q] = kAside[a];
       if (reach == 0.5) {
-        const std::size_t first = at < 0.5 ? 0 : 1;  // the first of two cells
+        const std::size_t first = at < 0.5 ? 0 : 1;  // first of the two cells that t +- 1/2 spans
         const std::array<double, 2> s = slopesAlong<2>(a, first, t[P], t[Q]);
         const double second = at + 0.5 - static_cast<double>(first);
         row[a + 1] = (1.0 - second) * s[0] + second * s[1];
@@ -235,7 +246,7 @@ class TrilinearKernel<1> {
     }
   }
 
-  /// Returns the derivatives of the derivatives by the index, [derivative][index].
+  /// Returns the derivatives of the gradient by the index, as [component of the gradient][index].
   [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t,
                                                              double reach) const noexcept {
     std::array<std::array<double, 3>, 3> by;
@@ -255,7 +266,8 @@ class TrilinearKernel<1> {
       }
       by[a][static_cast<std::size_t>(P)] = by_p;
       by[a][static_cast<std::size_t>(Q)] = by_q;
-      // If t grows, slopes enter at t + reach and leave at t - reach.
+      // If t grows, the span of t +- reach gains the slope at t + reach and loses the slope at t -
+      // reach.
       const double enters = at + reach > 1.0 ? s[2] : s[1];
       const double leaves = at - reach < 0.0 ? s[0] : s[1];
       by[a][a] = (enters - leaves) / (2.0 * reach);
@@ -263,11 +275,12 @@ class TrilinearKernel<1> {
     return by;
   }
 
-  /// Writes the value only.
+  /// Evaluates only the value.
   [[gnu::always_inline]] void value(const Vec3& t, std::array<double, 1>& v) const noexcept {
     v[0] = valueAt(t);
   }
-  /// Returns the least and largest value of the cell's corners, and so of the cell.
+  /// Returns the least and the largest value at the cell's corners. These also bound the trilinear
+  /// value in the cell.
   [[nodiscard]] std::pair<double, double> range() const noexcept {
     const Polynomial c = polynomial();
     const double xy = c.u + c.v + c.uv;
@@ -277,7 +290,7 @@ class TrilinearKernel<1> {
     const auto [least, most] = std::minmax({0.0, c.u, c.v, c.w, xy, xz, yz, all});
     return {c.one + least, c.one + most};
   }
-  /// Returns the value along t + s d, as a cubic in s.
+  /// Returns the value at t + s d as a cubic in s.
   [[nodiscard]] Cubic along(const Vec3& t, const Vec3& d) const noexcept {
     const Polynomial c = polynomial();
     const Vec3 by = slope(t);
@@ -288,8 +301,8 @@ class TrilinearKernel<1> {
             uv * d.x() * d.y() + uw * d.x() * d.z() + vw * d.y() * d.z(),
             c.uvw * d.x() * d.y() * d.z()};
   }
-  /// Returns the gradient by index of the value's own polynomial; it jumps at the faces of the
-  /// cell.
+  /// Returns the gradient, by index, of the trilinear polynomial of the cell. It jumps at the faces
+  /// of the cell.
   [[nodiscard]] Vec3 slope(const Vec3& t) const noexcept {
     const Polynomial c = polynomial();
     const double uv = c.uv + c.uvw * t.z();
@@ -298,23 +311,24 @@ class TrilinearKernel<1> {
   }
 
  private:
-  /// One number for each of three cells along an axis: the cell before, this cell, the cell after.
+  /// One number for each of three cells along an axis: the cell before the present cell, the
+  /// present cell, and the cell after it.
   using Cells = std::array<double, 3>;
-  /// c0 + c1 p + c2 q + c3 pq.
+  /// The polynomial c0 + c1 p + c2 q + c3 pq.
   using Bilinear = std::array<double, 4>;
-  /// The value in the cell: one + u x + v y + ... + uvw xyz.
+  /// The value in the cell: one + u x + v y + w z + uv xy + uw xz + vw yz + uvw xyz.
   struct Polynomial {
     double one, u, v, w, uv, uw, vw, uvw;
   };
-  /// The other two axes of each axis.
+  /// For each axis, the other two axes.
   static constexpr std::array<std::array<Eigen::Index, 2>, 3> kAside{{{1, 2}, {0, 2}, {0, 1}}};
 
-  /// Makes a polynomial from the numbers at (0, 0), (0, 1), (1, 0) and (1, 1).
+  /// Makes a bilinear polynomial from the numbers at (0, 0), (0, 1), (1, 0) and (1, 1).
   static Bilinear bilinear(double d00, double d01, double d10, double d11) noexcept {
     return {d00, d10 - d00, d01 - d00, (d11 - d01) - (d10 - d00)};
   }
-  /// Returns the slopes along axis a of N cells from `first`, on the line at (p, q) of the other
-  /// two axes.
+  /// Returns the slopes along axis a of N consecutive cells, from cell `first` on. They are taken
+  /// on the line at (p, q) of the other two axes.
   template <std::size_t N>
   [[nodiscard, gnu::always_inline]] std::array<double, N> slopesAlong(std::size_t a,
                                                                       std::size_t first, double p,
@@ -327,7 +341,8 @@ class TrilinearKernel<1> {
     }
     return s;
   }
-  /// Returns the share of t - reach to t + reach that lies in each cell; t from 0 to 1.
+  /// Returns the shares of the span from t - reach to t + reach that lie in each of the three
+  /// cells. t is from 0 to 1.
   [[nodiscard]] static Cells weights(double t, double reach) noexcept {
     const double scale = 0.5 / reach;
     const double before = std::max(0.0, (reach - t) * scale);
@@ -345,12 +360,12 @@ class TrilinearKernel<1> {
     return {face_[0], c[0][1], face_[1], face_[2], c[1][1], c[2][1], face_[3], c[3][1]};
   }
 
-  Bilinear face_;  ///< The value at the cell's lower face along the first axis.
-  /// Slopes along each axis in each cell, [axis][coefficient][cell].
+  Bilinear face_;  ///< The value on the cell's lower face along the first axis.
+  /// Slopes along each axis in each cell, as [axis][coefficient][cell].
   std::array<std::array<Cells, 4>, 3> slopes_;
 };
 
-/// Evaluates p(t) = c0 + c1 t + ... and its derivative, by Horner's rule.
+/// Evaluates p(t) = c0 + c1 t + ... + c_n t^n and its derivative, by Horner's rule.
 template <int Degree>
 [[gnu::always_inline]] inline void horner(const double* c, std::size_t stride, double t, double& p,
                                           double& slope) noexcept {
@@ -369,14 +384,16 @@ template <int Degree>
   return p;
 }
 
-/// Kernel for B-splines of degree 2 or 3; the block holds the coefficients. Returns the value and
-/// the spline's own derivative. Keeps the polynomial of the piece, a sum over c_ijk u^i v^j w^k.
+/// Kernel for B-splines of degree 2 or 3. The block contains spline coefficients. Returns the value
+/// and the derivative of the spline. Stores the spline in the cell as a polynomial, the sum of
+/// c_ijk u^i v^j w^k.
 template <int C, int Degree>
 class SplineKernel {
  public:
   static constexpr int kWidth = Degree + 1;
   static constexpr int kBefore = 1;
-  static constexpr bool kNearest = Degree == 2;  ///< If true, t is from -1/2 to 1/2, else 0 to 1.
+  /// If true, t is from -1/2 to 1/2 along each axis, else from 0 to 1.
+  static constexpr bool kNearest = Degree == 2;
   static constexpr bool kBlendsRows = false;
   static constexpr bool kNeedsEdges = true;
   static constexpr bool kDifferences = false;
@@ -388,7 +405,7 @@ class SplineKernel {
     for (std::size_t n = 0; n < kSide * kSide; ++n) {
       std::copy_n(rows.first[n], kSide * kC, c_.data() + n * kLine);
     }
-    // Converts the spline to a polynomial, axis by axis.
+    // Converts the spline coefficients to coefficients of the polynomial, axis by axis.
     for (std::size_t n = 0; n < kPlane; ++n) toPolynomial(c_.data() + n, kPlane);
     for (std::size_t i = 0; i < kSide; ++i) {
       double* plane = c_.data() + i * kPlane;
@@ -404,7 +421,8 @@ class SplineKernel {
     const double x = t.x();
     const double y = t.y();
     const double z = t.z();
-    // Converts along x for a whole plane at once, along y for a line at once, then along z.
+    // Evaluates the polynomial along x for a whole plane of coefficients, then along y for a line,
+    // then along z.
     std::array<double, kPlane> plane;
     std::array<double, kPlane> plane_x;
     for (std::size_t n = 0; n < kPlane; ++n) {
@@ -424,8 +442,9 @@ class SplineKernel {
     }
   }
 
-  /// Returns how the gradient's rows (of the first component) change by the index, [row][index].
-  /// Uses central differences of the piece's polynomial: exact for degree 2, to 1e-6 for degree 3.
+  /// Returns the derivatives of the gradient (of the first component) by the index, as [component
+  /// of the gradient][index]. Uses central differences of the polynomial, which are exact for
+  /// degree 2 and have an error of about 1e-6 for degree 3.
   [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t) const noexcept {
     constexpr double kAside = 1e-3;
     std::array<std::array<double, 3>, 3> by;
@@ -444,7 +463,8 @@ class SplineKernel {
   }
 
  private:
-  /// Converts the spline coefficients around a piece, a stride apart, to those of its polynomial.
+  /// Converts the spline coefficients of a cell along one axis to coefficients of the polynomial.
+  /// They are `stride` numbers apart.
   static void toPolynomial(double* c, std::size_t stride) noexcept {
     const double c0 = c[0];
     const double c1 = c[stride];
@@ -462,14 +482,15 @@ class SplineKernel {
     }
   }
 
-  /// Lines have an even length, so that pairs run from end to end and each load matches a store.
+  /// A line has an even number of coefficients, so that the loads of pairs of numbers match the
+  /// earlier stores.
   static constexpr std::size_t kSide = kWidth;
   static constexpr std::size_t kLine = (kSide * kC + 1) / 2 * 2;
   static constexpr std::size_t kPlane = kSide * kLine;
   std::array<double, kSide * kPlane> c_{};
 };
 
-/// Kernel for labels: the nearest voxel's value, with zero derivatives.
+/// Kernel for labels: the value of the nearest voxel, with zero derivatives.
 template <int C>
 class NearestKernel {
  public:

@@ -15,8 +15,9 @@ std::int64_t floorTo(std::int64_t x, std::int64_t edge) {
   return x - (rest < 0 ? rest + edge : rest);
 }
 
-/// Computes distances along the axis where they are largest, from the zeros: first from the blocks
-/// before each block, then from the blocks after it (Rosenfeld, Pfaltz 1968).
+/// Computes the distance to the nearest zero for all blocks, along the axis where the distance is
+/// largest. The first pass uses the neighbours before each block, the second pass those after it
+/// (Rosenfeld, Pfaltz 1968).
 void spread(std::vector<std::uint8_t>& distance, const std::array<std::size_t, 3>& size) {
   std::array<std::int64_t, 3> n{};
   for (std::size_t a = 0; a < 3; ++a) n[a] = static_cast<std::int64_t>(size[a]);
@@ -26,7 +27,7 @@ void spread(std::vector<std::uint8_t>& distance, const std::array<std::size_t, 3
       if (here == 0) return;
       int least = here;
       for (int d = 1; d <= 13; ++d) {
-        // The thirteen neighbours that were visited before.
+        // Visits the thirteen neighbours that come before this block in the order of the pass.
         const std::int64_t x = i - sign * ((d + 13) / 9 - 1);
         const std::int64_t y = j - sign * ((d + 13) / 3 % 3 - 1);
         const std::int64_t z = k - sign * ((d + 13) % 3 - 1);

@@ -1,5 +1,5 @@
-/// Private to samplers: a coarse map of where a grid is empty, so that free space costs one
-/// look-up.
+/// Private to samplers: a coarse map of the empty regions of a grid. In these regions, one look-up
+/// in the map replaces a reading.
 #pragma once
 
 #include <algorithm>
@@ -14,25 +14,25 @@
 
 namespace palpate {
 
-/// Stores, block by block, the distance to the nearest voxel with data.
+/// Stores, for each block of voxels, the distance to the nearest block with data.
 class FreeMap {
  public:
-  /// A box of voxels from `lower` to `upper`, both included.
+  /// A box of voxels, from `lower` to `upper`.
   struct Voxels {
     std::array<int, 3> lower;  ///< Least index along each axis.
     std::array<int, 3> upper;  ///< Greatest index along each axis, included.
   };
 
-  /// Makes the map of a grid without data.
+  /// Makes the map of a grid that has no data.
   FreeMap() = default;
-  /// Makes a map in which only these boxes have data. Takes a byte for every leaf of 8^3 in the box
-  /// around them. If that is more than 4 MB, it takes a byte for every 16^3, and so on. Slow,
-  /// allocates.
+  /// Makes the map of a grid that has data only in these boxes. The map takes a byte for every
+  /// block of 8^3 voxels in the bounds of all boxes. If that is more than 4 MB, the blocks have
+  /// 16^3 voxels, and so on. Slow, allocates.
   explicit FreeMap(std::span<const Voxels> data);
 
-  /// Returns a lower bound of the distance to voxels with data, along the axis where they are
-  /// farthest [voxels]. Returns 0 if they may be next to p_I, or if p_I is NaN. RT: no
-  /// allocation. Cost: a few ns, and the memory access.
+  /// Returns a lower bound of the distance from p_I to the nearest voxel with data, along the axis
+  /// where the distance is largest [voxels]. Returns 0 if such a voxel may be next to p_I, or if
+  /// p_I is NaN. RT: no allocation. Cost: a few ns, and one memory access.
   [[nodiscard]] double around(const Vec3& p_I) const noexcept {
     double outside = 0.0;
     bool within = true;
@@ -54,18 +54,19 @@ class FreeMap {
     return blocks == 0 ? 0.0 : edge_ * (blocks - 1);
   }
 
-  /// Size of the blocks' distances, one byte each [bytes]; 0 for a grid without data.
+  /// Returns the memory for the blocks' distances [bytes]; 0 for a grid without data.
   [[nodiscard]] std::uint64_t memory() const noexcept { return distance_.capacity(); }
 
  private:
   static constexpr double kFar = 1e9;
 
-  std::array<double, 3> lower_{};       ///< First voxel.
-  std::array<std::size_t, 3> size_{};   ///< Number of blocks along each axis.
-  double edge_ = 8.0;                   ///< Edge of a block [voxels], a power of two.
-  double per_edge_ = 0.125;             ///< 1 / edge_.
-  std::vector<std::uint8_t> distance_;  ///< Distance to the nearest block with data, along the axis
-                                        ///< where it is farthest; at most 255 [blocks].
+  std::array<double, 3> lower_{};      ///< Index of the first voxel of the map along each axis.
+  std::array<std::size_t, 3> size_{};  ///< Number of blocks along each axis.
+  double edge_ = 8.0;                  ///< Edge of a block [voxels], a power of two.
+  double per_edge_ = 0.125;            ///< 1 / edge_.
+  /// For each block, the distance to the nearest block with data [blocks], along the axis where the
+  /// distance is largest. At most 255.
+  std::vector<std::uint8_t> distance_;
 };
 
 }  // namespace palpate

@@ -1,5 +1,5 @@
-/// Private to samplers: fields over OpenVDB grids, for each type and interpolation. Include it in
-/// .cpp files only.
+/// Private to samplers: fields over OpenVDB grids, for each type of grid and each interpolation.
+/// Include it in .cpp files only.
 #pragma once
 
 #include <algorithm>
@@ -36,11 +36,12 @@ double componentOf(const Value& value, int c) noexcept {
   }
 }
 
-/// A leaf or a tile, as rows of eight voxels along the last axis. A tile has one row for all.
+/// A leaf or a tile, presented as rows of eight voxels along the last axis. A tile has a single
+/// row.
 template <class Value>
 class LeafOrTile {
  public:
-  /// Finds the leaf or tile that contains a voxel.
+  /// Finds the leaf or the tile that contains a voxel.
   template <class Accessor>
   [[gnu::always_inline]] void find(Accessor& accessor, const Coord& voxel) noexcept {
     if (const auto* leaf = accessor.probeConstLeaf(voxel)) {
@@ -59,7 +60,7 @@ class LeafOrTile {
   [[nodiscard]] const Value* row(std::size_t n) const noexcept {
     return values_ + (n & last_row_) * 8;
   }
-  /// Returns a bit for each voxel of the row, set if the voxel is active.
+  /// Returns one bit for each voxel of row n, set if the voxel is active.
   [[nodiscard]] std::uint64_t active(std::size_t n) const noexcept {
     return active_[n & last_row_];
   }
@@ -72,11 +73,12 @@ class LeafOrTile {
   unsigned char tile_active_;
 };
 
-/// A block of W^3 voxels, read in place. Without Edges it has no rows at the rim of two axes.
+/// A block of W^3 voxels, which is read where the grid stores it. If Edges is false, rows at the
+/// rim of the block along two axes are omitted.
 ///
-/// Along each axis the block lies in one leaf or in two. The code hardly branches on that, because
-/// these branches could not be predicted. It does little between finding the leaves and reading
-/// them, so that with a cold cache the memory accesses of all rows overlap.
+/// Along each axis the block lies in one leaf or in two. The code has almost no branches on that,
+/// because the processor could not predict them. It first finds all leaves and then reads them,
+/// with little work in between. So the memory accesses of all rows overlap if the cache is cold.
 template <class Value, int W, bool Edges>
 class LeafBlock {
  public:
@@ -86,7 +88,8 @@ class LeafBlock {
   template <class Accessor>
   [[gnu::always_inline]] LeafBlock(Accessor& accessor, const Coord& low) noexcept
       : x_(low[0] & 7), y_(low[1] & 7), z_(low[2] & 7), two_((z_ + kW - 1) / 8) {
-    // The leaves: one bit per axis, set for the second leaf along it.
+    // Index of the last leaf: one bit for each axis, set if the block extends into a second leaf
+    // along that axis.
     const std::size_t last = (x_ + kW - 1) / 8 * 4 + (y_ + kW - 1) / 8 * 2 + two_;
     for (std::size_t n = last;; n = (n - 1) & last) {
       const auto end = [n](std::size_t axis) { return (n & axis) != 0 ? W - 1 : 0; };
@@ -98,7 +101,7 @@ class LeafBlock {
       const std::size_t n = leafOf(i, j);
       const Value* row = leaves_[n].row(rowOf(i, j)) + z_;
       if (two_ != 0) {
-        // Copies the end of a row and the beginning of the next one side by side.
+        // The row lies in two leaves. Copies its two parts into one array.
         Value* joined = joined_[i * kW + j].data();
         std::copy_n(row - z_ + 8 - kW, kW, joined);
         std::copy_n(leaves_[n + 1].row(rowOf(i, j)), kW, joined + kW);
@@ -112,8 +115,8 @@ class LeafBlock {
 
   [[nodiscard]] const Rows<Number, W>& rows() const noexcept { return rows_; }
 
-  /// Returns the active voxels among those that can be a cell's corners: the inner two of four rows
-  /// along each of the first two axes.
+  /// Returns the active states of the voxels that can be corners of a cell. Along each of the first
+  /// two axes, these are the inner two of four rows.
   [[nodiscard, gnu::always_inline]] std::uint64_t active() const noexcept {
     std::uint64_t bits = 0;
     forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
@@ -128,8 +131,8 @@ class LeafBlock {
 
  private:
   static constexpr std::size_t kW = W;
-  /// Calls f(i, j) for each row. It is unrolled here because the compiler keeps a loop, which takes
-  /// a tenth more time.
+  /// Calls f(i, j) for each row. The calls are unrolled here, because the compiler would keep a
+  /// loop, which takes a tenth more time.
   template <class F>
   [[gnu::always_inline]] static void forRows(F f) noexcept {
     [&]<std::size_t... N>(std::index_sequence<N...> /*rows*/) __attribute__((always_inline)) {
@@ -138,7 +141,8 @@ class LeafBlock {
     (std::make_index_sequence<kW * kW>());
   }
   static constexpr bool atRim(std::size_t i) noexcept { return W > 1 && i * (kW - 1 - i) == 0; }
-  /// Place of row (i, j): leafOf() is the first leaf, rowOf() the row in that leaf.
+  /// Returns the index of the first leaf that contains row (i, j). rowOf() returns the row in that
+  /// leaf.
   [[nodiscard]] std::size_t leafOf(std::size_t i, std::size_t j) const noexcept {
     return (x_ + i) / 8 * 4 + (y_ + j) / 8 * 2;
   }
@@ -146,19 +150,20 @@ class LeafBlock {
     return (x_ + i) % 8 * 8 + (y_ + j) % 8;
   }
 
-  std::size_t x_;  ///< Lowest corner, relative to its leaf.
+  std::size_t x_;  ///< Lowest corner of the block, relative to the leaf that contains it.
   std::size_t y_;
   std::size_t z_;
-  std::size_t two_;  ///< 1 if rows lie in two leaves.
+  std::size_t two_;  ///< 1 if each row lies in two leaves, else 0.
   std::array<LeafOrTile<Value>, 8> leaves_;
   std::array<std::array<Value, 2 * kW>, kW * kW> joined_;
   Rows<Number, W> rows_;
 };
 
-/// Returns the frame of a placed volume.
+/// Returns the frame of a volume with a placement.
 FieldFrame frameOf(const Volume& volume, const Placement& placement, const Sampling& sampling);
 
-/// Returns the free map of a part of a volume, for a kind of interpolation; made once.
+/// Returns the free map of a part of a volume for one kind of interpolation. The first call makes
+/// the map.
 std::shared_ptr<const FreeMap> freeMapOf(const Volume& volume, std::size_t part,
                                          Interpolation interpolation, const GridData& data);
 
@@ -200,7 +205,7 @@ class GridSource {
   typename GridT::ConstPtr grid_;
 };
 
-/// Reads a part of a volume.
+/// Reads one part of a volume through a kernel.
 template <class GridT, class Kernel>
 class GridReader : public LatticeReader<GridSource<GridT>, Kernel> {
   using Base = LatticeReader<GridSource<GridT>, Kernel>;
@@ -222,7 +227,7 @@ class GridReader : public LatticeReader<GridSource<GridT>, Kernel> {
             sampling.slope_reach) {}
 };
 
-/// A field over N grids of a volume: the common part of scalar and vector fields.
+/// A field over N grids of a volume. This is the common part of scalar and vector fields.
 template <class Base, class GridT, class Kernel, std::size_t N>
 class GridField : public Base {
   using Reader = GridReader<GridT, Kernel>;
@@ -248,7 +253,7 @@ class GridField : public Base {
  protected:
   using Row = typename Reader::Row;
 
-  /// Returns the caches that reset() has placed in `memory`.
+  /// Returns the caches that reset() has created in `memory`.
   static Caches& cachesIn(FieldCache& memory) noexcept {
     return *std::launder(reinterpret_cast<Caches*>(memory.bytes.data()));
   }
@@ -335,7 +340,7 @@ class VdbVectorField final : public GridField<VectorField, GridT, Kernel, 1> {
   }
 };
 
-/// A vector whose components are three grids, each at its own place.
+/// A vector field whose components are three grids, each with its own transform.
 template <class GridT, class Kernel>
 class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
   using Base = GridField<VectorField, GridT, Kernel, 3>;
@@ -386,7 +391,7 @@ auto withKernel(const std::shared_ptr<const Volume>& volume, const Placement& pl
   return std::make_shared<const Field<GridT, TrilinearKernel<C>>>(volume, placement, sampling);
 }
 
-/// Makes a field over a volume whose first part is of type GridT.
+/// Makes a field over a volume whose first part has the type GridT.
 template <class GridT>
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, const Placement& placement,
                    const Sampling& sampling) {
@@ -400,7 +405,7 @@ FieldPtr makeField(const std::shared_ptr<const Volume>& volume, const Placement&
   }
 }
 
-// Defined in field_float.cpp and the like.
+// The instances are in field_float.cpp, field_double.cpp, field_vec3s.cpp and field_vec3d.cpp.
 extern template FieldPtr makeField<openvdb::FloatGrid>(const std::shared_ptr<const Volume>&,
                                                        const Placement&, const Sampling&);
 extern template FieldPtr makeField<openvdb::DoubleGrid>(const std::shared_ptr<const Volume>&,

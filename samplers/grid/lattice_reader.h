@@ -1,5 +1,5 @@
-/// Private to samplers: reads a lattice of voxels from any source, through a kernel. Include it in
-/// .cpp files only.
+/// Private to samplers: reads a lattice of voxels from any source, through a kernel for the
+/// interpolation. Include it in .cpp files only.
 #pragma once
 
 #include <algorithm>
@@ -26,8 +26,8 @@ namespace palpate::detail {
 
 inline constexpr int kNoCell = std::numeric_limits<int>::max();
 
-/// Copies vectors without a sign. In the copy all vectors point along the main axis of the cell's
-/// eight vectors.
+/// Copies a block of vectors without a sign, such as fibre axes. In the copy, the signs are chosen
+/// so that all vectors point along the main axis of the cell's eight vectors.
 class Aligned {
  public:
   template <class Number>
@@ -47,7 +47,8 @@ class Aligned {
     for (std::size_t n = 0; n < 16; ++n) {
       const std::size_t i = n / 4;
       const std::size_t j = n % 4;
-      if (i % 3 == 0 && j % 3 == 0) continue;  // an edge
+      // the kernel does not need rows at an edge of the block
+      if (i % 3 == 0 && j % 3 == 0) continue;
       for (std::size_t k = 0; k < 4; ++k) {
         const Vec3 v = at(i, j, k);
         Eigen::Map<Vec3>(values_[n].data() + 3 * k) = v.dot(axis) < 0.0 ? Vec3(-v) : v;
@@ -65,13 +66,14 @@ class Aligned {
   Rows<double, 4> rows_;
 };
 
-/// Returns M v, written out: see cell.h for the reason.
+/// Returns M v. The product is written out, because the compiler would not inline Eigen's (see
+/// cell.h).
 [[gnu::always_inline]] inline Vec3 times(const Mat3& M, const Vec3& v) noexcept {
   const double* m = M.data();
   return {m[0] * v.x() + m[3] * v.y() + m[6] * v.z(), m[1] * v.x() + m[4] * v.y() + m[7] * v.z(),
           m[2] * v.x() + m[5] * v.y() + m[8] * v.z()};
 }
-/// Sets (x, y, z) = M (x, y, z), at N places.
+/// Replaces (x, y, z) by M (x, y, z), for N places at once.
 template <std::size_t N>
 [[gnu::always_inline]] inline void combine(const Mat3& M, std::array<double, N>& x,
                                            std::array<double, N>& y,
@@ -87,16 +89,18 @@ template <std::size_t N>
   }
 }
 
-/// The map between W and a grid's index space, and values derived from it.
+/// The map between W and the index space of a grid, and matrices computed from it.
 struct IndexMap {
   Mat3 index_from_world;  ///< p_I = index_from_world p_W + origin_I
   Mat3 world_from_index;
   Vec3 origin_I;
-  Mat3 rotation;             ///< from file to W
-  Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
-  bool straight;             ///< The index axes are W's axes: the maps are diagonal.
+  Mat3 rotation;  ///< Rotation from the file's world space to W.
+  /// Matrix of gradients: g_W = gradient_from_index g_I, where g_W is per unit of the file.
+  Mat3 gradient_from_index;
+  /// True if the index axes are parallel to W's axes, so that the maps are diagonal.
+  bool straight;
 
-  /// Makes the map of a lattice with file = linear * index + origin.
+  /// Makes the map of a lattice with file = linear * index + origin, and a placement.
   IndexMap(const Mat3& linear, const Vec3& origin, const Placement& placement) {
     const Mat3 index_from_file = linear.inverse();
     index_from_world = index_from_file * placement.rotation.transpose() / placement.scale;
@@ -107,7 +111,8 @@ struct IndexMap {
     straight = index_from_world.isDiagonal(0.0);
   }
 
-  /// Returns p_I. Most volumes are not rotated: a branch costs less than the products.
+  /// Returns the position in index space. Most volumes are not rotated, and for these a branch
+  /// costs less than the full product.
   [[gnu::always_inline]] Vec3 operator()(const Vec3& p_W) const noexcept {
     if (straight) {
       const double* m = index_from_world.data();
@@ -122,10 +127,10 @@ struct IndexMap {
 /// Reads one lattice through a kernel. Finds the cell that contains a position, and loads it unless
 /// the previous reading was in this cell. The reader is const; a Cache holds all mutable state.
 ///
-/// A Source provides the voxels. `Source::Cache` is the state that reading changes.
-/// `Source::Block<W, Edges>` is made from a Source, its cache and the lowest corner, and gives W^3
-/// voxels as rows() and active(). cache() returns an empty cache, background(c) the background of a
-/// component.
+/// A Source provides the voxels. `Source::Cache` is the state that its readings change.
+/// `Source::Block<W, Edges>` is constructed from a Source, its cache and the lowest corner. Its
+/// functions rows() and active() return the W^3 voxels. `Source::cache()` returns an empty cache,
+/// and `Source::background(c)` the background of component c.
 template <class Source, class Kernel>
 class LatticeReader {
   static constexpr int kComponents = static_cast<int>(std::tuple_size_v<typename Kernel::Row>) / 4;
@@ -134,7 +139,7 @@ class LatticeReader {
  public:
   using Row = typename Kernel::Row;
 
-  /// The state of a reader: the last cell, and the source's cache.
+  /// The mutable state of a reader: the cell that was read last, and the cache of the source.
   struct Cache {
     alignas(64) Kernel kernel;
     std::uint64_t active = 0;
@@ -144,9 +149,10 @@ class LatticeReader {
     explicit Cache(typename Source::Cache of) : source(std::move(of)) {}
   };
 
-  /// @param all_corners  True: a cell has data if all its corners are active, as in a level set
-  ///                     (meaningful only within its band). False: one active corner is enough.
-  /// @param reach  Slope reach of a trilinear scalar: see Sampling::slope_reach.
+  /// @param all_corners  If true, a cell has data if all its corners are active. This is for level
+  ///                     sets, whose values are distances only within the band. If false, one
+  ///                     active corner is enough.
+  /// @param reach  Reach of the slopes of a trilinear scalar, see Sampling::slope_reach.
   LatticeReader(Source source, const IndexMap& map, std::shared_ptr<const FreeMap> free,
                 bool all_corners, bool axial, double reach)
       : source_(std::move(source)),
@@ -163,8 +169,8 @@ class LatticeReader {
     turn(background_);
   }
 
-  /// Reads the row at p_W, turned into W. Returns whether there are data. If p_W is not a place in
-  /// a grid, the row is the background.
+  /// Reads the row at p_W, rotated into W. Returns true if there is data. If p_W is NaN or too far
+  /// away, the row is that of the background.
   [[gnu::always_inline]] bool read(const Vec3& p_W, Cache& cache, Row& row) const noexcept {
     Vec3 t;
     if (!locate(p_W, cache, t)) {
@@ -182,11 +188,12 @@ class LatticeReader {
 
   /// See ScalarField::freeWithin.
   [[nodiscard]] double freeWithin(const Vec3& p_W) const noexcept {
-    constexpr double kKernel = 2.0;  // no voxel farther along an axis affects a value
+    // [voxels]: voxels that are farther away along an axis do not affect a value
+    constexpr double kKernel = 2.0;
     return std::max(0.0, voxel_ * (free_->around(map_(p_W)) - kKernel));
   }
 
-  /// See ScalarField::value. Trilinear scalars only.
+  /// Returns ScalarField::value. Only for trilinear scalars.
   [[nodiscard]] double value(const Vec3& p_W, Cache& cache) const noexcept {
     Vec3 t;
     if (!locate(p_W, cache, t)) return background_[0];
@@ -195,14 +202,15 @@ class LatticeReader {
     return v[0];
   }
 
-  /// Returns the gradient of the cell's own polynomial, turned into W. Trilinear scalars only.
+  /// Returns the gradient of the cell's trilinear polynomial, rotated into W. Only for trilinear
+  /// scalars.
   [[nodiscard]] Vec3 slope(const Vec3& p_W, Cache& cache) const noexcept {
     Vec3 t;
     if (!locate(p_W, cache, t)) return {0.0, 0.0, 0.0};
     return times(map_.gradient_from_index, cache.kernel.slope(t));
   }
 
-  /// See ScalarField::gradientJacobian.
+  /// Returns ScalarField::gradientJacobian.
   [[nodiscard]] Mat3 turning(const Vec3& p_W, Cache& cache) const noexcept {
     Mat3 by = Mat3::Zero();
     Vec3 t;
@@ -222,9 +230,9 @@ class LatticeReader {
     return by * map_.index_from_world;
   }
 
-  /// See ScalarField::firstFall; exact: walks the cells on the path. A cell with all corners on the
-  /// free side cannot hold the level; in the other cells the value is a cubic. Trilinear scalars
-  /// only.
+  /// Returns ScalarField::firstFall, exactly. Walks through the cells on the path. A cell whose
+  /// corners are all on the free side does not contain the level. In each other cell, the value
+  /// along the path is a cubic. Only for trilinear scalars.
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                    Cache& cache) const noexcept {
     constexpr int kMostCells = 256;
@@ -240,7 +248,7 @@ class LatticeReader {
     bool above = false;
     double share = 0.0;
     while (out.cells < kMostCells) {
-      // Go to the next face.
+      // Finds the share of the path at which it leaves the cell.
       double next = 1.0;
       std::size_t axis = 3;
       for (std::size_t a = 0; a < 3; ++a) {
@@ -262,7 +270,8 @@ class LatticeReader {
       if (least > most) std::swap(least, most);
       const bool data = hasData(cache.active);
       if (least >= 0.0 || !data) {
-        // The value cannot fall here; a cell without data has no side.
+        // The value does not fall through the level in this cell. Beyond a cell without data, any
+        // value below the level counts as a fall.
         above = above || (data && most > 0.0) || !data;
         out.behind = false;
       } else if (next > share || share == 0.0) {
@@ -290,7 +299,7 @@ class LatticeReader {
     return out;
   }
 
-  /// See VectorField::trace. Traces cell by cell. Only for trilinear vectors in one grid.
+  /// Returns VectorField::trace, cell by cell. Only for trilinear vectors in one grid.
   [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order, double voxel,
                             Cache& cache) const noexcept {
     Flow flow{*this, cache, {}, voxel};
@@ -306,7 +315,7 @@ class LatticeReader {
   [[nodiscard]] Cache cache() const noexcept { return Cache(source_.cache()); }
 
  private:
-  /// The cells that trace_cells.h walks, in index space.
+  /// Provides the cells in index space to traceCells (trace_cells.h).
   struct Flow {
     static constexpr bool kCells = true;
     const LatticeReader& reader;
@@ -341,15 +350,15 @@ class LatticeReader {
     }
   };
 
-  /// Turns components of the file and derivatives by index into W, per unit of the file, for N
-  /// places at once: rows[r][n]. A single component has no direction.
+  /// Rotates components and derivatives by index into W, per unit of the file, for N places at
+  /// once: rows[r][n]. The component of a scalar is not rotated.
   template <std::size_t N>
   [[gnu::always_inline]] void turn(
       std::array<std::array<double, N>, std::tuple_size_v<Row>>& rows) const noexcept {
     if constexpr (kComponents == 1) {
       combine(map_.gradient_from_index, rows[1], rows[2], rows[3]);
     } else {
-      // Turns the value and d v_F / d index axis by axis, then the axes component by component.
+      // First maps the derivatives of each component to W's axes, then rotates the components.
       for (std::size_t r = 0; r < 12; r += 3) {
         combine(map_.rotation, rows[r], rows[r + 1], rows[r + 2]);
       }
@@ -371,7 +380,7 @@ class LatticeReader {
     row = std::bit_cast<Row>(rows);
   }
 
-  /// Returns whether p_I is a place in a grid; false for NaN as well.
+  /// Returns true if p_I is finite and at most 1e9 voxels from the origin.
   [[gnu::always_inline]] static bool isPlace(const Vec3& p_I) noexcept {
     return std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
   }
@@ -382,33 +391,36 @@ class LatticeReader {
     }
     return true;
   }
-  /// Returns whether the cell has data; see insideAt.
+  /// Returns true if the cell has data, by the rule of insideAt.
   [[nodiscard]] bool hasData(std::uint64_t active) const noexcept {
     return insideAt(Vec3(0.0, 0.0, 0.0), active);
   }
 
-  /// Loads the cell around p_W and sets the position in it; false if p_W is not a place in a grid.
+  /// Loads the cell around p_W if the cell has changed, and computes the position t in the cell.
+  /// Returns false if p_W is not finite or too far away.
   [[gnu::always_inline]] bool locate(const Vec3& p_W, Cache& cache, Vec3& t) const noexcept {
     const Vec3 p_I = map_(p_W);
     if (!isPlace(p_I)) return false;
     std::array<int, 3> cell{};
     for (int a = 0; a < 3; ++a) {
       const double from = Kernel::kNearest ? p_I[a] + 0.5 : p_I[a];
-      // Computes the floor without a call: truncates, and subtracts one if that rounded up.
+      // Computes the floor without a function call: truncates, and subtracts one if that has
+      // rounded up.
       int floor = static_cast<int>(from);
       floor -= static_cast<int>(from < floor);
       cell[static_cast<std::size_t>(a)] = floor;
       t[a] = p_I[a] - floor;
     }
-    // Compared one by one: wider loads of numbers just stored would wait for the stores.
+    // Compares the numbers one by one. A wider load would have to wait for the separate stores of
+    // these numbers.
     const bool same =
         cell[0] == cache.cell[0] && cell[1] == cache.cell[1] && cell[2] == cache.cell[2];
     if (!same) load(cell[0], cell[1], cell[2], cache);
     return true;
   }
 
-  /// Takes three numbers, not an array: wider loads of an array just stored would wait for the
-  /// stores.
+  /// Takes three separate numbers. If it took an array, a wide load of the array would have to wait
+  /// for the separate stores of its numbers.
   [[gnu::noinline]] void load(int i, int j, int k, Cache& cache) const noexcept {
     constexpr int kBefore = Kernel::kBefore;
     const typename Source::template Block<kWidth, Kernel::kNeedsEdges> block(
@@ -426,8 +438,8 @@ class LatticeReader {
     cache.cell = {i, j, k};
   }
 
-  /// Returns whether the cell at t has data: in a level set all eight voxels are active, else at
-  /// least one.
+  /// Returns true if the cell at t has data. In a level set all eight voxels must be active, in
+  /// other grids at least one.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
                                                   std::uint64_t active) const noexcept {
     if constexpr (kWidth == 1) {
@@ -435,7 +447,7 @@ class LatticeReader {
     } else {
       std::uint64_t cell = cellBits<kWidth>();
       if constexpr (Kernel::kNearest) {
-        // Selects the octant that t is in, in the block around the nearest voxel.
+        // In the block around the nearest voxel, selects the eight voxels around t.
         cell <<= bitOf<kWidth>(static_cast<int>(t.x() >= 0.0), static_cast<int>(t.y() >= 0.0),
                                static_cast<int>(t.z() >= 0.0));
       } else {
@@ -448,7 +460,8 @@ class LatticeReader {
   Source source_;
   IndexMap map_;
   std::shared_ptr<const FreeMap> free_;
-  double voxel_;  ///< A shorter path is less than one step along every index axis [m].
+  /// Length below which a path is shorter than one step along every index axis [m].
+  double voxel_;
   Row background_;
   double reach_;
   bool all_corners_;

@@ -1,5 +1,5 @@
-/// Copies an OpenVDB grid in memory into a volume that a hand can feel. This is the only public
-/// header that includes OpenVDB headers.
+/// Copies an OpenVDB grid in memory into a volume that a hand can feel. No other public header
+/// includes OpenVDB headers.
 #pragma once
 
 #include <memory>
@@ -11,9 +11,10 @@
 namespace palpate {
 
 /// Checks and prepares a grid for VolumeSpec::volume, as loadVolume does for a grid of a file. The
-/// grid's own space stands for the file's world space. Copies the grid and does not change it.
-/// During the call other threads may read the grid, but must not write to it. Throws VolumeError,
-/// under the grid's name, if the grid cannot be felt. Slow: reads every value.
+/// grid's own world space takes the place of the file's world space. The function copies the grid
+/// and does not change it. During the call other threads may read the grid but must not write to
+/// it. Throws VolumeError, with the grid's name, if the grid is not usable as a volume. Slow: reads
+/// every value.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
                                                        const LoadOptions& options = {});
 

@@ -1,4 +1,4 @@
-/// Finds the cells of a level set at which a surface leaves the data.
+/// Finds the cells of a level set in which its surface ends because data are missing.
 #pragma once
 
 #include <cstdint>
@@ -12,17 +12,19 @@ namespace palpate {
 
 /// Result of findOpenCells.
 struct OpenCells {
-  std::uint64_t count = 0;      ///< Number of open cells.
-  Vec3 first_F = Vec3::Zero();  ///< Lowest corner of the first open cell; file space.
+  std::uint64_t count = 0;  ///< Number of open cells.
+  /// Lowest corner of the first open cell, in the file's world space.
+  Vec3 first_F = Vec3::Zero();
 };
 
 /// Counts the open cells of the surface V = level. A cell of a level set is open if its corners are
-/// on both sides of the level and some corners are inactive. The surface leaves its data there, and
-/// the force of a hand on it ends in one tick. Other grids have no open cells.
+/// on both sides of the level and some corners are inactive. There the surface ends. If a hand
+/// moves along the surface to such a cell, the force vanishes within one tick. Grids of other
+/// classes have no open cells.
 ///
-/// The search skips surfaces across faces of active tiles with edges of more than 128 voxels.
-/// @return  Empty unless `volume` is a scalar that is read trilinearly.
-/// Parallel over leaves: about 15 reads per active voxel.
+/// Does not search the faces of active tiles with edges of more than 128 voxels. Parallel over
+/// leaves. Cost: about 15 reads per active voxel.
+/// @return  std::nullopt unless `volume` is a scalar that is read trilinearly.
 [[nodiscard]] std::optional<OpenCells> findOpenCells(const Volume& volume, const Sampling& sampling,
                                                      double level, Solid solid);
 

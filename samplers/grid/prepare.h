@@ -1,5 +1,5 @@
-/// Private to samplers: turns a grid as it was read into one that can be felt. Include it in .cpp
-/// files only.
+/// Private to samplers: converts a grid as it was read into a grid that fields can use. Include it
+/// in .cpp files only.
 #pragma once
 
 #include <memory>
@@ -15,22 +15,22 @@ struct Prepared {
   std::unique_ptr<Volume::Grid> grid;
 };
 
-/// Reads the leaves that are still on disk, in parallel, and checks every value. Then fills,
-/// smooths, turns local vectors into the file's world space and splits staggered ones, as `options`
-/// and the grid require. A grid that cannot be felt gets a refusal. Throws VolumeError for a filter
-/// that does not work on the grid.
+/// Reads the leaves that are still on disk, in parallel, and checks every value. As `options` and
+/// the grid require, it then fills unusable values, smooths, converts local vectors into the file's
+/// world space, and splits staggered grids. If the grid is not usable, info.refusal states the
+/// reason. Throws VolumeError if the requested filter does not work on the grid.
 [[nodiscard]] Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& grid,
                                const LoadOptions& options);
 
-/// Prepares a grid and makes a volume of it. Throws VolumeError with the refusal, if any. Only the
-/// caller may use the grid.
-/// @param called  The grid's name in errors.
+/// Prepares a grid and makes a volume from it. Throws VolumeError with the refusal, if there is
+/// one. The caller must be the only user of the grid.
+/// @param called  Name of the grid in error messages.
 [[nodiscard]] std::shared_ptr<const Volume> preparedVolume(const std::string& name,
                                                            const openvdb::GridBase::Ptr& grid,
                                                            const std::string& called,
                                                            const LoadOptions& options = {});
 
-/// Joins three scalars as the x, y and z of a vector.
+/// Combines three scalars as the x, y and z components of a vector.
 [[nodiscard]] Prepared join(const std::string& name, std::array<Prepared, 3> components);
 
 }  // namespace palpate

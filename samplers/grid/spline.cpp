@@ -18,16 +18,17 @@ namespace {
 
 using openvdb::Coord;
 
-/// The filter ignores values farther away [voxels]. For the cubic, which falls more slowly than the
-/// quadratic, |pole|^16 < 1e-9.
+/// Distance beyond which the filter ignores values [voxels]. The cubic's filter falls more slowly
+/// than the quadratic's: |pole|^16 < 1e-9.
 constexpr int kSplineReach = 16;
 
-/// Returns the pole of the recursion that inverts a spline's samples.
+/// Returns the pole of the recursive filter that converts samples to the coefficients of a spline.
 double poleOf(int degree) {
   return degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
 }
 
-/// Converts to the grid's type. Numbers beyond its range become the largest number, not infinity.
+/// Converts a number to the grid's type. A number beyond the range of the type becomes the largest
+/// number of the type, not infinity.
 template <class Value, class Sum>
 Value stored(const Sum& sum) {
   if constexpr (std::is_arithmetic_v<Value>) {
@@ -39,8 +40,8 @@ Value stored(const Sum& sum) {
   }
 }
 
-/// Adds leaves wherever the filter reaches: around the grid's own leaves, in place of its small
-/// tiles, and along the faces of larger tiles where the neighbour differs.
+/// Adds leaves where the filter changes values: around the existing leaves, in place of small
+/// tiles, and along the faces of larger tiles whose neighbour differs.
 template <class TreeT>
 void addLeavesAround(TreeT& tree) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -82,8 +83,8 @@ void addLeavesAround(TreeT& tree) {
   }
 }
 
-/// Returns the leaves in lines along one axis, in order. A line ends at a gap that the filter does
-/// not reach across.
+/// Returns the leaves in runs along one axis, each in order. A run ends at a gap that is wider than
+/// the reach of the filter.
 template <class TreeT>
 std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, int axis) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -108,8 +109,8 @@ std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, i
   return runs;
 }
 
-/// Turns samples into coefficients along one axis, in place: filters forward and back, with one
-/// pole in each direction. Outside the leaves of a run the values continue as the tile there.
+/// Converts samples to coefficients along one axis, in place. Filters in both directions, with the
+/// same pole. Outside of the leaves of a run, the values are those of the tile there.
 template <class TreeT>
 void filterAlong(TreeT& tree, int axis, double pole) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -132,7 +133,7 @@ void filterAlong(TreeT& tree, int axis, double pole) {
       at[axis] = position;
       return Sum(accessor.getValue(at));
     };
-    // The tiles before the run, after it and in its gaps, which are one or a few leaves long.
+    // The tiles before the run, after it and in its gaps. A gap is at most a few leaves long.
     const Sum before = value_at(first - 1) * (1.0 / (1.0 - pole));
     const Sum after = value_at(first + static_cast<int>(length)) * (1.0 / (1.0 - pole));
     std::vector<Leaf*> at(length / kSize, nullptr);
@@ -155,7 +156,8 @@ void filterAlong(TreeT& tree, int axis, double pole) {
       for (std::array<Sum, kSize>& row : c) {
         for (std::size_t v = 0; v < kSize; ++v) last[v] = row[v] = row[v] + pole * last[v];
       }
-      // The state that the backward pass would have after the constant beyond the end.
+      // The state that the backward pass would have at the end of the run if it had begun
+      // infinitely far away, in the constant values beyond the run.
       for (Sum& value : last) {
         value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
       }
@@ -193,8 +195,8 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
   const std::lock_guard lock(made.mutex);
   if (!made.parts.empty()) return made.parts;
   std::vector<GridData> parts;
-  // Isolated, because a thread that waits in the call must not take up other work that needs the
-  // same lock.
+  // Isolated from other tasks. Otherwise a thread that waits in this call might begin a task that
+  // waits for the same lock.
   tbb::this_task_arena::isolate([&] {
     for (const Volume::Grid::Part& part : grid.parts) {
       parts.push_back(std::visit(

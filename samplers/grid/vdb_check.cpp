@@ -22,11 +22,12 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "a .vdb is little-endian, as we read it");
 
-/// Describes how one type of grid stores a value.
+/// Describes how the file stores a value of one type of grid.
 struct ValueKind {
   std::string tree;
   std::uint64_t bytes;
-  std::uint64_t half_bytes;  ///< Bytes in nodes of grids that are saved as half.
+  /// Bytes of a value in the nodes of a grid that is saved with 16 bits per number.
+  std::uint64_t half_bytes;
 };
 
 const std::vector<ValueKind>& kinds() {
@@ -43,11 +44,12 @@ const ValueKind* kindOf(const std::string& tree_type) {
   return found == kinds().end() ? nullptr : &*found;
 }
 
-/// The entry of a grid in the file.
+/// The description of a grid in the file.
 struct GridEntry {
   std::string name;
-  std::string type;    ///< Type without the suffix of half grids.
-  std::string parent;  ///< Name of the grid that owns a shared tree, or empty.
+  std::string type;  ///< Type of the tree, without the suffix that marks 16-bit grids.
+  /// Name of the grid with whose tree this grid is stored; empty if the grid has its own tree.
+  std::string parent;
   std::int64_t grid = 0;
   std::int64_t block = 0;
   std::int64_t end = 0;
@@ -57,7 +59,7 @@ using Origin = std::array<std::int32_t, 3>;
 
 }  // namespace
 
-/// Walks a file from front to back, and then its trees.
+/// Reads a file from front to back, and then its trees, without storing their values.
 class VdbCheck::Walk {
  public:
   Walk(const std::filesystem::path& file, const std::string& called)
@@ -82,7 +84,8 @@ class VdbCheck::Walk {
   }
 
   std::uint64_t tree(const std::string& name) {
-    if (!has_offsets_) return size_;  // the constructor has walked it
+    // the constructor has already checked the trees of such a file
+    if (!has_offsets_) return size_;
     std::uint64_t bytes = 0;
     const auto [first, last] = grids_.equal_range(name);
     for (auto entry = first; entry != last; ++entry) {
@@ -100,19 +103,19 @@ class VdbCheck::Walk {
  private:
   static constexpr std::size_t kBuffer = 1U << 18U;
 
-  /// Returns the name as users call it: density[1].
+  /// Returns the name of a grid as users write it, such as density[1].
   static std::string nameOf(const std::string& unique) {
     return openvdb::io::GridDescriptor::nameAsString(unique);
   }
-  /// Finds a grid by its name in the file. At most two grids have the same user name: density[0]
-  /// and the first of two densities.
+  /// Finds a grid by its name in the file. Two grids can have the same name for users: a grid that
+  /// is called density[0], and the first of two grids that are called density.
   [[nodiscard]] const GridEntry* find(const std::string& unique) const {
     const auto [first, last] = grids_.equal_range(nameOf(unique));
     const auto found =
         std::find_if(first, last, [&](const auto& entry) { return entry.second.name == unique; });
     return found == last ? nullptr : &found->second;
   }
-  /// Returns the grid that owns the tree of `d`.
+  /// Returns the grid that stores the tree of `d`.
   [[nodiscard]] const GridEntry& ownerOf(const GridEntry& d) const {
     if (d.parent.empty()) return d;
     const GridEntry* parent = find(d.parent);
@@ -134,17 +137,17 @@ class VdbCheck::Walk {
     damaged("a part of it is larger than the space for it");
   }
 
-  // The bytes.
+  // Functions that read bytes.
 
   [[nodiscard]] std::uint64_t position() const { return read_ - (filled_ - cursor_); }
-  /// Returns the bytes up to the end of the section.
+  /// Returns the number of bytes up to the end of the section.
   [[nodiscard]] std::uint64_t left() const { return limit_ - position(); }
 
   void need(std::uint64_t bytes) const {
     if (bytes > left()) tooLarge();
   }
 
-  /// Returns the next bytes, at most kBuffer, valid until the next call.
+  /// Returns the next bytes, at most kBuffer. They are valid until the next call.
   const unsigned char* take(std::size_t bytes) {
     if (filled_ - cursor_ < bytes || left() < bytes) refill(bytes);
     const unsigned char* data = buffer_.data() + cursor_;
@@ -158,11 +161,11 @@ class VdbCheck::Walk {
               buffer_.begin() + static_cast<std::ptrdiff_t>(filled_), buffer_.begin());
     filled_ -= cursor_;
     cursor_ = 0;
-    // For a small grid, reads no more than its own bytes.
+    // For a small grid, reads only the grid's own bytes.
     const std::uint64_t more = std::min<std::uint64_t>(kBuffer - filled_, limit_ - read_);
     stream_.read(reinterpret_cast<char*>(buffer_.data() + filled_),
                  static_cast<std::streamsize>(more));
-    if (!stream_) truncated();  // it became shorter during the read
+    if (!stream_) truncated();  // the file became shorter during the read
     read_ += more;
     filled_ += static_cast<std::size_t>(more);
   }
@@ -200,7 +203,7 @@ class VdbCheck::Walk {
     return byte == 1;
   }
 
-  // The parts of a file.
+  // Functions that read the parts of a file.
 
   void header() {
     if (take<std::int64_t>() != openvdb::OPENVDB_MAGIC)
@@ -214,12 +217,12 @@ class VdbCheck::Walk {
       throw VolumeError(path_, "it is of an old format (" + std::to_string(version) + ")",
                         "read and write it again with OpenVDB 3 or newer");
     }
-    skip(8);  // the version of the library
+    skip(8);  // version of the library
     has_offsets_ = boolean();
-    skip(36);  // the file's unique number
+    skip(36);  // unique number of the file
   }
 
-  /// Walks a map of metadata. Returns whether the grid is saved as half.
+  /// Reads a map of metadata. Returns true if the grid is saved with 16 bits per number.
   bool metadata() {
     bool half = false;
     const auto count = take<std::uint32_t>();
@@ -233,7 +236,8 @@ class VdbCheck::Walk {
       const bool saved_as_half = name == openvdb::GridBase::META_SAVE_HALF_FLOAT;
       if (type != openvdb::StringMetadata::staticTypeName() &&
           openvdb::Metadata::isRegisteredType(type)) {
-        // OpenVDB reads as many bytes as its own type has.
+        // The stated size must be that of OpenVDB's type, because OpenVDB reads as many bytes as
+        // that type has.
         if (openvdb::Metadata::createMetadata(type)->size() != bytes) {
           damaged("metadata of a type with a fixed size have another size");
         }
@@ -256,7 +260,7 @@ class VdbCheck::Walk {
     d.name = string(kLongest);
     d.type = string(kLongest);
     d.parent = string(kLongest);
-    // 0x1e separates a name from its number.
+    // The character 0x1e separates the name of a grid from its number.
     const auto control = [](unsigned char c) { return (c < 0x20 && c != 0x1e) || c == 0x7f; };
     for (const std::string& text : {d.name, d.type, d.parent}) {
       if (std::any_of(text.begin(), text.end(), control)) {
@@ -271,7 +275,7 @@ class VdbCheck::Walk {
     return d;
   }
 
-  /// Walks a grid; its tree too, if `walk`.
+  /// Reads a grid, and also its tree if `walk` is true.
   void grid(const GridEntry& d, bool walk) {
     const ValueKind* kind = kindOf(d.type);
     const bool instance = !d.parent.empty();
@@ -298,7 +302,8 @@ class VdbCheck::Walk {
     if (walk && !instance) tree(*kind, compression, half, d);
 
     if (has_offsets_) {
-      // The trees of other grids and types are not read, so their content does no harm.
+      // Trees that are not requested, or have another type, are never read, so errors in them do no
+      // harm.
       if (!walk) skip(left());
       if (left() > 0) damaged("a grid does not end where it should");
       limit_ = size_;
@@ -314,7 +319,7 @@ class VdbCheck::Walk {
       numbers(3);
     } else if (is(ScaleMap::mapType()) || is(UniformScaleMap::mapType())) {
       numbers(3);
-      skip(12 * sizeof(double));  // values derived from the scales
+      skip(12 * sizeof(double));  // values that OpenVDB computes from the scales
     } else if (is(ScaleTranslateMap::mapType()) || is(UniformScaleTranslateMap::mapType())) {
       numbers(6);
       skip(12 * sizeof(double));
@@ -331,8 +336,8 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads numbers of a transform. Zeros, infinities and NaN are rejected later, as singular. Other
-  /// numbers must be so small that no later result overflows.
+  /// Reads numbers of a transform. Later checks reject zeros, infinities and NaN, because they make
+  /// the transform singular. All other numbers must be so small that no later result overflows.
   std::array<double, 16> numbers(std::size_t count) {
     std::array<double, 16> values{};
     for (std::size_t i = 0; i < count; ++i) {
@@ -345,18 +350,18 @@ class VdbCheck::Walk {
     return values;
   }
 
-  // The parts of a tree.
+  // Functions that read the parts of a tree.
 
-  /// How a tree's values are stored.
+  /// States how the values of a tree are stored.
   struct Storage {
-    std::uint64_t value;   ///< Bytes of a single value.
-    std::uint64_t packed;  ///< Bytes of a value in a node's array.
+    std::uint64_t value;   ///< Size of a single value [bytes].
+    std::uint64_t packed;  ///< Size of a value in the array of a node [bytes].
     bool half;
     bool zip;
     bool blosc;
     bool active_only;
   };
-  /// The leaves below one child of the root.
+  /// The leaves below one child of the root node.
   struct Branch {
     Origin origin;
     std::size_t first;
@@ -383,7 +388,8 @@ class VdbCheck::Walk {
     if (has_offsets_ && static_cast<std::int64_t>(position()) != d.block) {
       damaged("a tree's nodes do not end where its values begin");
     }
-    // OpenVDB reads the values in the order of the origins, not in the order of the nodes.
+    // OpenVDB reads the values in the order of the children's origins, not in the order in which
+    // the file stores the nodes.
     std::sort(branches.begin(), branches.end(),
               [](const Branch& a, const Branch& b) { return a.origin < b.origin; });
     for (const Branch& branch : branches) {
@@ -394,10 +400,11 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Walks a tree without the leaves' values. Stores the leaves' masks in leaves_.
+  /// Reads the nodes of a tree without the values of the leaves. Stores the masks of the leaves in
+  /// leaves_.
   std::vector<Branch> topology(const Storage& storage) {
     if (take<std::int32_t>() != 1) damaged("a tree does not have exactly one buffer");
-    skip(storage.value);  // the background
+    skip(storage.value);  // value of the background
     const auto tiles = take<std::uint32_t>();
     const auto children = take<std::uint32_t>();
     if (tiles > left() / (13 + storage.value) || children > left() / (12 + 8192)) tooLarge();
@@ -435,7 +442,7 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Walks a node's masks and tiles. Returns how many children follow.
+  /// Reads the masks and the tiles of a node. Returns the number of children that follow.
   template <std::size_t Words>
   std::uint64_t innerNode(const Storage& storage) {
     const auto child = take<std::array<std::uint64_t, Words>>();
@@ -447,10 +454,12 @@ class VdbCheck::Walk {
     return countOn(child);
   }
 
-  /// Walks the values of a node with a mask of `Words` words, as readCompressedValues() reads them.
+  /// Reads the values of a node whose mask has `Words` words, in the same way as OpenVDB's
+  /// readCompressedValues().
   template <std::size_t Words>
   void values(const Storage& storage, std::uint64_t active, bool unpack = false) {
-    // 0 to 2: no mask; 3 to 5: a mask that selects; 2, 4, 5: one, one, two inactive values; 6: all.
+    // Meaning of `kind`: 0 to 2: no selection mask; 3 to 5: a selection mask follows; 2, 4 and 5:
+    // one, one and two inactive values follow; 6: all values are stored.
     const auto kind = take<std::uint8_t>();
     if (kind > 6) damaged("a node's values are of unknown kind");
     if (kind == 2 || kind == 4) skip(storage.value);
@@ -460,17 +469,17 @@ class VdbCheck::Walk {
     const std::uint64_t bytes = count * storage.packed;
     if (!storage.zip && !storage.blosc) {
       skip(bytes);
-    } else if (count > 0 || !storage.half) {  // a half grid has no chunk without values
+    } else if (count > 0 || !storage.half) {  // a 16-bit grid has no chunk for zero values
       chunk(storage, bytes, unpack);
     }
   }
 
-  /// Walks a compressed array of `bytes` bytes. If `unpack` is true, also decompresses the array,
-  /// because OpenVDB loses a child of the root, and all below it, if an array of its tiles cannot
-  /// be decompressed.
+  /// Reads a compressed array of `bytes` bytes. If `unpack` is true, also decompresses the array.
+  /// This is done for arrays of tiles: if OpenVDB cannot decompress one, it loses a child of the
+  /// root node and everything below that child.
   void chunk(const Storage& storage, std::uint64_t bytes, bool unpack) {
     const auto size = take<std::int64_t>();
-    if (size <= 0) {  // stored uncompressed
+    if (size <= 0) {  // the array is stored without compression
       if (0 - static_cast<std::uint64_t>(size) != bytes) damaged("a node has too many values");
       skip(bytes);
       return;
@@ -505,7 +514,8 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads the first 16 bytes of a blosc chunk, which repeat its packed and unpacked size.
+  /// Reads the first 16 bytes of a blosc chunk. They contain its compressed and its uncompressed
+  /// size, which must equal the given sizes.
   const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes) {
     if (packed < 16) damaged("a compressed part is too small");
     const unsigned char* header = take(16);
@@ -522,7 +532,7 @@ class VdbCheck::Walk {
     if (type == 0 || block == 0 || block > unpacked) {
       damaged("a compressed part has blocks of size 0");
     }
-    // Stored uncompressed, or with one position for each block.
+    // The data are stored without compression, or with one offset for each block.
     const std::uint64_t blocks = (unpacked + block - 1) / block;
     const bool stored = (flags & 2U) != 0;
     if (stored ? packed != unpacked + 16 : packed < 16 + 4 * blocks) {
@@ -535,13 +545,15 @@ class VdbCheck::Walk {
   std::ifstream stream_;
   std::vector<unsigned char> buffer_;
   std::size_t cursor_ = 0;   ///< Position in the buffer.
-  std::size_t filled_ = 0;   ///< Bytes in the buffer.
+  std::size_t filled_ = 0;   ///< Number of bytes in the buffer.
   std::uint64_t read_ = 0;   ///< Position in the file at which the buffer ends.
   std::uint64_t size_ = 0;   ///< Size of the file.
-  std::uint64_t limit_ = 0;  ///< End of the section that is being walked.
-  bool bounded_ = false;     ///< The file says where the section ends; else the file's end counts.
-  bool has_offsets_ = true;  ///< The file says where its grids begin and end.
-  std::multimap<std::string, GridEntry> grids_;  ///< Keys: the names as users call them.
+  std::uint64_t limit_ = 0;  ///< End of the section that is being read.
+  /// True if the file states where the section ends. If false, the section ends with the file.
+  bool bounded_ = false;
+  bool has_offsets_ = true;  ///< True if the file states where its grids begin and end.
+  /// Grids of the file by their names as users write them.
+  std::multimap<std::string, GridEntry> grids_;
   std::vector<LeafMask> leaves_;
 };
 

@@ -17,7 +17,7 @@ namespace palpate {
 namespace detail {
 namespace {
 
-/// Makes the map of where a grid is inactive background.
+/// Makes the map of the regions where a grid is inactive and has the value of the background.
 FreeMap freeMapOf(const GridData& data) {
   std::vector<FreeMap::Voxels> busy;
   std::visit(
@@ -49,7 +49,8 @@ FreeMap freeMapOf(const GridData& data) {
 }  // namespace
 
 FieldFrame frameOf(const Volume& volume, const Placement& placement, const Sampling& sampling) {
-  // The margin is how far a cell with an active corner reaches beyond the active voxels' centres.
+  // The margin is the distance by which a cell with an active corner can extend beyond the active
+  // voxels' centres.
   const Vec3 margin = volume.grid().parts.front().linear.cwiseAbs().rowwise().sum();
   const Box& file = volume.info().bounds;
   FieldFrame frame;

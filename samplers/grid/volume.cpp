@@ -39,28 +39,28 @@ void initialise() {
   static std::once_flag once;
   std::call_once(once, [] {
     openvdb::initialize();
-    // OpenVDB would trust this table of the leaves' sizes. The table is not needed: the sizes also
-    // stand before the leaves, where VdbCheck checks them.
+    // OpenVDB would trust this table of the sizes of leaves. The table is not needed, because each
+    // leaf's size is also stored before the leaf. VdbCheck checks those sizes.
     openvdb::io::DelayedLoadMetadata::unregisterType();
   });
 }
 
-/// Returns the names of the three grids of a vector by component: vel.x, vel.y, vel.z.
+/// Returns the names of the three grids that form a vector: vel.x, vel.y and vel.z.
 std::array<std::string, 3> componentsOf(const std::string& name) {
   return {name + ".x", name + ".y", name + ".z"};
 }
 
-/// Drops the pages of OpenVDB's maps of a file, so that file and grid are not both in memory. The
-/// system still has the pages in its cache. Maps that could have been written to are left alone.
-/// Uses MADV_PAGEOUT, not MADV_DONTNEED: another thread may end its map of the same file after this
-/// function has read the list and before it acts on it. Then other data at that address must not be
-/// lost. Has no effect if the system does not know MADV_PAGEOUT.
-/// @param path  Absolute; an empty path has no effect.
+/// Drops the pages of OpenVDB's memory maps of a file, so that memory does not hold both the file
+/// and the grid. The pages stay in the system's file cache. Writable maps are not touched. The
+/// function uses MADV_PAGEOUT, which never loses data. MADV_DONTNEED could: another thread may end
+/// its map after this function has read the list of maps, and other data may then be at that
+/// address. Without MADV_PAGEOUT the function does nothing.
+/// @param path  Absolute path. If it is empty, the function does nothing.
 void dropMapped(const std::string& path) {
   if (path.empty()) return;
   std::ifstream maps("/proc/self/maps");
   for (std::string line; std::getline(maps, line);) {
-    // begin-end permissions offset device inode path
+    // Format of a line: begin-end permissions offset device inode path
     const std::size_t slash = line.find('/');
     if (slash == std::string::npos || line.compare(slash, std::string::npos, path) != 0) continue;
     std::uintptr_t begin = 0;
@@ -77,9 +77,10 @@ void dropMapped(const std::string& path) {
   }
 }
 
-/// Reads grids through a stream, from front to back and by position, because OpenVDB's own reader
-/// searches for each among all grids of its name. A file that ends too early causes an exception,
-/// where a map of it would end the program. For files with a table of contents.
+/// Reads grids through a stream, from front to back, at the positions that the table of contents
+/// states. It is used because OpenVDB's own reader searches all grids of a name for each grid.
+/// Also, if a file ends too early, a stream throws an exception, whereas a memory map would end the
+/// program. Only for files with a table of contents.
 class GridReader : private openvdb::io::Archive {
  public:
   explicit GridReader(const std::filesystem::path& file) {
@@ -105,12 +106,11 @@ class GridReader : private openvdb::io::Archive {
   }
 
   [[nodiscard]] bool has(const std::string& name) const { return by_name_.count(name) != 0; }
-  /// Returns OpenVDB's name of the tree.
+  /// Returns OpenVDB's name of the tree's type.
   [[nodiscard]] const std::string& type(const std::string& name) const {
     return by_name_.at(name)->gridType();
   }
-  /// Returns whether the grid has its own tree, and OpenVDB's reader, which searches by name, finds
-  /// the grid by this name.
+  /// Returns true if the grid has its own tree, and if OpenVDB's reader finds this grid by `name`.
   [[nodiscard]] bool plain(const std::string& name) const {
     const openvdb::io::GridDescriptor& d = *by_name_.at(name);
     return !d.isInstance() && alike_.at(name) == 1 &&
@@ -120,14 +120,15 @@ class GridReader : private openvdb::io::Archive {
   openvdb::GridBase::Ptr read(const std::string& name) {
     const openvdb::io::GridDescriptor& d = *by_name_.at(name);
     openvdb::GridBase::Ptr grid = readOwn(d);
-    // The tree's owner does not itself share a tree: VdbCheck has checked that, by the same names.
+    // The grid that stores the tree does not share a tree itself. VdbCheck has checked this, with
+    // the same names.
     if (d.isInstance()) {
       grid->setTree(readOwn(grids_.at(d.instanceParentName()))->baseTreePtr());
     }
     return grid;
   }
 
-  /// Reads all but the tree.
+  /// Reads a grid without its tree.
   openvdb::GridBase::Ptr readMetadata(const std::string& name) {
     openvdb::GridBase::Ptr grid = begin(*by_name_.at(name));
     readGridCompression(stream_);
@@ -151,12 +152,15 @@ class GridReader : private openvdb::io::Archive {
   }
 
   std::ifstream stream_;
-  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;  ///< By unique name.
-  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;  ///< By user name.
-  std::unordered_map<std::string, int> alike_;  ///< Number of grids that a name may mean.
+  /// Grids by their unique names in the file.
+  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;
+  /// Grids by their names as users write them.
+  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;
+  /// For each name, the number of grids that the name may denote.
+  std::unordered_map<std::string, int> alike_;
 };
 
-/// Makes the volume of a grid that can be felt; throws with the refusal otherwise.
+/// Makes a volume from a prepared grid. Throws VolumeError with the refusal, if there is one.
 std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& name) {
   const std::string& why = prepared.info.refusal;
   if (!why.empty()) {
@@ -166,7 +170,7 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
   return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
 }
 
-/// Returns the command that makes a .vdb of a file, for a user to copy.
+/// Returns the command that converts another file to .vdb. Users can copy it from a message.
 std::string importOf(const std::filesystem::path& path) {
   if (path.extension() == ".vdb") return "it is damaged: write it again";
   std::filesystem::path stem = path.filename();
@@ -183,8 +187,8 @@ std::string importOf(const std::filesystem::path& path) {
   return "import it first: palpate import " + in + " " + out;
 }
 
-/// An OpenVDB file, opened and checked once. Converts its errors to VolumeError. Several threads
-/// may call const members at once.
+/// An OpenVDB file, which is opened and checked once. Converts OpenVDB's errors to VolumeError.
+/// Several threads may call const members at the same time.
 class VdbFile {
  public:
   explicit VdbFile(const std::filesystem::path& path) : path_(path) {
@@ -205,15 +209,15 @@ class VdbFile {
     if (!isVdb(steady_->place())) {
       throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
     }
-    // Stores the path as in the list of maps. A copy has no name, so "(deleted)" ends its path in
-    // both places.
+    // Stores the path as it stands in the system's list of maps. A private copy has no name; in the
+    // list its path ends with "(deleted)", as it does here.
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
       check_.emplace(steady_->place(), path_.string());
       reader_.emplace(steady_->place());
       file_.emplace(steady_->place().string());
-      // Keeps OpenVDB from copying the file, which does not change. All leaves are read before this
-      // object ends.
+      // Keeps OpenVDB from copying the file. A copy is not needed, because the file does not change
+      // and all leaves are read before this object is destroyed.
       file_->setCopyMaxBytes(0);
       file_->open();
       for (auto name = file_->beginName(); name != file_->endName(); ++name) {
@@ -224,15 +228,16 @@ class VdbFile {
     });
   }
 
-  /// Returns the names as users call them.
+  /// Returns the names of the grids as users write them.
   [[nodiscard]] const std::vector<std::string>& names() const noexcept { return names_; }
-  /// Returns the vectors that the file keeps by component: NAME.x, NAME.y and NAME.z, scalars of
-  /// one type.
+  /// Returns the names of the vectors that the file stores as three scalar grids of one type:
+  /// NAME.x, NAME.y and NAME.z.
   [[nodiscard]] const std::vector<std::string>& vectors() const noexcept { return vectors_; }
-  /// Returns all names, with a vector instead of its three components, at the place of the first
-  /// one.
+  /// Returns all names. A vector that is stored as three grids appears once, in place of its first
+  /// component.
   [[nodiscard]] std::vector<std::string> listed() const {
-    std::unordered_map<std::string, std::string> instead;  // for a component; empty: not listed
+    // for each component, the name listed in its place; empty if none
+    std::unordered_map<std::string, std::string> instead;
     for (const std::string& vector : vectors_) {
       const auto parts = componentsOf(vector);
       instead[parts[0]] = vector;
@@ -247,7 +252,7 @@ class VdbFile {
     return names;
   }
 
-  /// See loadVolume.
+  /// Loads a grid as loadVolume does.
   [[nodiscard]] std::shared_ptr<const Volume> load(const std::string& grid,
                                                    const LoadOptions& options) const {
     std::string wanted = grid;
@@ -259,16 +264,18 @@ class VdbFile {
     return feltFrom(prepared(wanted, options), path_.string() + ": grid \"" + wanted + "\"");
   }
 
-  /// Prepares a grid, or a vector of three. The result may have a refusal.
+  /// Prepares a grid, or a vector of three grids. The result may contain a refusal.
   [[nodiscard]] Prepared prepared(const std::string& name, const LoadOptions& options) const {
     Prepared out;
-    double begun = 0.0;  // share of finished parts, of 1 in all
+    double begun = 0.0;  // share of the work that is finished; 1 is the whole
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // After the last part a waiting writer is not an error. kept() still records the time.
+      // After the last part nothing more is read, so a waiting writer is not an error. kept() is
+      // called anyway, because it records the last time at which no program waited.
       if (!steady_->kept() && done < 1.0) throwTaken();
-      // Small grids alone do not cause this call: it makes the system search the whole file.
+      // This call makes the system search the whole file, so it is made only after enough bytes
+      // have been read, not for each small grid.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
       if (options.progress) options.progress(begun + share * done);
@@ -291,18 +298,19 @@ class VdbFile {
   }
 
  private:
-  /// Throws because other programs are about to change the file.
+  /// Throws VolumeError, because another program is about to change the file.
   [[noreturn]] void throwTaken() const {
     throw VolumeError(path_.string(), "another program has waited too long to change it",
                       "load it when no program writes to it");
   }
 
-  /// Reads a grid. The leaves of a large grid stay on disk, to be read in parallel. For a grid of
-  /// an unsupported type, reads all but its tree. Serves one thread at a time.
+  /// Reads a grid. The leaves of a large grid stay on disk, and are later read in parallel. For a
+  /// grid of an unsupported type, reads everything except its tree. Only one thread reads at a
+  /// time.
   [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
     openvdb::GridBase::Ptr grid;
-    // Isolated, because a thread that waits here for OpenVDB's loops must not start to read another
-    // grid.
+    // Isolated from other tasks. Otherwise a thread that waits here for OpenVDB's loops might begin
+    // to read another grid.
     tbb::this_task_arena::isolate([&] {
       const std::lock_guard lock(reading_);
       if (!isFeltType(typeOf(name))) {
@@ -322,7 +330,7 @@ class VdbFile {
     return grid;
   }
 
-  /// Returns OpenVDB's name of the tree.
+  /// Returns OpenVDB's name of the type of the grid's tree.
   [[nodiscard]] std::string typeOf(const std::string& name) const {
     return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
   }
@@ -356,7 +364,7 @@ class VdbFile {
                       near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
   }
 
-  /// Runs `body`. Converts OpenVDB's exceptions to VolumeError, with the message in one line.
+  /// Calls `body`, and converts OpenVDB's exceptions to VolumeError with a message of one line.
   template <class Body>
   void guarded(Body body) const {
     try {
@@ -364,8 +372,8 @@ class VdbFile {
     } catch (const Error&) {
       throw;
     } catch (const std::bad_alloc&) {
-      throw;                                   // the file is not the cause
-    } catch (const std::ios_base::failure&) {  // from GridReader
+      throw;                                   // the file is not the cause of this error
+    } catch (const std::ios_base::failure&) {  // thrown by GridReader
       throw VolumeError(path_.string(), "it is truncated", "copy or write it again");
     } catch (const std::exception& e) {
       std::string why = e.what();
@@ -375,26 +383,28 @@ class VdbFile {
     }
   }
 
-  /// Smaller grids are read through the stream: reading in parallel would gain no time [bytes].
+  /// Grids that are smaller than this are read through the stream, because reading in parallel
+  /// would not save time [bytes].
   static constexpr std::uint64_t kSmallGrid = std::uint64_t{1} << 20U;
-  /// Most of the file that may be in memory beside its grids [bytes].
+  /// Largest part of the file that may be in memory in addition to its grids [bytes].
   static constexpr std::uint64_t kMappedBytes = std::uint64_t{1} << 24U;
 
   std::filesystem::path path_;
-  std::string canonical_;  ///< Path as in the system's list of maps; empty if unknown.
+  std::string canonical_;  ///< Path in the system's list of maps; empty if unknown.
   std::optional<LeasedFile> steady_;
   mutable std::mutex reading_;  ///< Guards the next three members.
   mutable std::optional<VdbCheck> check_;
   mutable std::optional<openvdb::io::File> file_;
-  mutable std::optional<GridReader> reader_;  ///< Has no grid without a table of contents.
+  /// Reads grids by position. It contains no grids if the file has no table of contents.
+  mutable std::optional<GridReader> reader_;
   std::vector<std::string> names_;
   std::vector<std::string> vectors_;
   std::unordered_set<std::string> known_;
-  /// Bytes read since the last dropMapped().
+  /// Number of bytes read since the last call of dropMapped().
   mutable std::atomic<std::uint64_t> mapped_{0};
 };
 
-/// Combines the progress of several loads, and reports it one call at a time.
+/// Combines the progress of several loads, and reports it from one thread at a time.
 class Together {
  public:
   Together(std::size_t count, const std::function<void(double)>& told)
@@ -426,8 +436,8 @@ LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptio
   return result;
 }
 
-/// Runs inParallel so that its threads take up no other work before it ends. So at most as many
-/// files are open at once as there are threads.
+/// Runs inParallel in isolation: its threads begin no other tasks before it ends. So the number of
+/// files that are open at once is at most the number of threads.
 template <class Body>
 void inParallelAlone(std::size_t count, Body body) {
   tbb::this_task_arena::isolate([&] { inParallel(count, body); });
@@ -458,7 +468,7 @@ std::uint64_t Volume::memory() const {
 }
 
 bool isVdb(const std::filesystem::path& file) noexcept {
-  // A stream would allocate memory.
+  // Uses a descriptor, because a stream would allocate memory.
   const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) return false;
   std::uint32_t magic = 0;
@@ -501,7 +511,7 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
   initialise();
   const std::string name = "grid \"" + grid.getName() + "\"";
   try {
-    // Preparing a grid changes it.
+    // Copies the grid, because preparing a grid changes it.
     return preparedVolume(grid.getName(), grid.deepCopyGrid(), name, options);
   } catch (const openvdb::Exception& e) {
     throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "rebuild it");
@@ -510,7 +520,7 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
 
 std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
                                     const std::function<void(double)>& progress) {
-  // Each file is opened once, and equal requests are loaded once.
+  // Each file is opened once. Equal requests are loaded once.
   using What = std::tuple<std::string, NonFinite, int>;
   struct File {
     std::map<What, std::size_t> known;

@@ -1,4 +1,4 @@
-/// Grids of .vdb files: describes them, and loads one so that it can be felt.
+/// Grids of .vdb files: describes them, and loads a grid into memory so that a hand can feel it.
 #pragma once
 
 #include <cstdint>
@@ -14,58 +14,69 @@
 
 namespace palpate {
 
-/// Meaning of a grid's values, as its metadata say.
+/// Meaning of a grid's values, as the metadata of the grid state.
 enum class GridClass : std::uint8_t { kUnknown, kLevelSet, kFog, kStaggered };
 
-/// Effect of smoothing at load.
+/// Result of smoothing a grid when it was loaded.
 struct Smoothing {
-  int width = 0;                    ///< Reach of the filter's boxes, voxels to each side; 0: none.
-  double rms_change = 0.0;          ///< RMS change of the active values.
-  double largest_change = 0.0;      ///< Largest change of the active values.
-  double half_height_voxels = 0.0;  ///< Waves of this length keep half of their height, shorter
-                                    ///< waves less.
+  /// Width of the box filters, voxels to each side; 0 if the grid was not smoothed.
+  int width = 0;
+  double rms_change = 0.0;      ///< Root mean square of the changes of active values.
+  double largest_change = 0.0;  ///< Largest change of an active value.
+  /// Wavelength at which a wave keeps half of its height [voxels]. Shorter waves lose more.
+  double half_height_voxels = 0.0;
 };
 
-/// One grid of a file, as `palpate info` prints it. "File" means the file's own world space.
+/// Description of one grid of a file, as `palpate info` prints it. "File" denotes the file's own
+/// world space.
 struct GridInfo {
-  std::string name;  ///< Unique in the file: grids of equal name are density[0], density[1].
-  std::string
-      type;  ///< OpenVDB's: float, double, vec3s, ...; "3 x float" for a vector by component.
-  GridClass grid_class = GridClass::kUnknown;  ///< Decides where there are data (makeVdbField).
-  bool vector = false;                         ///< Vectors of floats, in one grid or by component.
-  bool half = false;                           ///< Stored in 16 bits, read as 32.
-  Vec3 voxel = Vec3::Zero();                   ///< Edges of a voxel, file.
-  std::uint64_t active_voxels = 0;             ///< A tile counts by its voxels.
-  Box bounds;                    ///< Box of the active voxels' centres, file; empty without them.
-  std::uint64_t memory = 0;      ///< [bytes]
-  double lowest = 0.0;           ///< Lowest active value; a magnitude for a vector grid.
-  double highest = 0.0;          ///< Highest active value; a magnitude for a vector grid.
-  double mean = 0.0;             ///< Mean active value; a tile counts by its voxels.
-  double background = 0.0;       ///< Magnitude for a vector grid.
-  std::uint64_t non_finite = 0;  ///< NaN, infinite or above 1e100: voxels, tiles, background.
-  std::uint64_t filled = 0;      ///< Values made the background and inactive at load.
-  Smoothing smoothing;           ///< Effect of LoadOptions::smooth.
-  bool was_local = false;        ///< Vectors stored in the grid's own index space, turned at load.
-  std::string source;            ///< File that it was imported from, as its metadata say.
-  std::string refusal;           ///< "why: remedy" if it cannot be felt, else empty.
+  std::string name;  ///< Name, unique in the file. Grids of equal names are density[0], density[1].
+  std::string type;  ///< OpenVDB's name of the value type, such as float, double or vec3s; "3 x
+                     ///< float" for a vector of three grids.
+  /// Class of the grid. It determines where there are data (makeVdbField).
+  GridClass grid_class = GridClass::kUnknown;
+  bool vector = false;  ///< True for a vector, in one grid or in three.
+  bool half = false;    ///< True if the file stores 16 bits per number. They are read as 32 bits.
+  Vec3 voxel = Vec3::Zero();        ///< Edges of a voxel [file].
+  std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in tiles.
+  Box bounds;  ///< Box of the centres of active voxels [file]; empty if no voxel is active.
+  std::uint64_t memory = 0;  ///< Memory of the grid [bytes].
+  double lowest = 0.0;       ///< Lowest active value; for a vector, the smallest magnitude.
+  double highest = 0.0;      ///< Highest active value; for a vector, the largest magnitude.
+  /// Mean of the values of active voxels, including those in tiles; for a vector, of the
+  /// magnitudes.
+  double mean = 0.0;
+  double background = 0.0;  ///< Value of the background; for a vector, its magnitude.
+  /// Number of voxels and tiles, and the background, whose value is NaN, infinite or above 1e100.
+  std::uint64_t non_finite = 0;
+  /// Number of values, counted by `non_finite`, that the load replaced by the background.
+  std::uint64_t filled = 0;
+  Smoothing smoothing;  ///< Effect of LoadOptions::smooth.
+  /// True if the file stores the vectors in the grid's index space. They are converted when the
+  /// grid is loaded.
+  bool was_local = false;
+  std::string source;   ///< File from which the grid was imported, as its metadata state.
+  std::string refusal;  ///< "reason: remedy" if the grid cannot be used, else empty.
 };
 
-/// One grid in memory: const after loading, shared by its placements and by all threads.
+/// One grid in memory. It is const after loading, and all its placements and all threads share it.
 class Volume {
  public:
-  struct Grid;  ///< OpenVDB's grid; see samplers/grid/volume_grid.h.
+  struct Grid;  ///< Contains OpenVDB's grid; see samplers/grid/volume_grid.h.
 
   Volume(GridInfo info, std::unique_ptr<const Grid> grid);
   Volume(const Volume&) = delete;
   Volume& operator=(const Volume&) = delete;
-  /// Frees the grid, which takes milliseconds. The haptic thread must never drop the last
+  /// Frees the grid, which takes milliseconds. So the haptic thread must never release the last
   /// reference.
   ~Volume();
 
-  [[nodiscard]] const GridInfo& info() const noexcept { return info_; }  ///< Set at load.
-  [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }     ///< Values, for samplers.
-  /// Returns the memory of the grid, and of the B-spline coefficients and free maps made so far
-  /// [bytes].
+  /// Returns the description of the grid.
+  [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
+  /// Returns the values of the grid, for use in samplers.
+  [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }
+  /// Returns the memory of the grid, and of the B-spline coefficients and free maps that were made
+  /// so far [bytes].
   [[nodiscard]] std::uint64_t memory() const;
 
  private:
@@ -73,88 +84,96 @@ class Volume {
   std::unique_ptr<const Grid> grid_;
 };
 
-/// Returns whether `file` can be read and begins with the signature of a .vdb file.
+/// Returns true if `file` can be read and begins with the signature of .vdb files.
 [[nodiscard]] bool isVdb(const std::filesystem::path& file) noexcept;
 
-/// Treatment of values that are not numbers.
+/// Treatment of values that are NaN, infinite or above 1e100.
 enum class NonFinite : std::uint8_t {
-  kRefuse,  ///< The grid cannot be felt.
-  kFill,    ///< The values become the background and inactive: no data. A background that is not a
-            ///< number becomes zero.
+  kRefuse,  ///< The grid is rejected.
+  /// These values are replaced by the background and become inactive, which means no data. A
+  /// background of this kind becomes zero.
+  kFill,
 };
 
-/// Options for loading a grid, and the receiver of progress.
+/// Options for loading a grid, and the function that receives the progress.
 struct LoadOptions {
-  NonFinite non_finite = NonFinite::kRefuse;  ///< For NaN, infinite and above 1e100.
-  /// Width of OpenVDB's Gaussian at load: four box filters of so many voxels to each side; 0 for
-  /// no filter. Uses LevelSetFilter for a level set, else Filter; changes active voxels only.
-  /// During the call it needs twice the grid's memory in addition.
+  /// Treatment of values that are NaN, infinite or above 1e100.
+  NonFinite non_finite = NonFinite::kRefuse;
+  /// Width of the smoothing by OpenVDB's Gaussian filter, which consists of four box filters
+  /// [voxels to each side]; 0 for no smoothing. Level sets are smoothed by LevelSetFilter, other
+  /// grids by Filter. Only active voxels change. The filter needs twice the grid's memory in
+  /// addition.
   int smooth = 0;
-  /// Receives the progress of reading, from 0 to 1. An Error that it throws ends the load.
+  /// Receives the progress of reading, from 0 to 1. If it throws an Error, the load ends.
   std::function<void(double done)> progress;
 };
 
-/// Returns the names of the grids in a file, in its order. vel.x, vel.y and vel.z, scalars of one
-/// type, are listed together as vel. Throws as describeGrids.
+/// Returns the names of the grids in a file, in the file's order. Scalars of one type with the
+/// names vel.x, vel.y and vel.z appear as one vector, vel. Throws the errors of describeGrids.
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 
-/// Reads all grids of a file and describes each, then each vector that is kept by component. Throws
-/// VolumeError for a file that is missing, truncated, damaged or not .vdb. Grids of unsupported
-/// types are described by their metadata; their trees are not read. Slow: reads everything else,
-/// without delayed loading.
+/// Reads all grids of a file and describes each of them, then each vector that is stored as three
+/// grids. Throws VolumeError for a file that is missing, truncated or damaged, or is not a .vdb
+/// file. Grids of unsupported types are described by their metadata, and their trees are not read.
+/// Slow: reads all other values.
 [[nodiscard]] std::vector<GridInfo> describeGrids(const std::filesystem::path& file);
 
-/// Loads one grid, its compressed leaves in parallel, and checks every value. Throws VolumeError
-/// for a file that describeGrids rejects, for an unknown name (the error suggests the nearest one)
-/// and for a grid that cannot be felt: points and other types than scalar and vector floats,
-/// frustum or singular maps, no active voxel, values that are not numbers. A program that wants to
-/// change the file waits until it has been read, or changes a file other than the one read
-/// (samplers/leased_file.h).
+/// Loads one grid and checks every value. Compressed leaves are read in parallel. Throws
+/// VolumeError for a file that describeGrids rejects, for an unknown name (the error suggests the
+/// nearest name), and for a grid that cannot be used. Such grids contain points, or values other
+/// than scalar and vector floats; have a frustum map or a singular map; have no active voxel; or
+/// contain values that are not finite. During the call, a program that opens the file for writing
+/// waits until the file has been read, or the file was copied before (samplers/leased_file.h).
 ///
-/// Vectors: a staggered grid is split, and each component keeps its place on the face of its voxel
-/// (twice the grid's memory for a moment). vel.x, vel.y and vel.z, three scalars of one type, are
-/// read as "vel". Vectors stored in the file's own index space (isInWorldSpace) are turned into
-/// world space by the rule of their VecType.
-/// @param grid  Its name; empty takes the only grid of the file.
+/// Vectors: a staggered grid is split, and each component keeps its position on a face of its
+/// voxel. For a moment this needs twice the grid's memory. Three scalars of one type with the names
+/// vel.x, vel.y and vel.z can be loaded as "vel". Vectors that are stored in the grid's index space
+/// (isInWorldSpace is false) are converted to world space by the rule of their VecType.
+/// @param grid  Name of the grid. If it is empty, the file must contain one grid, which is loaded.
 [[nodiscard]] std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
                                                        const std::string& grid,
                                                        const LoadOptions& options = {});
 
-/// A request for one of several volumes to load together.
+/// One of several volumes to load together.
 struct VolumeRequest {
-  std::filesystem::path file;                 ///< A .vdb.
-  std::string grid;                           ///< Its name; empty: the only grid of the file.
-  NonFinite non_finite = NonFinite::kRefuse;  ///< See LoadOptions.
-  int smooth = 0;                             ///< See LoadOptions [voxels].
+  std::filesystem::path file;  ///< A .vdb file.
+  std::string grid;            ///< Name of the grid; empty for the only grid of the file.
+  NonFinite non_finite = NonFinite::kRefuse;  ///< Value for LoadOptions::non_finite.
+  int smooth = 0;                             ///< Value for LoadOptions::smooth [voxels].
 
-  [[nodiscard]] bool operator==(const VolumeRequest&) const = default;  ///< True for the same load.
+  /// True if the requests are equal.
+  [[nodiscard]] bool operator==(const VolumeRequest&) const = default;
 };
 
-/// The volume, or the error that loadVolume threw.
+/// A volume, or the error because of which it could not be loaded.
 struct LoadResult {
-  std::shared_ptr<const Volume> volume;  ///< Null if it could not be loaded.
-  std::exception_ptr error;              ///< The reason, as a rule a VolumeError; else null.
+  std::shared_ptr<const Volume> volume;  ///< The volume; null if it could not be loaded.
+  /// The exception of loadVolume, usually a VolumeError; null if the volume was loaded.
+  std::exception_ptr error;
 };
 
-/// Loads volumes in parallel. Loads equal requests once and opens each file once. `progress`
-/// receives the progress of all together, from any thread but one at a time; it must not use TBB.
+/// Loads volumes in parallel. Equal requests are loaded once, and each file is opened once.
+/// `progress` receives the joint progress of all loads. Any thread may call it, but only one at a
+/// time. It must not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);
 
-/// All grids of a file.
+/// All grids of one file.
 struct FileResult {
-  std::vector<std::string> names;   ///< See gridNames.
-  std::vector<LoadResult> volumes;  ///< One for each name.
-  std::exception_ptr error;         ///< Error of the file itself, a VolumeError; else null.
+  std::vector<std::string> names;   ///< Names of the grids, in the order of gridNames.
+  std::vector<LoadResult> volumes;  ///< Results for the grids, in the order of `names`.
+  /// Error of the file itself, a VolumeError; null if the file could be read.
+  std::exception_ptr error;
 };
 
-/// Loads all grids of files in parallel; opens each file once. `progress` as in loadVolumes.
+/// Loads all grids of several files in parallel. Each file is opened once. For `progress` see
+/// loadVolumes.
 [[nodiscard]] std::vector<FileResult> loadFiles(
     const std::vector<std::filesystem::path>& files,
     const std::function<void(double done)>& progress = nullptr);
 
-/// Returns "level set", "fog volume", "staggered" or "unknown".
+/// Returns the words for a class of grids: "level set", "fog volume", "staggered" or "unknown".
 [[nodiscard]] const char* wordFor(GridClass grid_class) noexcept;
 
 }  // namespace palpate

@@ -16,11 +16,11 @@
 
 namespace palpate {
 
-/// Grids of the supported types.
+/// A grid of any supported type.
 using GridData = std::variant<openvdb::FloatGrid::ConstPtr, openvdb::DoubleGrid::ConstPtr,
                               openvdb::Vec3SGrid::ConstPtr, openvdb::Vec3DGrid::ConstPtr>;
 
-/// Scalar and vector grids of a precision.
+/// Types of scalar and vector grids whose numbers have the type Real.
 template <class Real>
 using ScalarGrid =
     std::conditional_t<std::is_same_v<Real, double>, openvdb::DoubleGrid, openvdb::FloatGrid>;
@@ -32,7 +32,7 @@ inline std::uint64_t memoryOf(const GridData& data) {
   return std::visit([](const auto& grid) { return grid->memUsage(); }, data);
 }
 
-/// Returns the box around a box that `map` has moved.
+/// Returns the box around the corners of a box after `map` has moved them.
 template <class Map>
 Box boxAbout(const Box& box, Map map) {
   Box about;
@@ -45,27 +45,28 @@ Box boxAbout(const Box& box, Map map) {
 }
 
 struct Volume::Grid {
-  /// A typed grid and its affine map, file = linear * index + origin.
+  /// A grid and its affine map, file = linear * index + origin.
   struct Part {
     GridData data;
     Mat3 linear = Mat3::Identity();
     Vec3 origin = Vec3::Zero();
 
-    /// Maps a place in index space to the file's world space.
+    /// Maps a point of index space to the file's world space.
     [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }
   };
-  /// One part, or the x, y and z of a vector: scalars of one type, each at its own place.
+  /// One grid, or three scalar grids of one type that form a vector, each with its own map.
   std::vector<Part> parts;
 
-  /// B-spline coefficients of degree 2 and 3, part by part; made at the first request.
+  /// B-spline coefficients of degree 2 and 3, for each part. They are computed at the first
+  /// request.
   struct Coefficients {
     mutable std::mutex mutex;
     std::vector<GridData> parts;
   };
   mutable std::array<Coefficients, 2> coefficients;
 
-  /// Maps of where the values, and the coefficients of degree 2 and 3, are empty, part by part;
-  /// made at the first request.
+  /// Maps of the empty regions of the values, and of the coefficients of degree 2 and 3, for each
+  /// part. They are made at the first request.
   struct FreeMaps {
     mutable std::mutex mutex;
     std::vector<std::shared_ptr<const FreeMap>> parts;

@@ -14,7 +14,7 @@ namespace {
 using openvdb::Coord;
 
 bool sameLattice(const Volume::Grid::Part& a, const Volume::Grid::Part& b) {
-  constexpr double kSame = 1e-4;  // of a voxel
+  constexpr double kSame = 1e-4;  // as a share of a voxel's shortest edge
   const double voxel = a.linear.colwise().norm().minCoeff();
   return (a.linear - b.linear).norm() <= kSame * voxel * 1e-2 &&
          (a.origin - b.origin).norm() <= kSame * voxel;
@@ -24,7 +24,7 @@ openvdb::CoordBBox activeBox(const GridData& data) {
   return std::visit([](const auto& grid) { return grid->evalActiveVoxelBoundingBox(); }, data);
 }
 
-/// Returns u in a box of voxels, turned and scaled by `to_rest`.
+/// Returns the displacements in a box of voxels, rotated and scaled by `to_rest`.
 std::vector<float> read(const GridData& data, const openvdb::CoordBBox& box, const Mat3& to_rest) {
   const auto side = [&](int a) { return static_cast<std::size_t>(box.dim()[a]); };
   std::vector<float> out(3 * side(0) * side(1) * side(2));
@@ -69,7 +69,8 @@ DisplacementFrames displacementsOf(std::span<const std::shared_ptr<const Volume>
     }
     box.expand(activeBox(parts.front().data));
   }
-  // If not all of the box is active, the lattice continues as its background, not as its rim.
+  // If some voxels of the box are inactive, the lattice is extended by a margin of background. So u
+  // beyond the lattice is that of the background, not that of the box's faces.
   const bool sparse = std::any_of(frames.begin(), frames.end(), [&](const auto& volume) {
     return volume->info().active_voxels < box.volume();
   });

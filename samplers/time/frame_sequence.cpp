@@ -21,31 +21,31 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Bit of Slot::users that marks a slot as closed, so that the loader can fill it.
+/// Bit of Slot::users that closes a slot to readers, so that the loader can fill it.
 constexpr std::uint32_t kClosed = 1U << 31U;
-/// The loader keeps a frame that a reader held within this time, because the reader may hold it
-/// again. A loop that is later than this has cut its force.
+/// Time for which the loader keeps a frame after a reader has held it, because the reader may need
+/// it again in its next tick. A loop with a longer pause between ticks has cut its force.
 constexpr std::chrono::milliseconds kKept{50};
-/// Least number of frames in memory: two around the play position, two from which a jump fades, and
-/// the first frame of the sequence.
+/// Smallest number of frames in memory: two around the play position, two from which the field
+/// fades after a jump, and the first frame of the sequence.
 constexpr std::uint64_t kLeastFrames = 5;
 /// Period at which the thread checks the play position.
 constexpr std::chrono::milliseconds kPoll{2};
-/// Most error lines in the sequence's life.
+/// Largest number of errors that are reported in the sequence's life.
 constexpr int kMostTroubles = 8;
 
 std::int64_t nowNs() noexcept {
   return Clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
 }
 
-/// A frame in memory.
+/// A frame in memory: its volume and the field over it.
 struct Loaded {
   std::shared_ptr<const Volume> volume;
   FieldPtr field;
 };
 
-/// Loads a frame. Throws VolumeError if the frame cannot be read, or does not fit a sequence with
-/// this first frame. `first` is null for the first frame itself.
+/// Loads a frame. Throws VolumeError if the frame cannot be read, or if it does not match the first
+/// frame of the sequence. `first` is null if this is the first frame.
 Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const Sampling& sampling,
                  const Volume* first) {
   LoadOptions options;
@@ -70,7 +70,8 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   return out;
 }
 
-/// Returns how many frames of the largest size fit. Throws VolumeError if these are too few.
+/// Returns the number of frames of the largest size that fit into the budget. Throws VolumeError if
+/// this number is too small.
 std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t budget,
                      const std::string& name) {
   const std::uint64_t bytes = std::max<std::uint64_t>(largest, 1);
@@ -129,18 +130,20 @@ FrameTimes evenTimes(std::size_t count, double rate, bool repeat) {
   return out;
 }
 
-/// Memory for a frame. Readers count themselves in; the loader closes a slot before it fills it.
+/// Memory for one frame. Each reader that uses it increments `users`. The loader closes the slot
+/// before it fills it.
 struct FrameSequence::Slot {
   std::atomic<std::uint32_t> users{kClosed};
   std::atomic<int> frame{-1};
-  std::atomic<std::int64_t> held{0};  ///< When a reader last held it [ns].
+  std::atomic<std::int64_t> held{0};  ///< Time at which a reader last held the frame [ns].
   std::atomic<std::uint64_t> stay{0};
   std::atomic<std::uint64_t> bytes{0};
-  // Written by the thread that has closed the slot; read by readers that are counted in.
+  // Only the thread that has closed the slot writes it. Only readers that are counted in `users`
+  // read it.
   Loaded loaded;
 };
 
-/// State that readers and the thread share.
+/// State that the readers and the loader share.
 struct FrameSequence::Shared {
   Shared(std::size_t frames, std::size_t room) : slots(room), places(frames), missing(frames) {
     for (auto& place : places) place.store(-1, std::memory_order_relaxed);
@@ -151,14 +154,14 @@ struct FrameSequence::Shared {
   }
 
   std::vector<Slot> slots;
-  std::vector<std::atomic<int>> places;    ///< Slot of each frame, or -1.
-  std::vector<std::atomic<bool>> missing;  ///< Marks frames that are not available.
-  std::atomic<int> low{0};                 ///< Play is between `low` and `high`.
+  std::vector<std::atomic<int>> places;    ///< For each frame, the index of its slot, or -1.
+  std::vector<std::atomic<bool>> missing;  ///< For each frame, true if it could not be loaded.
+  std::atomic<int> low{0};                 ///< Play is between the frames `low` and `high`.
   std::atomic<int> high{0};
-  std::atomic<int> way{1};  ///< Play goes forward (1) or back (-1).
+  std::atomic<int> way{1};  ///< Direction of play: 1 forward, -1 backward.
 };
 
-/// Loads frames, in a thread of its own.
+/// Loads the frames in its own thread.
 struct FrameSequence::Loader {
   Loader(const FrameSequence& sequence, const Placement& at, const Sampling& as)
       : of(sequence), shared(*sequence.shared_), placement(at), sampling(as) {}
@@ -174,7 +177,7 @@ struct FrameSequence::Loader {
   void begin() {
     thread = std::thread([this] { run(); });
   }
-  /// Puts a frame into a closed slot and opens the slot.
+  /// Puts a frame into a closed slot and opens the slot to readers.
   void publish(int frame, std::size_t slot, Loaded loaded) {
     Slot& to = shared.slots[slot];
     to.loaded = std::move(loaded);
@@ -197,10 +200,11 @@ struct FrameSequence::Loader {
   Sampling sampling;
   std::uint64_t stays = 0;
 
-  mutable std::mutex alone;  ///< Lock of waitAlone().
-  mutable std::mutex mutex;  ///< Guards all below; not held while a frame is loaded.
+  mutable std::mutex alone;  ///< Lock that waitAlone() returns.
+  /// Guards the members below. It is not locked while a frame is loaded.
+  mutable std::mutex mutex;
   mutable std::condition_variable changed;
-  mutable std::map<int, int> asked;  ///< Number of callers that wait, by frame.
+  mutable std::map<int, int> asked;  ///< For each frame, the number of callers that wait for it.
   detail::Retries<int> failing;
   mutable std::vector<std::string> troubles;
   int lines = 0;
@@ -209,8 +213,8 @@ struct FrameSequence::Loader {
   std::thread thread;
 };
 
-/// Returns the frames that should be in memory, the most urgent first, and then the frames to
-/// retry.
+/// Returns the frames that should be in memory, the most urgent first. Frames that could not be
+/// loaded and must be tried again come last.
 std::vector<int> FrameSequence::Loader::wanted() {
   const int count = of.count();
   std::vector<int> all;
@@ -241,13 +245,14 @@ std::vector<int> FrameSequence::Loader::wanted() {
   return all;
 }
 
-/// Closes a slot for a frame that is wanted. Returns its index, or empty if all slots are in use.
+/// Closes a slot for a new frame and returns its index. Returns std::nullopt if all slots are in
+/// use.
 std::optional<std::size_t> FrameSequence::Loader::slotFor(const std::vector<int>& all) {
   const std::int64_t now = nowNs();
   for (std::size_t n = 0; n < shared.slots.size(); ++n) {
     Slot& slot = shared.slots[n];
     const int frame = slot.frame.load(std::memory_order_relaxed);
-    if (frame < 0) return n;  // empty, and closed already
+    if (frame < 0) return n;  // the slot is empty and already closed
     if (frame == 0 || std::find(all.begin(), all.end(), frame) != all.end()) continue;
     const bool kept =
         now - slot.held.load(std::memory_order_relaxed) < std::chrono::nanoseconds(kKept).count();
@@ -319,7 +324,7 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
     throw VolumeError(name, "two frames of vectors without a sign cannot be blended",
                       "remove \"axial\"");
   }
-  // Frames that fit into the budget are kept.
+  // Keeps the frames that fit into the budget.
   std::vector<Loaded> kept;
   std::uint64_t held = 0;
   std::uint64_t largest = 0;
@@ -394,7 +399,7 @@ PlayMoment FrameSequence::at(double play) const noexcept {
     return times[static_cast<std::size_t>(within(frame))] + rounds * length;
   };
   out.position = i + (play - time_of(i)) / (time_of(i + 1) - time_of(i));
-  // The first frame is always available, so there is a frame at or before i.
+  // The first frame is always available. So there is an available frame at or before frame i.
   const int low = good(i, -1);
   int high = good(i + 1, 1);
   if (high < 0) high = low;
@@ -474,7 +479,8 @@ bool FrameSequence::wait(std::span<const PlayMoment> moments, double seconds) co
 }
 
 std::uint64_t FrameSequence::neededFor(double speed) const noexcept {
-  // Adds to kLeastFrames the frames that were held lately, and one that is being loaded.
+  // Besides kLeastFrames, memory must hold the frames that were held within kKept, and one frame
+  // that is being loaded.
   double shortest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < when_.times.size(); ++i) {
     shortest = std::min(shortest, when_.times[i] - when_.times[i - 1]);

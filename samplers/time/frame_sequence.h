@@ -1,4 +1,5 @@
-/// The frames of a volume that is played: keeps some in memory, loaded ahead of play.
+/// The frames of a volume that changes over time. Keeps some frames in memory, and loads further
+/// frames before they are needed.
 #pragma once
 
 #include <atomic>
@@ -17,84 +18,95 @@
 
 namespace palpate {
 
-/// Times of frames.
+/// Times of the frames of a sequence.
 struct FrameTimes {
-  std::vector<double> times;  ///< Times of the frames, ascending [s]. With `repeat` one more, at
-                              ///< which the first frame returns.
-  bool repeat = false;        ///< The first frame follows the last; else the last frame stays.
+  /// Times of the frames, ascending [s]. If `repeat` is true, there is one more entry: the time at
+  /// which the first frame is played again.
+  std::vector<double> times;
+  bool repeat = false;  ///< True if the sequence repeats; else the last frame stays.
 
-  [[nodiscard]] bool operator==(const FrameTimes&) const = default;  ///< True for the same times.
+  /// True if all times are equal.
+  [[nodiscard]] bool operator==(const FrameTimes&) const = default;
 };
 
-/// Returns the times of `count` frames, `rate` a second [1/s], the first at 0.
+/// Returns the times of `count` frames that follow each other at `rate` frames per second [1/s].
+/// The first frame is at 0.
 [[nodiscard]] FrameTimes evenTimes(std::size_t count, double rate, bool repeat);
 
-/// Limits and options of a sequence.
+/// Options of a sequence, and the limit of its memory.
 struct SequenceParams {
   std::uint64_t budget =
-      1ULL << 30;      ///< Memory for frames [bytes], counted by the largest frame's size.
-  bool waits = false;  ///< A field's attend() waits for its frames, 60 s at most. For virtual time,
-                       ///< in which equal motions must give equal forces.
+      1ULL << 30;  ///< Memory for frames [bytes]; each counts with the largest size.
+  /// If true, attend() of a field waits for the frames that it needs, at most 60 s. For virtual
+  /// time, in which equal motions must give equal forces.
+  bool waits = false;
 
-  [[nodiscard]] bool operator==(const SequenceParams&) const = default;  ///< True for the same
-                                                                         ///< options.
+  /// True if all options are equal.
+  [[nodiscard]] bool operator==(const SequenceParams&) const = default;
 };
 
-/// State and statistics of a sequence.
+/// Present state of a sequence, and counters.
 struct SequenceState {
-  std::uint64_t frames = 0;    ///< All frames.
-  std::uint64_t slots = 0;     ///< Frames that memory can hold.
-  std::uint64_t resident = 0;  ///< Frames in memory now.
-  std::uint64_t bytes = 0;     ///< Size of the frames in memory.
-  std::uint64_t fetched = 0;   ///< Frames loaded so far, including the first pass.
-  std::uint64_t failed = 0;    ///< Frames that could not be loaded; retried.
+  std::uint64_t frames = 0;    ///< Number of all frames.
+  std::uint64_t slots = 0;     ///< Number of frames for which there is memory.
+  std::uint64_t resident = 0;  ///< Number of frames in memory.
+  std::uint64_t bytes = 0;     ///< Size of the frames in memory [bytes].
+  /// Number of frames loaded so far, including those that the constructor loaded.
+  std::uint64_t fetched = 0;
+  std::uint64_t failed = 0;  ///< Number of frames that could not be loaded. They are tried again.
 };
 
-/// A place between two frames: (1 - share) of `low`, `share` of `high`.
+/// The blend of frames that is played at one time: (1 - share) of frame `low` plus `share` of frame
+/// `high`.
 struct PlayMoment {
-  int low = 0;            ///< A frame.
-  int high = 0;           ///< The frame after it.
-  double share = 0.0;     ///< 0 to 1
-  double position = 0.0;  ///< Position of play, missing frames counted too [frames].
+  int low = 0;            ///< Index of the earlier frame.
+  int high = 0;           ///< Index of the later frame.
+  double share = 0.0;     ///< Share of frame `high`, 0 to 1.
+  double position = 0.0;  ///< Play position [frames]. Missing frames count as well.
 
-  [[nodiscard]] bool operator==(const PlayMoment&) const = default;  ///< True for the same place.
+  /// True if all members are equal.
+  [[nodiscard]] bool operator==(const PlayMoment&) const = default;
 };
 
-/// The frames of one grid, placed. A thread of its own loads them ahead of play. The first frame is
-/// always in memory.
+/// The frames of one grid with a placement. A thread of this object loads the frames before they
+/// are played. The first frame is always in memory.
 ///
-/// Readers never block the loader. The loader keeps a frame that a reader holds (Hold), or, unless
-/// SequenceParams::waits, has held within the last 50 ms.
+/// Readers never block the loader. The loader keeps a frame while a reader holds it (Hold). Unless
+/// SequenceParams::waits is set, it also keeps the frame for 50 ms after that.
 class FrameSequence {
   struct Slot;
 
  public:
   /// Loads each frame once, in order, to find where the frames have data. Throws VolumeError if a
-  /// frame cannot be read, is of another kind than the first, or is a vector by component. Also
-  /// throws if the budget does not hold five frames, and for times that do not ascend or differ in
-  /// number from the frames.
+  /// frame cannot be read, if its type differs from that of the first frame, or if it is a vector
+  /// of three grids. Also throws if the budget does not suffice for five frames, if the times do
+  /// not ascend, or if their number does not match that of the frames.
   FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes& when,
                 const Placement& placement, const Sampling& sampling,
                 const SequenceParams& params = {});
   FrameSequence(const FrameSequence&) = delete;
   FrameSequence& operator=(const FrameSequence&) = delete;
-  ~FrameSequence();  ///< Ends the thread: takes as long as a frame takes to load.
+  ~FrameSequence();  ///< Ends the thread. May take as long as loading a frame.
 
   /// Returns the first frame.
   [[nodiscard]] const std::shared_ptr<const Volume>& first() const noexcept { return first_; }
   /// Returns the field of the first frame.
   [[nodiscard]] const FieldPtr& firstField() const noexcept { return first_field_; }
-  [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }  ///< For all frames.
-  [[nodiscard]] const FrameTimes& times() const noexcept { return when_; }   ///< Frame times.
-  [[nodiscard]] bool waits() const noexcept { return params_.waits; }        ///< Waits in attend().
+  /// Frame that encloses the data of all frames, in W.
+  [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
+  /// Times of the frames.
+  [[nodiscard]] const FrameTimes& times() const noexcept { return when_; }
+  /// Value of SequenceParams::waits.
+  [[nodiscard]] bool waits() const noexcept { return params_.waits; }
 
-  /// Returns the blend of loadable frames that is played at a time [s]. RT: no allocation. Cost: a
-  /// search.
+  /// Returns the blend of available frames that is played at a time [s]. RT: no allocation. Cost: a
+  /// binary search.
   [[nodiscard]] PlayMoment at(double play) const noexcept PALPATE_NONBLOCKING;
-  /// Returns how far b is after a [frames], by the shorter way round if the sequence repeats. RT.
+  /// Returns the distance from a to b [frames], in the shorter direction if the sequence repeats.
+  /// RT.
   [[nodiscard]] double way(const PlayMoment& a, const PlayMoment& b) const noexcept;
 
-  /// A frame in memory, which stays there while this object lives.
+  /// Keeps a frame in memory while the object lives.
   class Hold {
    public:
     Hold() = default;
@@ -106,11 +118,11 @@ class FrameSequence {
       return *this;
     }
     ~Hold();
-    /// Returns whether it holds a frame.
+    /// Returns true if the object holds a frame.
     [[nodiscard]] explicit operator bool() const noexcept { return slot_ != nullptr; }
-    [[nodiscard]] const FieldPtr& field() const noexcept;  ///< Field of the frame.
-    /// Returns the number of the frame's stay in memory; another load of the frame has another
-    /// number.
+    [[nodiscard]] const FieldPtr& field() const noexcept;  ///< Returns the field of the frame.
+    /// Returns a number for the frame's present stay in memory. If the frame is loaded again, this
+    /// number is different.
     [[nodiscard]] std::uint64_t stay() const noexcept;
 
    private:
@@ -118,23 +130,24 @@ class FrameSequence {
     explicit Hold(Slot* slot) noexcept : slot_(slot) {}
     Slot* slot_ = nullptr;
   };
-  /// Holds a frame; the result is empty if the frame is not in memory. RT: no lock, no allocation.
+  /// Holds a frame. The result is empty if the frame is not in memory. RT: no lock, no allocation.
   [[nodiscard]] Hold hold(int frame) const noexcept PALPATE_NONBLOCKING;
 
-  /// Sets the play position and its rate [s/s], by which the thread loads frames. RT: stores.
+  /// Reports the play position and its rate [s/s] to the loader. RT: atomic stores only.
   void tell(const PlayMoment& at, double rate) const noexcept PALPATE_NONBLOCKING;
-  /// Waits until each frame of these moments is in memory or known to be unavailable. Returns
+  /// Waits until all frames of these moments are in memory or known to be unavailable. Returns
   /// false if that takes longer than `seconds` [s]. Not RT.
   [[nodiscard]] bool wait(std::span<const PlayMoment> moments, double seconds) const;
-  /// Returns a lock with which callers wait for frames one at a time: the frames that one caller
-  /// needs at once may fill all memory. Not RT.
+  /// Returns a lock that a caller must hold while it waits for frames. Callers wait one at a time,
+  /// because the frames that one caller needs may fill the whole memory. Not RT.
   [[nodiscard]] std::unique_lock<std::mutex> waitAlone() const;
 
-  /// Returns how many frames memory must hold so that play at this speed [s/s] continues on time.
+  /// Returns the number of frames that memory must hold so that play at this speed [s/s] is not
+  /// interrupted.
   [[nodiscard]] std::uint64_t neededFor(double speed) const noexcept;
-  [[nodiscard]] SequenceState state() const;  ///< Current state; takes a lock.
-  /// Returns the errors since the last call, a line per frame; 8 lines at most in the sequence's
-  /// life.
+  [[nodiscard]] SequenceState state() const;  ///< Returns the present state. Takes a lock.
+  /// Returns the errors since the last call, one line for each frame. At most 8 lines are returned
+  /// in the sequence's life.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
 
  private:
@@ -142,10 +155,10 @@ class FrameSequence {
   struct Loader;
 
   [[nodiscard]] int count() const noexcept;
-  /// Returns the frame for a number that continues to count over the repeats.
+  /// Returns the index of a frame from a number that continues to count when the sequence repeats.
   [[nodiscard]] int within(int frame) const noexcept;
-  /// Returns the next available frame from `frame` on, forward (1) or back (-1); -1 if all are
-  /// missing.
+  /// Returns the next available frame, beginning at `frame`, in the direction `way`: 1 forward, -1
+  /// backward. Returns -1 if there is none.
   [[nodiscard]] int good(int frame, int way) const noexcept;
 
   std::vector<VolumeRequest> frames_;

@@ -17,54 +17,58 @@ namespace {
 
 using Hold = FrameSequence::Hold;
 
-/// Duration of a jump's fade [s].
+/// Duration of the fade after a jump of play [s].
 constexpr double kJump = 0.05;
-/// Largest distance between the shown moment and the moment one tick ago by the rate, weighted by
-/// the share of the shown moment [frames]. A larger distance counts as a jump.
+/// Largest distance between the moment shown in the last tick and the moment from which play should
+/// have come, by its rate [frames]. The distance is weighted by the share of the shown moment. A
+/// larger distance counts as a jump.
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
-/// Largest number of tries if frames leave memory before the reader holds them.
+/// Largest number of attempts to hold all frames of a tick. An attempt fails if a frame leaves
+/// memory before the reader holds it.
 constexpr int kTries = 1000;
-/// Largest number of frames in a reading: two around the play position, two from which it fades.
+/// Largest number of frames in a reading: two around the play position, and two from which the
+/// reading fades.
 constexpr std::size_t kFrames = 4;
 /// Largest number of readers that can be inside a tick at the same time.
 constexpr std::size_t kSeats = 16;
 constexpr std::size_t kNoSeat = kSeats;
 
-/// A frame that a reader reads, with a cache of its own.
+/// A frame that a reader reads, and the reader's cache for it.
 struct Part {
   Hold held;
-  std::uint64_t stay = 0;  ///< Hold::stay of the frame that the cache is for; 0: unused.
-  double weight = 0.0;     ///< Share in the blend.
+  /// Hold::stay of the frame to which the cache belongs; 0 if the cache is unused.
+  std::uint64_t stay = 0;
+  double weight = 0.0;  ///< Share of the frame in the blend.
   FieldCache cache;
 };
 
-/// The frames that a reader reads in a tick. The caches outlast the tick, for the same reader's
-/// next one.
+/// The frames that a reader reads in a tick. The caches stay valid after the tick, for the next
+/// tick of the same reader.
 struct Seat {
   std::array<Part, kFrames> parts;
   std::size_t count = 0;     ///< Number of parts that are read in this tick.
-  std::uint64_t reader = 0;  ///< Reader that the caches belong to.
+  std::uint64_t reader = 0;  ///< Reader to which the caches belong.
   std::atomic<bool> taken{false};
 };
 
-/// The blend that is read.
+/// The moments that a reader reads.
 struct Blend {
-  PlayMoment shown;      ///< Moment that is played.
-  PlayMoment left;       ///< Moment from which the reading fades while `arrived` is below 1.
-  double arrived = 1.0;  ///< Share of `shown`.
+  PlayMoment shown;      ///< Moment that is played now.
+  PlayMoment left;       ///< Moment from which the reading fades, while `arrived` is below 1.
+  double arrived = 1.0;  ///< Share of the moment `shown` in the reading.
 
   bool operator==(const Blend&) const = default;
 };
 
-/// The state of a reader from tick to tick.
+/// The state of one reader from tick to tick.
 struct Reading : Blend {
   std::uint64_t reader = 0;    ///< Number of the reader.
-  std::size_t seat = kNoSeat;  ///< Valid within a tick.
+  std::size_t seat = kNoSeat;  ///< Index of the reader's seat; kNoSeat outside of a tick.
   std::size_t last_seat = 0;
-  bool met = false;   ///< The reader has had a tick.
-  bool late = false;  ///< The requested moment is not the shown one.
+  bool met = false;   ///< True if the reader has had a tick.
+  bool late = false;  ///< True if the requested moment differs from the shown moment.
 };
 
 static_assert(sizeof(Reading) <= sizeof(FieldCache::bytes));
@@ -75,14 +79,15 @@ std::uint64_t nextReader() noexcept {
   return ++count;
 }
 
-/// Returns the frame of the first field. A blend of two distances is not a distance.
+/// Returns the placement of the field. It is not marked as a distance, because a blend of two
+/// distances is not a distance.
 FieldFrame frameOf(const FrameSequence& sequence) {
   FieldFrame frame = sequence.frame();
   frame.distance = false;
   return frame;
 }
 
-/// The common part of scalar and vector fields.
+/// Common part of scalar and vector fields over a sequence.
 template <class Base>
 class SequenceField : public Base {
  public:
@@ -118,14 +123,14 @@ class SequenceField : public Base {
  protected:
   using Own = std::shared_ptr<const Base>;
 
-  /// Returns the parts that are read now.
+  /// Returns the parts in use in this tick.
   [[nodiscard]] std::span<Part> partsOf(FieldCache& memory) const noexcept {
     const Reading& of = readingIn(memory);
     if (of.seat == kNoSeat) return {};
     Seat& seat = seats_[of.seat];
     return std::span(seat.parts).first(seat.count);
   }
-  /// Returns the sum of the parts' samples, each weighted by its share.
+  /// Returns the sum of the samples of all parts, each weighted by its share.
   template <class Sample, class Derivative>
   [[nodiscard]] Sample blended(const Vec3& p_W, FieldCache& memory,
                                Derivative Sample::*derivative) const noexcept {
@@ -143,8 +148,7 @@ class SequenceField : public Base {
     return **std::get_if<Own>(&field);
   }
 
-  /// Calls `read(field, cache, weight)` for each part, or for the first frame if there are no
-  /// parts.
+  /// Calls `read(field, cache, weight)` for each part. Without parts, calls it for the first frame.
   template <class Read>
   void each(FieldCache& memory, Read read) const noexcept {
     const std::span<Part> parts = partsOf(memory);
@@ -157,12 +161,12 @@ class SequenceField : public Base {
   }
 
  private:
-  /// The frames of a moment, as far as they are in memory.
+  /// The frames of a moment that are in memory.
   struct Pair {
     Hold low;
-    Hold high;           ///< Empty if it has no share.
+    Hold high;           ///< Empty if the high frame has no share.
     double share = 0.0;  ///< Share of the high frame.
-    bool all = false;    ///< All frames with a share are in memory.
+    bool all = false;    ///< True if all frames with a share above 0 are in memory.
   };
 
   void attendAtOnce(const Attention& at, Reading& of) const noexcept {
@@ -174,7 +178,7 @@ class SequenceField : public Base {
     sit(of, std::move(shown), of.arrived < 1.0 ? take(of.left) : Pair{});
   }
 
-  /// Attends a tick that waits for its available frames, until all are held at once.
+  /// Begins a tick that waits until all available frames of its moments are held at the same time.
   void attendWaiting(const Attention& at, Reading& of) const noexcept {
     const auto alone = sequence_->waitAlone();
     const Reading before = of;
@@ -185,7 +189,7 @@ class SequenceField : public Base {
       goOn(of, asked, true, at);
       const std::array<PlayMoment, 2> needed{of.shown, of.arrived < 1.0 ? of.left : of.shown};
       if (!sequence_->wait(needed, kPatience)) break;
-      // If a frame turns out to be missing, the moment is between other frames.
+      // If a needed frame is missing, the requested moment now blends other frames.
       if (!of.late && !(sequence_->at(at.play) == asked)) continue;
       Pair shown = take(of.shown);
       Pair left = of.arrived < 1.0 ? take(of.left) : Pair{};
@@ -195,8 +199,8 @@ class SequenceField : public Base {
     sit(of, take(of.shown), {});
   }
 
-  /// Sets the moment that a tick shows: `asked`, the start of a fade to it, or the moment shown
-  /// before. `there` is true if the frames of `asked` are in memory.
+  /// Sets the moment that a tick shows. This is `asked`, or the start of a fade to `asked`, or else
+  /// the moment of the last tick. `there` is true if the frames of `asked` are in memory.
   void goOn(Reading& of, const PlayMoment& asked, bool there, const Attention& at) const noexcept {
     const double dt = at.dt > 0.0 ? at.dt : 0.0;
     of.arrived = std::min(of.arrived + dt / kJump, 1.0);
@@ -211,7 +215,8 @@ class SequenceField : public Base {
       of.left = std::exchange(of.shown, asked);
       of.arrived = 0.0;
     }
-    of.met = true;  // frames that are not in memory yet fade in from the first frame
+    // if the first requested frames arrive later, the reading fades to them from the first frame
+    of.met = true;
     of.late = !(of.shown == asked);
   }
 
@@ -228,7 +233,8 @@ class SequenceField : public Base {
     return out;
   }
 
-  /// Takes a seat, with the frames of the shown moment and of the moment that it fades from.
+  /// Takes a seat, and puts into it the frames of the shown moment and of the moment from which the
+  /// reading fades.
   void sit(Reading& of, Pair shown, Pair left) const noexcept {
     takeSeat(of);
     if (of.seat == kNoSeat) {
@@ -238,7 +244,7 @@ class SequenceField : public Base {
     Seat& seat = seats_[of.seat];
     seat.count = 0;
     if (!shown.all) {
-      of.shown = {};  // the first frame
+      of.shown = {};  // a blend of the first frame alone
       of.late = true;
       return;
     }
@@ -249,7 +255,7 @@ class SequenceField : public Base {
     add(seat, std::move(left.high), (1.0 - arrived) * left.share);
   }
 
-  /// Takes a seat for a reader: its last seat if that is free, else another one.
+  /// Takes a seat for a reader: its last seat if that seat is free, else another free seat.
   void takeSeat(Reading& of) const noexcept {
     for (std::size_t n = 0; n < kSeats; ++n) {
       const std::size_t at = (of.last_seat + n) % kSeats;
@@ -274,7 +280,7 @@ class SequenceField : public Base {
       same->weight += weight;
       return;
     }
-    // Prefers a part whose cache is for this frame.
+    // If a part has a cache for this frame, that part is used.
     const auto known = std::find_if(read, seat.parts.end(), is);
     if (known != seat.parts.end()) {
       swapParts(*read, *known);

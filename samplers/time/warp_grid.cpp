@@ -16,18 +16,18 @@ namespace palpate {
 namespace {
 
 constexpr std::size_t kAxes = 3;
-/// Numbers stored per vector.
+/// Number of floats stored for one vector. The last of the four is unused.
 constexpr std::size_t kLanes = 4;
 using Lanes = Eigen::Array4f;
-/// Number of checks of a warp per interval between frames.
+/// Number of times per interval between two frames at which a warp is checked.
 constexpr std::size_t kParts = 4;
-/// Largest factor by which a warp may stretch or compress lengths of matter.
+/// Largest factor by which a warp may stretch or compress material.
 constexpr double kMostStretch = 10.0;
-/// Numbers stored per node and frame: u and its rate.
+/// Number of floats stored for each node and frame: u and the rate of u.
 constexpr std::size_t kNumbers = 2 * kLanes;
 
-/// The weights of three nodes at a distance t from the middle one, -1/2 to 1/2, and their
-/// derivatives.
+/// Weights of three neighbouring nodes at distance t from the middle node, -1/2 to 1/2, with their
+/// first and second derivatives.
 struct Weights {
   explicit Weights(double t)
       : value{0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)},
@@ -37,9 +37,10 @@ struct Weights {
   std::array<double, 3> bend{1.0, -2.0, 1.0};
 };
 
-/// Place of a time among frames: weights of u and of its rate in two frames, and their rates.
+/// Place of a time among the frames: the weights of u and of its rate in two frames, and the
+/// derivatives of these weights by time.
 struct Moment {
-  std::size_t frame = 0;  ///< The first of two.
+  std::size_t frame = 0;  ///< The earlier of the two frames.
   std::array<double, 4> value{1.0, 0.0, 0.0, 0.0};
   std::array<double, 4> rate{};
 };
@@ -68,14 +69,14 @@ class GridWarp final : public Warp {
     for (std::size_t a = 0; a < kAxes; ++a) {
       const double last = size_[a] - 1;
       const double i = index[static_cast<Eigen::Index>(a)];
-      const double within = i > 0.0 ? std::min(i, last) : 0.0;  // NaN: 0
+      const double within = i > 0.0 ? std::min(i, last) : 0.0;  // also 0 if i is NaN
       const int below = static_cast<int>(within);
       middle[a] = within - below < 0.5 ? below : below + 1;
       w[a] = Weights(within - middle[a]);
       if (within != i) w[a].slope = w[a].bend = {};
     }
     const Moment moment = momentAt(time);
-    // Sums over nodes in floats, as these are stored: four lanes, the last one unused.
+    // The sums are floats, like the stored coefficients. The fourth lane of a vector is unused.
     const auto lanes = [](const float* at) { return Lanes(Eigen::Map<const Lanes>(at)); };
     std::array<float, 4> of{};
     std::array<float, 4> by_time{};
@@ -87,7 +88,7 @@ class GridWarp final : public Warp {
     sum.fill(Lanes::Zero());
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t j = 0; j < 3; ++j) {
-        // Along the last axis: u, its slope and bend, and its rate.
+        // Sums along the last axis: u, its first and second derivative, and its rate.
         Lanes u = Lanes::Zero();
         Lanes along = Lanes::Zero();
         Lanes bent = Lanes::Zero();
@@ -114,7 +115,7 @@ class GridWarp final : public Warp {
         sum[2] += weight(w[0].slope[i], w[1].value[j]) * u;
         sum[3] += weight(w[0].value[i], w[1].slope[j]) * u;
         sum[4] += here * along;
-        // Second derivatives by two indices: 00, 11, 22, 01, 02, 12.
+        // Second derivatives by the pairs of indices 00, 11, 22, 01, 02 and 12.
         sum[5] += weight(w[0].bend[i], w[1].value[j]) * u;
         sum[6] += weight(w[0].value[i], w[1].bend[j]) * u;
         sum[7] += here * bent;
@@ -146,8 +147,9 @@ class GridWarp final : public Warp {
   [[nodiscard]] double topSpeed() const override { return top_speed_; }
   [[nodiscard]] double topAcceleration() const noexcept override { return top_acceleration_; }
 
-  /// Checks the warp at and between all nodes and frames. Throws SceneError if it folds space or
-  /// stretches too much.
+  /// Checks the warp at the nodes and the middles of cells, at the frames and between them. Throws
+  /// SceneError if it folds space or stretches material too much. Sets the bounds of shifts, speed
+  /// and acceleration.
   void look(const std::string& path) {
     boundShifts();
     std::mutex mutex;
@@ -157,7 +159,7 @@ class GridWarp final : public Warp {
       double speed = 0.0;
       for (int j = 0; j < 2 * size_[1] - 1; ++j) {
         for (int k = 0; k < 2 * size_[2] - 1; ++k) {
-          // Checks nodes and the middles of cells.
+          // The indices count half cells. Only nodes and middles of cells are checked.
           const bool even = plane % 2 == 0;
           if ((j % 2 == 0) != even || (k % 2 == 0) != even) continue;
           const Vec3 x = origin_ + rest_from_index * (0.5 * Vec3(static_cast<double>(plane), j, k));
@@ -172,7 +174,7 @@ class GridWarp final : public Warp {
   }
 
  private:
-  /// Returns a node by its index in the lattice with one more node at each end.
+  /// Returns a node. Its indices count in the lattice that has one more node at each end.
   [[nodiscard]] const float* nodeAt(int i, int j, int k) const noexcept {
     const auto row = static_cast<std::size_t>(i) * static_cast<std::size_t>(padded_[1]) +
                      static_cast<std::size_t>(j);
@@ -206,9 +208,9 @@ class GridWarp final : public Warp {
     return out;
   }
 
-  /// Computes the spline's coefficients of one frame, axis by axis: c[i-1] / 8 + 6 c[i] / 8 +
-  /// c[i+1] / 8 = u[i] along each line of nodes, with c[-1] = 2 c[0] - c[1] at its ends: no
-  /// curvature there.
+  /// Computes the coefficients of the spline of one frame, axis by axis. Along each line of nodes,
+  /// c[i-1] / 8 + 6 c[i] / 8 + c[i+1] / 8 = u[i], with c[-1] = 2 c[0] - c[1] at the ends, so that
+  /// the curvature is zero there.
   void take(const std::vector<float>& u, std::size_t frame) {
     std::vector<double> c(u.begin(), u.end());
     const std::array<std::size_t, 3> size{static_cast<std::size_t>(size_[0]),
@@ -240,10 +242,10 @@ class GridWarp final : public Warp {
     }
   }
 
-  /// Solves for the coefficients of a line by Thomas' algorithm.
+  /// Solves the equations of take() for one line, by Thomas' algorithm for tridiagonal systems.
   static void filter(double* line, std::size_t stride, std::vector<double>& sweep) {
     const std::size_t last = sweep.size() - 1;
-    // At the ends u is the coefficient.
+    // At the ends the coefficient equals u.
     sweep[0] = 0.0;
     for (std::size_t i = 1; i < last; ++i) {
       const double pivot = 0.75 - 0.125 * sweep[i - 1];
@@ -253,7 +255,8 @@ class GridWarp final : public Warp {
     for (std::size_t i = last; i-- > 1;) line[i * stride] -= sweep[i] * line[(i + 1) * stride];
   }
 
-  /// Returns a coefficient; beyond the lattice's faces by reflection at the last ones.
+  /// Returns a coefficient. Beyond the faces of the lattice, the coefficients are reflected at the
+  /// outermost nodes.
   [[nodiscard]] double reflected(const std::vector<double>& c, std::array<int, 3> node,
                                  const std::array<std::size_t, 3>& stride,
                                  std::size_t component) const {
@@ -271,7 +274,8 @@ class GridWarp final : public Warp {
     return c[at];
   }
 
-  /// Computes the rate of each frame: the slope of the parabola through it and its neighbours.
+  /// Computes the rate of each frame, which is the slope of the parabola through the frame and its
+  /// two neighbours.
   void takeRates() {
     const std::size_t all = nodes_.size() / (count_ * kNumbers);
     if (count_ < 2) return;
@@ -296,8 +300,8 @@ class GridWarp final : public Warp {
     });
   }
 
-  /// Sets shifts_ and top_acceleration_: splines, and cubics in Bezier's form, lie within their
-  /// coefficients.
+  /// Sets shifts_ and top_acceleration_ from the coefficients. The values of a spline, and those of
+  /// a cubic in Bezier's form, lie in the convex hull of the coefficients.
   void boundShifts() {
     const std::size_t all = nodes_.size() / (count_ * kNumbers);
     for (std::size_t n = 0; n < all; ++n) {
@@ -310,7 +314,7 @@ class GridWarp final : public Warp {
         if (f + 1 == count_) continue;
         const double h = times_[f + 1] - times_[f];
         shifts_.extend(-(u + h / 3.0 * rate));
-        // A cubic's second derivative is linear: it is largest at an end.
+        // The second derivative of a cubic is linear, so it is largest at one of the ends.
         const float* next = node + kNumbers;
         const Vec3 way = (Vec3(next[0], next[1], next[2]) - u) / h;
         const Vec3 after(next[4], next[5], next[6]);
@@ -321,7 +325,8 @@ class GridWarp final : public Warp {
     }
   }
 
-  /// Checks one place, at a frame or a quarter of the way between two. Returns the speed there.
+  /// Checks the warp at one place, at a frame or at a quarter of the interval between two frames.
+  /// Returns the speed of the material there [m/s].
   double speedAt(const Vec3& x, std::size_t part, const std::string& path) const {
     const std::size_t frame = part / kParts;
     double time = times_.empty() ? 0.0 : times_[frame];
@@ -353,13 +358,15 @@ class GridWarp final : public Warp {
 
   std::array<int, 3> size_;
   std::array<int, 3> padded_;
-  std::size_t count_;   ///< Number of frames.
-  std::size_t second_;  ///< Step to the next frame in a node; 0 for a single frame.
+  std::size_t count_;  ///< Number of frames.
+  /// Number of floats from a frame to the next one in a node; 0 if there is a single frame.
+  std::size_t second_;
   std::vector<double> times_;
   bool repeat_;
   Vec3 origin_;
   Mat3 index_from_rest_;
-  std::vector<float> nodes_;  ///< Spline coefficients by node, then by frame: u and its rate.
+  /// Coefficients of u and of its rate, for each node and then for each frame.
+  std::vector<float> nodes_;
   Box shifts_;
   double top_speed_ = 0.0;
   double top_acceleration_ = 0.0;
@@ -402,7 +409,7 @@ void check(const DisplacementFrames& of, const WarpTimes& when, const std::strin
   if (!when.repeat) return;
   if (count < 2)
     throw SceneError(path, "a single frame cannot be repeated", "give two or more frames");
-  constexpr double kSame = 1e-4;  // of the largest
+  constexpr double kSame = 1e-4;  // as a share of the largest displacement
   for (std::size_t i = 0; i < of.frames.front().size(); ++i) {
     if (std::abs(of.frames.front()[i] - of.frames.back()[i]) <= kSame * most) continue;
     throw SceneError(path, "a repeated warp must end as it began",

@@ -1,4 +1,5 @@
-/// Deforms a volume by displacement fields on a lattice, from files or from memory.
+/// Makes warps, which deform volumes, from displacement fields on a lattice. The fields come from
+/// files or from memory.
 #pragma once
 
 #include <array>
@@ -16,46 +17,50 @@ namespace palpate {
 
 /// The times of displacement fields.
 struct WarpTimes {
-  std::vector<double> times;  ///< Times of the frames, ascending [s]; for a single frame optional.
-  bool repeat = false;        ///< Plays in a loop: the last frame is the first again.
+  /// Times of the frames, ascending [s]. Not needed for a single frame.
+  std::vector<double> times;
+  bool repeat = false;  ///< If true, the warp repeats: the last frame must equal the first.
 };
 
-/// Displacement fields on one lattice of points in the volume's resting frame.
+/// Displacement fields on a lattice of nodes in the volume's resting frame.
 struct DisplacementFrames {
-  std::array<int, 3> size{};               ///< Nodes along each axis, at least 2.
-  Vec3 origin = Vec3::Zero();              ///< Place of node (0, 0, 0) [m].
-  Mat3 axes = Mat3::Identity();            ///< Columns: step to the next node along each axis [m].
-  std::vector<std::vector<float>> frames;  ///< u [m], x y z per node, the last axis fastest.
+  std::array<int, 3> size{};     ///< Number of nodes along each axis, at least 2.
+  Vec3 origin = Vec3::Zero();    ///< Position of node (0, 0, 0) [m].
+  Mat3 axes = Mat3::Identity();  ///< Columns: steps to the next node along each axis [m].
+  /// u [m]: for each frame, x, y and z of each node. The last axis varies fastest.
+  std::vector<std::vector<float>> frames;
 };
 
-/// Memory limit of a warp [bytes].
+/// Largest memory of a warp [bytes].
 inline constexpr std::uint64_t kMostWarpMemory = 1ULL << 30;
-/// Throws SceneError at `path` if `frames` frames of a lattice of this size need more memory than
-/// kMostWarpMemory.
+/// Throws SceneError at `path` if `frames` frames of a lattice of this size would need more memory
+/// than kMostWarpMemory.
 void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const std::string& path);
 
-/// Makes a warp that takes u from frames: X = x + u(x, t).
+/// Makes a warp from frames of displacements: X = x + u(x, t).
 ///
-/// In space u is the quadratic B-spline through the nodes. Its slope is continuous, and it has no
-/// curvature across the lattice's faces. Beyond the faces u is that of the nearest place on them.
-/// In time u is the cubic Hermite curve through the frames, with the slopes of the parabolas
-/// through three frames; its rate is continuous. Before the first frame and after the last, u holds
-/// and its rate is zero, unless the warp repeats.
+/// In space u is the quadratic B-spline through the nodes. Its slope is continuous, and its
+/// curvature across the faces of the lattice is zero. Beyond the faces, u is that of the nearest
+/// point on them. In time u is the cubic Hermite curve through the frames. Its slope at a frame is
+/// that of the parabola through three frames, so the rate is continuous. Before the first frame and
+/// after the last frame, u stays constant and its rate is zero, unless the warp repeats.
 ///
-/// Throws SceneError, with `path` and the faulty part (/times/2), for: no frame, another number of
-/// times, times that do not ascend, a repeated warp that does not end as it began, u that is not
-/// finite, and more memory than kMostWarpMemory. Also throws for a warp that folds space, or makes
-/// lengths of matter more than ten times as long or as short. It checks that at all nodes and
-/// middles of cells, at all frames and quarters between. Slow, parallel. Takes 32 bytes per node
-/// and frame, of the lattice with one more node all round, and about twice that during the call.
-/// RT: at() reads 27 nodes.
+/// Throws SceneError, with `path` and the part with the error (/times/2), in these cases: there is
+/// no frame; the number of times differs from that of the frames; times do not ascend; a repeated
+/// warp does not end as it begins; a displacement is not finite; the warp needs more memory than
+/// kMostWarpMemory; the warp folds space, or changes the lengths of material by a factor of more
+/// than ten. The last condition is checked at all nodes and middles of cells, at all frames and at
+/// the quarters of the intervals between them. Slow, parallel. Takes 32 bytes for each frame of
+/// each node, where the lattice has one more node on each side, and about twice that during the
+/// call. RT: at() reads 27 nodes.
 [[nodiscard]] WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when,
                                const std::string& path);
 
-/// Returns the displacements of vector volumes, one per frame, all on one lattice: the box of their
-/// active voxels, with a voxel of background around it if not all of the box is active. Vectors and
-/// axes are in the files' own unit of length; the placement scales and turns them. Throws
-/// SceneError at `path` for a volume that is not a vector in one grid, or is on another lattice.
+/// Returns the displacements in vector volumes, one volume for each frame, all on one lattice. The
+/// lattice is the box of their active voxels. If some voxels of the box are inactive, a margin of
+/// one voxel of background is added. Vectors and axes are in the files' own unit of length; the
+/// placement scales and rotates them. Throws SceneError at `path` for a volume that is not a vector
+/// in one grid, or that has another lattice than the first.
 [[nodiscard]] DisplacementFrames displacementsOf(
     std::span<const std::shared_ptr<const Volume>> frames, const Placement& placement,
     const std::string& path);

@@ -1,4 +1,5 @@
-/// Smallest program: a ball, a hand that presses on it, and the force on the hand.
+/// The smallest program with palpate: a ball, a hand that presses on the ball, and the force on the
+/// hand.
 #include <cstdio>
 
 #include "palpate/engine/error.h"

@@ -13,7 +13,7 @@ double backgroundOf(const openvdb::GridBase& grid) {
              : static_cast<const openvdb::FloatGrid&>(grid).background();
 }
 
-/// Returns a sample of the voxels with finite values.
+/// Returns a sample of the active voxels; leaves out values that are not finite.
 std::vector<ScalarSample> sampleScalar(const SuggestInput& input) {
   auto samples =
       withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
@@ -40,8 +40,8 @@ std::vector<ScalarSample> sampleScalar(const SuggestInput& input) {
   return samples;
 }
 
-/// Finds the value that marks missing data, and removes it from the values and the samples. A
-/// neighbour without data is not known.
+/// Finds a value that marks missing data, and removes it from the values and the samples. A sample
+/// with such a neighbour along an axis has unknown neighbours along this axis.
 void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   const std::optional<float> no_data = noDataOf(scalar.values);
   if (!no_data) return;
@@ -57,8 +57,8 @@ void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   }
 }
 
-/// Sets the range of nearly all values and the value of an image's surroundings. The range includes
-/// the surroundings if a sample touches them.
+/// Sets the range that contains nearly all values, and the value of an image's surroundings. If a
+/// sample touches the surroundings, the range includes their value.
 void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& input,
               ScalarAnalysis& scalar) {
   scalar.low = percentile(scalar.values, 0.2);
@@ -85,7 +85,7 @@ double ScalarAnalysis::shareAbove(double value) const {
 }
 
 ScalarAnalysis analyseScalar(const SuggestInput& input) {
-  constexpr double kRounding = 1e-6;  // of the largest value: a smaller range is rounding
+  constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is due to rounding
   std::vector<ScalarSample> samples = sampleScalar(input);
   ScalarAnalysis scalar;
   if (samples.empty()) return scalar;

@@ -9,10 +9,10 @@
 namespace palpate::guess {
 namespace {
 
-/// Number of places at which grids are compared.
+/// Number of voxels at which grids are compared.
 constexpr std::size_t kPlaces = 20'000;
 
-/// Returns voxels spread over a box.
+/// Returns voxels that are spread evenly over a box.
 std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   const std::uint64_t step = box.volume() / kPlaces + 1;
   std::vector<openvdb::Coord> at;
@@ -22,7 +22,7 @@ std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Returns a lattice on the faces of a box.
+/// Returns voxels that are spread evenly over the faces of a box.
 std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box) {
   constexpr int kLines = 32;
   std::vector<openvdb::Coord> at;
@@ -48,7 +48,7 @@ std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Statistics of several scalars at some places, over all of them or all but one.
+/// Statistics of several scalars at the same voxels. One of the scalars can be left out.
 class Sums {
  public:
   Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<openvdb::Coord>& at) {
@@ -61,8 +61,8 @@ class Sums {
     }
   }
 
-  /// Returns the share of places where the scalars add up to 1, each within 0 and 1, without the
-  /// one at `without`.
+  /// Returns the fraction of voxels where all scalars are within 0 and 1 and their sum is 1. The
+  /// scalar with the index `without` is left out.
   [[nodiscard]] double ones(std::size_t without) {
     if (totals_.empty()) addUp();
     std::size_t count = 0;
@@ -77,9 +77,11 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the share of places where a scalar other than that at `without` is nearly 1.
+  /// Returns the fraction of voxels where one of the scalars is nearly 1. The scalar with the index
+  /// `without` is left out.
   [[nodiscard]] double alone(std::size_t without) const {
-    constexpr double kAlone = 0.95;  // fraction of a place that one material fills
+    // a material with a greater fraction of a voxel fills it nearly alone
+    constexpr double kAlone = 0.95;
     std::size_t count = 0;
     for (const std::size_t i : data_) {
       bool found = false;
@@ -90,7 +92,7 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the mean of each scalar.
+  /// Returns the mean of each scalar over all voxels.
   [[nodiscard]] std::vector<double> means() const {
     std::vector<double> means;
     means.reserve(readings_.size());
@@ -105,9 +107,9 @@ class Sums {
  private:
   struct Total {
     double sum = 0.0;
-    int beyond = 0;  ///< Number of values that are not fractions.
+    int beyond = 0;  ///< Number of values outside 0 to 1.
   };
-  static constexpr double kNear = 0.01;  // tolerance of a fraction and of the sum
+  static constexpr double kNear = 0.01;  // tolerance for the limits 0 and 1, and for the sum
   static bool isFraction(double value) { return value >= -kNear && value <= 1.0 + kNear; }
   [[nodiscard]] double share(std::size_t count) const {
     return static_cast<double>(count) / std::max(1.0, static_cast<double>(data_.size()));
@@ -124,14 +126,14 @@ class Sums {
   }
 
   std::vector<Readings> readings_;
-  std::vector<std::size_t> data_;  ///< Places with data.
+  std::vector<std::size_t> data_;  ///< Indices of the voxels with data.
   std::vector<Total> totals_;
 };
 
 }  // namespace
 
 bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
-  constexpr double kAlike = 0.97;  // correlation
+  constexpr double kAlike = 0.97;  // least correlation of grids that match
   if (scalar.grid->transform() != other.grid->transform()) return false;
   const std::vector<openvdb::Coord> at = placesOf(scalar, kPlaces);
   const std::vector<float> own = readAt(scalar, at).values;
@@ -175,10 +177,10 @@ SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars) {
     box.expand(scalar->extent.empty() ? scalar->grid->evalActiveVoxelBoundingBox()
                                       : scalar->extent);
   }
-  constexpr double kNearlyEverywhere = 0.98;  // share of the places
-  constexpr double kMost = 0.5;               // share of the places: less is a mixture
+  constexpr double kNearlyEverywhere = 0.98;  // fraction of the voxels
+  constexpr double kMost = 0.5;  // fraction of the voxels; with less, the materials are mixed
   Sums sums(scalars, within);
-  // Without one of two scalars, the other cannot be a sum.
+  // Of only two scalars, both must belong to the sum.
   const std::size_t most = scalars.size() > 2 ? scalars.size() : 0;
   std::size_t without = scalars.size();
   sum.is_one = sums.ones(without) >= kNearlyEverywhere;

@@ -10,15 +10,15 @@ namespace {
 
 struct VectorSample {
   openvdb::Vec3f value{0.0F};
-  float curl = -1.0F;  ///< Below 0: unknown.
+  float curl = -1.0F;  ///< Magnitude of the curl; below 0: unknown.
   float jacobian = 0.0F;
 };
 
-/// Axes of a grid, taken as orthogonal. A rotation into this frame keeps the size of a vector's
-/// curl and Jacobian.
+/// Axes of a grid, which are treated as orthogonal. A rotation into this frame leaves the
+/// magnitudes of the curl and the Jacobian unchanged.
 struct GridAxes {
-  std::array<double, 3> edges;         ///< in units of the file
-  std::array<openvdb::Vec3d, 3> axes;  ///< of length 1
+  std::array<double, 3> edges;         ///< [units of the file]
+  std::array<openvdb::Vec3d, 3> axes;  ///< unit vectors
 };
 
 GridAxes axesOf(const openvdb::GridBase& grid) {
@@ -32,7 +32,8 @@ GridAxes axesOf(const openvdb::GridBase& grid) {
   return out;
 }
 
-/// Returns a voxel's vector, and its curl and Jacobian if all neighbours are known.
+/// Returns the vector of a voxel. Also computes its curl and its Jacobian if all neighbours are
+/// known.
 template <class Reader>
 VectorSample sampleVector(const Reader& reader, const openvdb::Coord& c, const SuggestInput& input,
                           const GridAxes& own) {
@@ -56,7 +57,7 @@ VectorSample sampleVector(const Reader& reader, const openvdb::Coord& c, const S
   return sample;
 }
 
-/// Returns the 99.8th percentile of the speeds, without vectors that are not finite.
+/// Returns the 99.8th percentile of the magnitudes. Vectors that are not finite do not count.
 double fastestOf(const std::vector<VectorSample>& samples) {
   std::vector<float> speeds;
   for (const VectorSample& s : samples) {
@@ -69,10 +70,12 @@ double fastestOf(const std::vector<VectorSample>& samples) {
 }  // namespace
 
 VectorAnalysis analyseVector(const SuggestInput& input) {
-  // Slower voxels, as a share of the fastest, do not count: a flow is surrounded by noise or zeros.
+  // Voxels below this fraction of the greatest speed are not part of the flow: a flow is often
+  // surrounded by noise or zeros.
   constexpr double kStill = 0.01;
-  constexpr double kRounding = 1e-6;   // of the fastest: a smaller difference is rounding
-  constexpr float kLengthOne = 2e-3F;  // tolerance of a length of 1
+  // of the greatest speed; a smaller difference is due to rounding
+  constexpr double kRounding = 1e-6;
+  constexpr float kLengthOne = 2e-3F;  // tolerance for a length of 1
   const GridAxes own = axesOf(*input.grid);
   const auto samples =
       withVectors(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {

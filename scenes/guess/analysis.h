@@ -1,4 +1,4 @@
-/// Private to the scene guess: analysis of a grid's values, boundaries and flow.
+/// Private to the scene guess: analysis of a grid for its kind, its boundaries and its flow.
 #pragma once
 
 #include <cstddef>
@@ -10,35 +10,46 @@
 
 namespace palpate::guess {
 
-/// A boundary between two materials, or of a material with an open range of values.
+/// A boundary between two materials, or between a material and a range of values without a further
+/// material.
 struct Boundary {
   double value = 0.0;
-  double foot = 0.0;   ///< Value at which its lower flank has risen.
-  double lower = 0.0;  ///< Values of the materials, or the ends of the range.
+  /// Value at which the mean gradient magnitude has risen by two thirds, coming from `lower`.
+  double foot = 0.0;
+  /// Values of the two materials; for an unknown material, the end of the range.
+  double lower = 0.0;
   double upper = 0.0;
-  double slope = 0.0;  ///< Mean gradient magnitude over it.
-  double share = 0.0;  ///< Its gradient integral, relative to the greatest of the grid.
+  double slope = 0.0;  ///< Mean gradient magnitude over the boundary [values per unit of the file].
+  /// Integral of the gradient over the boundary, relative to the greatest such integral in the
+  /// grid.
+  double share = 0.0;
   bool lower_known = false;
   bool upper_known = false;
-  bool front = false;  ///< Found by its steepness, not between materials.
+  /// True if the boundary was found by its steepness, not as a boundary between two materials.
+  bool front = false;
 };
 
-/// Analysis of a scalar grid.
+/// Results of analysing a scalar grid.
 struct ScalarAnalysis {
-  std::vector<float> values;  ///< Samples, ascending.
-  double low = 0.0;           ///< Nearly all values, also the surroundings', are between these.
+  std::vector<float> values;  ///< Sampled values, ascending.
+  /// Nearly all values lie between `low` and `high`, including the value of the surroundings.
+  double low = 0.0;
   double high = 0.0;
-  std::optional<double> outside;  ///< Value of an image's surroundings.
+  std::optional<double> outside;  ///< Value of the surroundings of an image; no value for a mesh.
   std::vector<Boundary> boundaries;
-  double entropy = 0.0;  ///< 0 to 1: how evenly the values use their range.
-  double whole = 0.0;    ///< Share of the values that are whole numbers.
-  double alike = 0.0;    ///< Share of equal neighbours, without pairs that have the commonest
-                         ///< value.
-  double skips = 0.0;    ///< Share of unequal neighbours with another value between them.
-  std::vector<float> distinct;    ///< All values that occur; empty: more than kMostDistinct.
-  std::optional<double> no_data;  ///< Marks missing data; left out of the analysis.
-  bool distance = false;          ///< The grid is a signed distance, in units of the file or in
-                                  ///< voxels.
+  /// Evenness of the distribution of the values: 0 if all are equal, 1 if all are equally frequent.
+  double entropy = 0.0;
+  double whole = 0.0;  ///< Fraction of the values that are whole numbers.
+  /// Fraction of neighbours that are equal. Pairs that contain the most frequent value do not
+  /// count.
+  double alike = 0.0;
+  double skips = 0.0;  ///< Among neighbours that differ, fraction of those with another value of
+                       ///< the grid in between.
+  /// All values that occur; empty if there are more than kMostDistinct.
+  std::vector<float> distinct;
+  std::optional<double> no_data;  ///< Value that marks missing data; the analysis ignores it.
+  /// True if the grid is a signed distance, in units of the file or in voxels.
+  bool distance = false;
 
   [[nodiscard]] double range() const { return high - low; }
   [[nodiscard]] double round(double value) const { return rounded(value, range()); }
@@ -48,34 +59,40 @@ struct ScalarAnalysis {
   }
 };
 
-/// A grid with more different values than this has no labels.
+/// A grid with more than this number of different values does not contain labels.
 constexpr std::size_t kMostDistinct = 1024;
 
-/// Analysis of a vector grid.
+/// Results of analysing a vector grid.
 struct VectorAnalysis {
   bool constant = true;
-  std::vector<float> speed;  ///< Speeds of the moving voxels, ascending.
-  std::vector<float> curl;   ///< Curl of moving voxels whose neighbours are all known, ascending.
-  double turning = 0.0;      ///< |O|^2 / |J|^2: 0 without curl, 0.5 in shear, 1 in a rotation.
-  double unit = 0.0;         ///< Share of the moving voxels that have length 1.
+  std::vector<float> speed;  ///< Magnitudes of the vectors that are part of the flow, ascending.
+  /// Magnitudes of the curl at vectors of the flow whose neighbours are all known, ascending.
+  std::vector<float> curl;
+  /// |O|^2 / |J|^2 with J the Jacobian and O its antisymmetric part: 0 without curl, 0.5 in shear,
+  /// 1 in a rotation.
+  double turning = 0.0;
+  double unit = 0.0;  ///< Among the vectors of the flow, fraction of those with length 1.
 };
 
-/// Analyse a sample of the grid's active voxels, at most about kSuggestSamples. The criteria are in
-/// suggest.h.
+/// Analyse a sample of a grid's active voxels, of about kSuggestSamples at most. suggest.h
+/// describes the criteria.
 [[nodiscard]] ScalarAnalysis analyseScalar(const SuggestInput& input);
 [[nodiscard]] VectorAnalysis analyseVector(const SuggestInput& input);
 
-/// Returns true if a scalar matches another grid, one of its components or their magnitude, up to
-/// scale and offset.
+/// Returns true if the values of a scalar are a linear function of another grid: of its values, of
+/// one of its components or of its magnitude.
 [[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other);
 
-/// Analysis of several scalars together.
+/// Results of analysing several scalars together.
 struct SumAnalysis {
-  bool is_one = false;               ///< All are within 0 and 1, and add up to 1 nearly everywhere,
-  std::optional<std::size_t> other;  ///< except for this one, which is unrelated to the others.
-  bool apart = false;                ///< Most places hold one of them alone; else they are mixed.
-  std::vector<double> at_faces;      ///< Mean of each at the faces of the box about all scalars.
-  std::vector<double> throughout;    ///< Mean of each in the whole box.
+  /// True if the scalars are within 0 and 1 and their sum is 1 nearly everywhere,
+  bool is_one = false;
+  /// except for the scalar with this index, which does not belong to the sum; no value: none.
+  std::optional<std::size_t> other;
+  /// True if most voxels contain only one material; false if the materials are mixed.
+  bool apart = false;
+  std::vector<double> at_faces;  ///< Mean of each scalar on the faces of the box about all scalars.
+  std::vector<double> throughout;  ///< Mean of each scalar in the whole box.
 };
 [[nodiscard]] SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars);
 

@@ -9,10 +9,10 @@
 namespace palpate::guess {
 namespace {
 
-/// Levels as values: each bin stands for its middle.
+/// Converts bins to values: each bin stands for the value in its middle.
 struct Scale {
   double low = 0.0;
-  double width = 0.0;  ///< of a bin
+  double width = 0.0;  ///< width of a bin, in units of the values
 
   explicit Scale(const ScalarAnalysis& scalar)
       : low(scalar.low), width(scalar.range() / static_cast<double>(kBins)) {}
@@ -21,8 +21,9 @@ struct Scale {
   }
 };
 
-/// Returns true if the bin is a material without noise. Such a material gives no dip but a single
-/// full bin, with at least as many voxels as all bins near it.
+/// Returns true if the bin contains a material without noise. Such a material has no dip of the
+/// mean gradient magnitude. Instead, its bin has at least as many voxels as all bins near it
+/// together.
 bool isConstantMaterial(const Bins& count, std::size_t bin) {
   constexpr std::size_t kNear = 32;
   double near = 0.0;
@@ -32,11 +33,11 @@ bool isConstantMaterial(const Bins& count, std::size_t bin) {
   return count[bin] > 0.0 && count[bin] >= near;
 }
 
-/// Smoothed integrals, and the mean gradient magnitude over each level's isosurface.
+/// Smoothed integrals over the isosurface of each level, and the mean gradient magnitude on it.
 struct GradientProfile {
   Bins area{};
   Bins gradient{};
-  Bins mean{};  ///< 0 at materials without noise.
+  Bins mean{};  ///< Mean gradient magnitude of each level; 0 at a material without noise.
 };
 
 GradientProfile profileOf(const LevelIntegrals& levels) {
@@ -55,15 +56,15 @@ GradientProfile profileOf(const LevelIntegrals& levels) {
   return profile;
 }
 
-/// A dip or a peak of the mean gradient magnitude.
+/// A local minimum (dip) or maximum (peak) of the mean gradient magnitude.
 struct Turn {
   std::size_t bin = 0;
   bool peak = false;
 };
 
-/// Returns alternating dips and peaks, ascending by bin.
+/// Returns the dips and the peaks in turn, in ascending order of their bins.
 std::vector<Turn> turnsOf(const Bins& mean) {
-  // A peak is higher than the dips beside it by this factor: noise alone gives up to 1.5.
+  // Least ratio of a peak to the dips beside it. Noise alone gives ratios up to 1.5.
   constexpr double kContrast = 1.6;
   std::vector<Turn> turns;
   std::size_t highest = 0;
@@ -88,7 +89,8 @@ std::vector<Turn> turnsOf(const Bins& mean) {
   return turns;
 }
 
-/// Returns the bin where the flank from a dip to a peak of slope `slope` has risen by a part.
+/// Returns the first bin, on the way from a dip to a peak, whose mean gradient magnitude has risen
+/// by the fraction `part` of the difference to `slope`.
 std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double slope, double part) {
   const double level = mean[dip] + part * (slope - mean[dip]);
   std::size_t i = dip;
@@ -96,12 +98,13 @@ std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double s
   return i;
 }
 
-/// Sets the values at which the flanks of a boundary have risen. `from` and `to` are the bins of
-/// its dips.
+/// Sets the value and the foot of a boundary. `from` and `to` are the bins of the dips on its
+/// sides.
 void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_t from,
                    std::size_t peak, std::size_t to) {
-  // Two-sided boundaries rise to half the height. One-sided ones rise farther, because half the
-  // height is within the noise and texture of the material.
+  // If both sides are known, the boundary lies in the middle between the two half heights. If only
+  // one side is known, it lies at two thirds of the height: half the height is within the noise and
+  // texture of the material.
   constexpr double kHalf = 0.5;
   constexpr double kTwoThirds = 2.0 / 3.0;
   const auto rise = [&](std::size_t dip, double part) {
@@ -115,18 +118,19 @@ void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_
   b.foot = b.lower_known ? rise(from, kTwoThirds) : b.value;
 }
 
-/// Returns the boundary at the peak `turns[t]`, unless it is a field or encloses no object. Its
-/// `share` is the gradient integral.
+/// Returns the boundary at the peak `turns[t]`, with its gradient integral in `share`. Returns no
+/// value if it belongs to a smooth field, or encloses no object.
 std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::vector<Turn>& turns,
                                    std::size_t t, const ScalarAnalysis& scalar, double edge,
                                    bool image) {
-  // Voxels from one material to the next. An image's boundaries are a few voxels wide, wider if
-  // smoothed. A mesh is resampled as finely as its cells, or finer: only steps count. A wider
-  // boundary is a field.
+  // Greatest number of voxels from one material to the other; a thicker boundary belongs to a
+  // smooth field. In an image, boundaries are a few voxels thick, and thicker if the image was
+  // smoothed. A mesh is resampled with voxels that are not larger than its cells, so only sharp
+  // steps count.
   constexpr double kThickestOfImage = 15.0;
   constexpr double kThickestOfMesh = 6.0;
-  // Least share of a mesh's voxels on either side. A surface that encloses almost no voxels is the
-  // tail of a field.
+  // Least fraction of a mesh's voxels on either side. A surface that encloses fewer voxels lies in
+  // the faint outskirts of a field.
   constexpr double kLeastOfMesh = 0.01;
 
   Boundary b;
@@ -155,10 +159,11 @@ std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::ve
   return b;
 }
 
-/// Keeps the greatest boundaries, ascending by value, with `share` relative to the greatest.
+/// Keeps the boundaries with the greatest gradient integrals, in ascending order of their values.
+/// Divides `share` by the greatest integral.
 void keepGreatest(std::vector<Boundary>& found) {
   constexpr std::size_t kMost = 3;
-  // A boundary with a lesser share of the greatest one's gradient integral is not an object.
+  // A boundary with a smaller fraction of the greatest gradient integral is not an object.
   constexpr double kLeastShare = 0.05;
   std::stable_sort(found.begin(), found.end(),
                    [](const Boundary& a, const Boundary& b) { return a.share > b.share; });
@@ -169,15 +174,15 @@ void keepGreatest(std::vector<Boundary>& found) {
             [](const Boundary& a, const Boundary& b) { return a.value < b.value; });
 }
 
-/// Bins from `from` to before `to`.
+/// The bins from `from` on, up to and without `to`.
 struct BinRange {
   std::size_t from = 0;
   std::size_t to = 0;
 };
 
-/// Returns the widest range of levels whose isosurfaces are steep nearly wherever they run.
+/// Returns the widest range of levels whose isosurfaces are steep over nearly their whole area.
 BinRange widestSteepRange(const LevelIntegrals& levels) {
-  constexpr double kLeastSteep = 0.7;  // share of the isosurface's area
+  constexpr double kLeastSteep = 0.7;  // fraction of an isosurface's area
   const Bins area = smoothed(levels.area);
   const Bins steep = smoothed(levels.steep);
   Bins score{};
@@ -211,15 +216,15 @@ std::vector<Boundary> findBoundaries(const LevelIntegrals& levels, const ScalarA
 }
 
 std::optional<Boundary> findFront(const LevelIntegrals& levels, const ScalarAnalysis& scalar) {
-  // A field with a greater share of steep voxels is coarse, or noise.
+  // If a greater fraction of the voxels is steep, the field is coarse or noisy.
   constexpr double kMostlySteep = 0.2;
-  // Least share of the voxels on either side. Fewer voxels are the neighbourhood of a source, such
-  // as a concentration.
+  // Least fraction of the voxels on either side. A smaller region is the neighbourhood of a source,
+  // such as the source of a concentration.
   constexpr double kLeastBeside = 0.1;
 
   if (levels.steep_share > kMostlySteep) return std::nullopt;
   const auto [from, to] = widestSteepRange(levels);
-  // A narrower range is not a front: values change by more from one voxel to the next.
+  // In a front, values change by at least this range from one voxel to the next.
   if (static_cast<double>(to - from) < kSteep * static_cast<double>(kBins)) return std::nullopt;
   const Scale scale(scalar);
   Boundary b;

@@ -1,4 +1,4 @@
-/// Private to the scene guess: a grid, its analysis and its kind.
+/// Private to the scene guess: a grid with its analysis and its kind.
 #pragma once
 
 #include <cmath>
@@ -10,53 +10,53 @@
 
 namespace palpate::guess {
 
-/// Kind of a grid, from one analysis.
+/// Kind of a grid. It decides on the rules that make modes for the grid.
 enum class Kind : std::uint8_t {
-  kOther,  ///< Not usable.
+  kOther,  ///< Not usable by any mode.
   kConstant,
   kLevelSet,
   kHounsfield,
-  kMagnetic,  ///< MR.
+  kMagnetic,  ///< An image of magnetic resonance.
   kLabels,
   kDistance,
-  kScalar,  ///< Any other scalar.
+  kScalar,  ///< A scalar of another kind than those above.
   kDirections,
   kFlow,
 };
 
-/// A grid that may be used.
+/// A grid that a scene may use.
 struct Candidate {
   const SuggestInput* input = nullptr;
   std::string grid;  ///< Name in the .vdb.
   std::string name;  ///< Name in the scene.
   ScalarAnalysis scalar;
   VectorAnalysis vector;
-  double score = 0.0;  ///< Order of scalars, the best one highest.
+  double score = 0.0;  ///< Score of a scalar. Scalars with higher scores come first.
   Kind kind = Kind::kOther;
-  std::string seen;  ///< Reason for `kind`.
+  std::string seen;  ///< Reason for `kind`, as text.
 
-  /// Returns the name in the .vdb, else the name in the scene.
+  /// Returns the grid's name in the .vdb. If it has none, returns its name in the scene.
   [[nodiscard]] const std::string& shownName() const { return grid.empty() ? name : grid; }
-  /// Returns the unit of the values after a space; empty: unknown.
+  /// Returns a space and the unit of the values; an empty text if the unit is unknown.
   [[nodiscard]] std::string unit() const {
     return input->value_unit.empty() ? "" : " " + input->value_unit;
   }
 };
 
-/// Rounds a number to 4 digits for a text; whole numbers keep all digits.
+/// Rounds a number to 4 digits, to be printed. Whole numbers keep all digits.
 inline double shown(double value) {
   return value == std::round(value) ? value : rounded(value, std::abs(value));
 }
 
-/// Returns the text with ASCII letters in lower case.
+/// Returns the text with all ASCII letters in lower case.
 [[nodiscard]] std::string lowerCase(std::string text);
 
-/// Returns true if values between the 5th and the 95th percentile differ, rounded: a drag can grow
-/// with them.
+/// Returns true if the 5th and the 95th percentile differ after rounding, so that a drag can depend
+/// on the values.
 [[nodiscard]] bool hasSpread(const ScalarAnalysis& scalar);
 
-/// Analyses a grid once, and sets its kind and the reason. The rules are in kind_rules.cpp; the
-/// first one that holds decides. `stated` is the user's --for.
+/// Analyses a grid and sets its kind, with the reason. The first rule in kind_rules.cpp that
+/// applies decides. `stated` is the value of --for.
 void classify(Candidate& candidate, GuessFor stated);
 
 }  // namespace palpate::guess

@@ -1,4 +1,4 @@
-/// The rules that choose among the grids of a file, in the order of chooseGrids().
+/// Rules that choose the grids for a scene, in the order in which chooseGrids() applies them.
 #include "palpate/scenes/guess/choose_grids.h"
 
 #include <algorithm>
@@ -21,8 +21,8 @@ bool hasWord(const std::string& text, std::initializer_list<const char*> words) 
                      [&](const char* word) { return text.find(word) != std::string::npos; });
 }
 
-/// Leaves out three scalars that are the components of a vector. A scene cannot join grids to a
-/// vector; a file can, by their names.
+/// Leaves out scalars that are the three components of a vector. A scene cannot join grids to a
+/// vector. If the grids have suitable names, palpate joins them when it reads the file.
 void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<std::string> names;
   std::vector<const Candidate*> scalars;
@@ -47,7 +47,7 @@ void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Adds level sets up to the limit.
+/// Adds the level sets, up to the limit for one scene.
 void addLevelSets(const std::vector<Candidate>& candidates, Draft& draft) {
   for (const Candidate& c : candidates) {
     if (!draft.isFree(c, Kind::kLevelSet)) continue;
@@ -60,8 +60,8 @@ void addLevelSets(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Returns the anisotropy of directions, by its name: "tensor_anisotropy" or "tensor_fa" for
-/// "tensor_direction"; null if there is none.
+/// Returns the anisotropy grid that belongs to directions, by its name: "tensor_anisotropy" or
+/// "tensor_fa" for "tensor_direction". Returns null if there is none.
 const Candidate* anisotropyOf(const std::vector<Candidate>& candidates, const Candidate& fibres) {
   std::string prefix = lowerCase(fibres.input->name());
   const std::string ending = "direction";
@@ -81,7 +81,7 @@ const Candidate* anisotropyOf(const std::vector<Candidate>& candidates, const Ca
   return nullptr;
 }
 
-/// Adds the first directions that vary.
+/// Adds the first grid of directions that is not the same everywhere.
 void addFibres(const std::vector<Candidate>& candidates, Draft& draft) {
   const Candidate* chosen = nullptr;
   for (const Candidate& c : candidates) {
@@ -110,13 +110,14 @@ bool isVelocity(const Candidate* c) {
          name.rfind("flow", 0) == 0 || name.rfind("wind", 0) == 0;
 }
 
-/// Vectors of a file.
+/// The vector grids of a file, apart from directions.
 struct Vectors {
-  const Candidate* flow = nullptr;        ///< The flow in the scene; null: none.
-  std::vector<const Candidate*> uniform;  ///< Left out: the same everywhere.
+  const Candidate* flow = nullptr;  ///< The flow that the scene uses; null: none.
+  /// Vectors that are the same everywhere, and are left out at first.
+  std::vector<const Candidate*> uniform;
 };
 
-/// Adds the first flow that is a velocity by its name, else the first flow.
+/// Adds the first flow whose name is that of a velocity. If there is none, adds the first flow.
 Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
   Vectors vectors;
   std::vector<const Candidate*> flows;
@@ -145,9 +146,9 @@ Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
   return vectors;
 }
 
-/// Returns the scalars from 0 to 1 that may be fractions of materials.
+/// Returns the scalars within 0 and 1, which may be fractions of materials.
 std::vector<Candidate*> fractionsOf(std::vector<Candidate>& candidates, const Draft& draft) {
-  constexpr double kTolerance = 0.01;  // interpolation may exceed 0 and 1
+  constexpr double kTolerance = 0.01;  // interpolation may give values slightly outside 0 to 1
   std::vector<Candidate*> fractions;
   for (Candidate& c : candidates) {
     if (draft.isFree(c, Kind::kScalar) && c.scalar.low >= -kTolerance &&
@@ -158,8 +159,8 @@ std::vector<Candidate*> fractionsOf(std::vector<Candidate>& candidates, const Dr
   return fractions;
 }
 
-/// Returns the index of the material that surrounds the others: a void by its name, else the one
-/// with the highest mean at the faces.
+/// Returns the index of the material that surrounds the others. This is a material whose name means
+/// a void. If there is none, it is the material with the highest mean on the faces of the box.
 std::size_t outermostOf(const std::vector<Candidate*>& fractions, const SumAnalysis& sum) {
   const auto is_void = [](const Candidate* c) {
     return hasWord(lowerCase(c->input->name()), {"void", "vacuum", "empty", "background"});
@@ -170,8 +171,9 @@ std::size_t outermostOf(const std::vector<Candidate*>& fractions, const SumAnaly
   return static_cast<std::size_t>(most - sum.at_faces.begin());
 }
 
-/// Adds materials: several scalars that add up to 1 everywhere, the composition of each place.
-/// The greatest materials come first. The hand moves in the outermost one.
+/// Adds surfaces of materials, whose fractions add up to 1 everywhere. The materials with the
+/// largest volumes come first. The outermost material gets no surface, because the hand moves in
+/// it.
 void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<Candidate*> fractions = fractionsOf(candidates, draft);
   std::vector<const SuggestInput*> inputs;
@@ -184,7 +186,7 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
     sum.at_faces.erase(sum.at_faces.begin() + other);
     sum.throughout.erase(sum.throughout.begin() + other);
   }
-  // Mixed gases add up to 1 as well.
+  // The fractions of a mixture of gases also add up to 1, but have no surfaces.
   if (!sum.is_one || !sum.apart) return;
   const std::size_t outermost = outermostOf(fractions, sum);
   std::vector<std::pair<double, Candidate*>> materials;
@@ -207,17 +209,17 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Sets the order of scalars. Evenly spread values come before a few peaks; objects and familiar
-/// quantities come before others.
+/// Returns the score of a scalar. It is higher if the values are evenly distributed, if the scalar
+/// has boundaries, or if its name is that of a familiar quantity.
 double scoreOf(const Candidate& c) {
-  constexpr double kObject = 0.3;  // the entropy of evenly spread values is 1
+  constexpr double kObject = 0.3;  // compared with an entropy of 1 for evenly distributed values
   constexpr double kFamiliar = 0.2;
   const bool familiar = hasWord(lowerCase(c.input->name()), {"temp", "pres", "dens"});
   return c.scalar.entropy + (c.scalar.boundaries.empty() ? 0.0 : kObject) +
          (familiar ? kFamiliar : 0.0);
 }
 
-/// Returns the scalars that no other rule has used, the best scores first.
+/// Returns the scalars that no rule has used yet, in descending order of their scores.
 std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<const Candidate*> scalars;
   for (Candidate& c : candidates) {
@@ -234,7 +236,7 @@ std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates,
   return scalars;
 }
 
-/// Records the labels that an isosurface cannot separate from all others.
+/// Adds a note about labels that no isosurface can separate from all other labels.
 void leaveInnerLabels(const Candidate& c, Draft& draft) {
   const std::vector<float>& all = c.scalar.distinct;
   if (c.kind != Kind::kLabels || all.size() <= 3) return;
@@ -245,10 +247,11 @@ void leaveInnerLabels(const Candidate& c, Draft& draft) {
                  "isosurface at 0.5");
 }
 
-/// Adds at most two scalars, the best scores first. Skips those like the flow or one before.
+/// Adds at most two scalars, those with the highest scores. Leaves out a scalar that matches the
+/// flow or a scalar that was added before.
 void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
   constexpr std::size_t kMost = 2;
-  constexpr std::size_t kMostModes = 4;  // of one scalar: three surfaces and a drag
+  constexpr std::size_t kMostModes = 4;  // for one scalar: three surfaces and a drag
   std::vector<const Candidate*> chosen;
   for (const Candidate* c : scalarsByScore(candidates, draft)) {
     if (chosen.size() == std::min(kMost, draft.freeModes())) {
@@ -265,7 +268,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
       chosen.push_back(c);
     }
   }
-  // The first scalar gets all free modes except for one, which is for the second.
+  // The first scalar may use all free modes; if there is a second scalar, all but one.
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     const bool more = i + 1 < chosen.size();
     draft.addVolume(*chosen[i]);
@@ -275,7 +278,8 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
   }
 }
 
-/// Adds a vector that is the same everywhere: it varies at no place, but the hand can follow it.
+/// Adds the first vector that is the same everywhere. The hand can follow it although it does not
+/// vary.
 void addUniform(const std::vector<const Candidate*>& uniform, Draft& draft) {
   for (const Candidate* c : uniform) {
     if (c->vector.speed.empty()) continue;

@@ -1,4 +1,4 @@
-/// Private to the scene guess: which grids of a file a scene uses.
+/// Private to the scene guess: chooses the grids of a file that the scene uses.
 #pragma once
 
 #include <vector>
@@ -7,8 +7,8 @@
 
 namespace palpate::guess {
 
-/// Adds the volumes and modes of the best candidates to a draft, and records the others as left
-/// out. Scores the scalars, and changes the reason of grids that are fractions of materials.
+/// Adds volumes and modes for the best candidates to a draft, and notes about the others. Sets the
+/// scores of scalars. For grids that are fractions of materials, replaces the reason of their kind.
 void chooseGrids(std::vector<Candidate>& candidates, GuessFor stated, Draft& draft);
 
 }  // namespace palpate::guess

@@ -1,4 +1,5 @@
-/// Private to guesses and imports: vectors that a file stores as three scalars.
+/// Private to scene guesses and imports: finds vectors whose components a file stores as three
+/// scalars.
 #pragma once
 
 #include <array>
@@ -8,15 +9,17 @@
 
 namespace palpate {
 
-/// Three arrays that are the x, y and z of a vector.
+/// Three arrays that are the components x, y and z of a vector.
 struct Components {
-  std::string name;                  ///< Name of the vector: "Momentum" for Momentum_x, _y, _z.
-  std::array<std::size_t, 3> parts;  ///< Indices into the list of names.
+  /// Name of the vector, for example "Momentum" for Momentum_x, Momentum_y and Momentum_z.
+  std::string name;
+  std::array<std::size_t, 3> parts;  ///< Indices of the components in the list of names.
 };
 
-/// Finds vectors by the names of their components. These names differ in one letter only: x, y and
-/// z, or u, v and w as separate words. So X Velocity, Velocity-y, MomZ, Uz, u and V_velocity are
-/// components. Components of tensors (xx, xy, xz) and bare x, y, z, which are coordinates, are not.
+/// Finds vectors by the names of their components. The three names differ in one letter only: x, y
+/// and z, or u, v and w if that letter stands alone. Examples are X Velocity, Velocity-y, MomZ, Uz,
+/// u and V_velocity. Components of a tensor (xx, xy, xz) do not count, and neither do the bare
+/// names x, y, z, which are coordinates.
 [[nodiscard]] std::vector<Components> findComponents(const std::vector<std::string>& names);
 
 }  // namespace palpate

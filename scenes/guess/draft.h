@@ -1,4 +1,4 @@
-/// Private to the scene guess: the scene that is being put together.
+/// Private to the scene guess: a scene that is not complete yet.
 #pragma once
 
 #include <cstddef>
@@ -12,35 +12,37 @@
 
 namespace palpate::guess {
 
-/// Volumes, fields and modes of a scene, and the omissions.
+/// Volumes, fields and modes of a scene, and the grids that the scene omits.
 class Draft {
  public:
   explicit Draft(GuessNames names) : names_(std::move(names)), first_(names_.like) {}
 
-  /// Returns a name for a volume or a field that no other volume or field has.
+  /// Returns a name for a volume or field that the draft does not use yet. It is `name`, with a
+  /// number if necessary.
   std::string uniqueName(const std::string& name);
 
-  /// Adds a candidate's volume once. The draft keeps the address until write().
+  /// Adds the volume of a candidate, unless the draft has it already. The candidate must remain at
+  /// its address until write().
   void addVolume(const Candidate& candidate);
-  /// Adds a derived field under a unique name, and returns that name.
+  /// Adds a derived field, and returns its name, which is made unique.
   std::string addField(const std::string& name, const Json& field);
-  /// Adds a mode under a unique name.
+  /// Adds a mode, whose name is made unique.
   void addMode(Json mode);
-  /// Adds a mode for a level set.
+  /// Adds a mode of a level set.
   void addLevelSet(Json mode);
 
-  /// Returns the number of free modes.
+  /// Returns how many modes can still be added.
   [[nodiscard]] std::size_t freeModes() const;
   [[nodiscard]] std::size_t levelSets() const { return level_sets_; }
   [[nodiscard]] bool hasModes() const { return !modes_.empty(); }
 
-  /// Records an omission. An empty `why` means that other grids have priority.
+  /// Adds a note that a candidate is left out. An empty `why` means that other grids have priority.
   void leaveOut(const Candidate& candidate, const std::string& why = "");
   void leaveOut(const std::string& name, const std::string& why, const std::string& remedy);
-  /// Removes the omission of a candidate that gets a mode after all.
+  /// Removes the note about a candidate that gets a mode after all.
   void takeBack(const Candidate& candidate);
 
-  /// Marks a candidate that is in the scene, or left out, so that no later rule adds it.
+  /// Marks a candidate as used: it is in the scene or left out, and later rules ignore it.
   void use(const Candidate& candidate) { used_.insert(&candidate); }
   [[nodiscard]] bool isUsed(const Candidate& candidate) const {
     return used_.count(&candidate) != 0;
@@ -49,11 +51,11 @@ class Draft {
     return candidate.kind == kind && !isUsed(candidate);
   }
 
-  /// Returns the scene with its reasons. Throws VolumeError if there are no modes.
+  /// Returns the scene and the reasons for it. Throws VolumeError if there are no modes.
   [[nodiscard]] Guess write() const;
 
  private:
-  /// A grid or a part of one that is not in the scene.
+  /// A grid, or a part of a grid, that the scene omits.
   struct Omission {
     std::string name;
     std::string why;
@@ -64,11 +66,12 @@ class Draft {
   [[nodiscard]] std::string firstRemedy(const std::string& otherwise) const;
 
   GuessNames names_;
-  std::string first_;  ///< The volume that the others are placed like; empty: none yet.
-  std::set<std::string> volume_names_;  ///< and names of fields
+  /// Name of the first volume, at whose place the other volumes are; empty: no volume yet.
+  std::string first_;
+  std::set<std::string> volume_names_;  ///< Names of volumes and of fields
   std::set<std::string> mode_names_;
   std::set<const Candidate*> used_;
-  std::vector<const Candidate*> shown_;  ///< Candidates with a volume in the scene.
+  std::vector<const Candidate*> shown_;  ///< Candidates whose volumes are in the scene.
   std::vector<Omission> omissions_;
   Json volumes_ = Json::object();
   Json fields_ = Json::object();

@@ -1,5 +1,5 @@
-/// Scene guess: a first scene for volumes without a scene file. It serves plain .vdb files,
-/// `palpate import --scene` and `palpate scene`.
+/// Scene guess: makes a first scene for volumes without a scene file. Used to open plain .vdb
+/// files, and by `palpate import --scene` and `palpate scene`.
 #pragma once
 
 #include <cstdint>
@@ -11,33 +11,39 @@
 
 namespace palpate {
 
-/// Kind of the volumes as the user states it, regardless of what their values suggest.
+/// Kind of the volumes as the user states it with --for. It takes precedence over the kind that the
+/// values suggest.
 enum class GuessFor : std::uint8_t { kAnything, kCt, kMri, kCfd, kFibres, kLabels };
 
-/// A scene guess and its reasons.
+/// A guessed scene and the reasons for it.
 struct Guess {
-  std::string scene;              ///< JSON text, formatted for people.
-  std::vector<std::string> seen;  ///< "density: ...", a line for each grid in the scene.
-  std::vector<std::string> made;  ///< "skin: ...", a line for each mode.
-  std::vector<std::string> left;  ///< "H2: ...", a line for each omission, with a remedy if any.
+  std::string scene;  ///< JSON text with line breaks and indentation.
+  /// For each grid in the scene, a line with its kind and the reason, such as "density: ...".
+  std::vector<std::string> seen;
+  /// For each mode, a line with the reason for it, such as "skin: ...".
+  std::vector<std::string> made;
+  /// For each omitted grid, a line with the reason and a remedy if there is one, such as "H2: ...".
+  std::vector<std::string> left;
 };
 
-/// A loaded grid and its name.
+/// A grid in memory, and its name.
 struct GuessVolume {
-  std::string grid;                      ///< Name from gridNames.
+  std::string grid;                      ///< Name of the grid, as gridNames returns it.
   std::shared_ptr<const Volume> volume;  ///< Not null.
 };
 
-/// Names for the scene.
+/// Names that the scene uses.
 struct GuessNames {
-  std::string file;    ///< The .vdb, as the scene shall name it.
-  std::string prefix;  ///< For volumes, fields and modes; "a." if there are other files too.
-  std::string like;    ///< A volume of another file that all are placed like; may be empty.
+  std::string file;  ///< Path of the .vdb in the scene.
+  /// Prefix for the names of volumes, fields and modes, such as "a."; empty if there is only one
+  /// file.
+  std::string prefix;
+  std::string like;  ///< Volume of another file at whose place all volumes are; empty: none.
 };
 
-/// Returns a first scene for the grids of a file. Analyses a bounded number of voxels per grid. The
-/// result is the same for the same grids and any number of threads. Throws VolumeError if no grid
-/// varies.
+/// Returns a first scene for the grids of a file. Analyses a limited number of voxels in each grid.
+/// The result depends only on the grids, not on the number of threads. Throws VolumeError if all
+/// grids are constant.
 [[nodiscard]] Guess guessScene(const GuessNames& names, const std::vector<GuessVolume>& volumes,
                                GuessFor what = GuessFor::kAnything);
 

@@ -1,4 +1,4 @@
-/// The rules that find a grid's kind. The modes of each kind are in mode_rules.cpp.
+/// Rules that determine the kind of a grid. mode_rules.cpp makes the modes for each kind.
 #include <array>
 #include <cctype>
 #include <span>
@@ -10,7 +10,7 @@
 namespace palpate::guess {
 namespace {
 
-/// Facts that the rules read.
+/// Facts on which the rules depend.
 struct Evidence {
   const SuggestInput& input;
   const ScalarAnalysis& scalar;
@@ -18,14 +18,14 @@ struct Evidence {
   GuessFor stated;
 };
 
-/// A rule: if `holds`, the grid is of a kind.
+/// If `holds` returns true, the grid is of the given kind.
 struct KindRule {
   bool (*holds)(const Evidence&);
   Kind kind;
-  const char* why;  ///< Reason; explain() fills in the names in braces.
+  const char* why;  ///< Reason for the kind; explain() replaces the names in braces.
 };
 
-/// If this share of the values are whole numbers, all values count as whole.
+/// If at least this fraction of the values are whole numbers, the values count as whole.
 constexpr double kNearlyWhole = 0.95;
 
 bool always(const Evidence&) {
@@ -37,7 +37,7 @@ bool isStated(const Evidence& e) {
   return e.stated == kStated;
 }
 
-// Any grid, before its values are analysed.
+// Rules that do not need an analysis of the values.
 
 bool isLevelSet(const Evidence& e) {
   return e.input.isScalar() && e.input.grid->getGridClass() == openvdb::GRID_LEVEL_SET;
@@ -55,7 +55,7 @@ constexpr std::array kGridRules{
     KindRule{hasOtherType, Kind::kOther, "values of type {type} are not supported"},
 };
 
-// Vectors.
+// Rules for vectors.
 
 bool isConstantVector(const Evidence& e) {
   return e.vector.constant;
@@ -64,7 +64,7 @@ bool isAxial(const Evidence& e) {
   return e.input.axial;
 }
 bool hasLengthOne(const Evidence& e) {
-  constexpr double kNearlyAll = 0.99;  // share of the moving voxels
+  constexpr double kNearlyAll = 0.99;  // fraction of the vectors of the flow
   return e.vector.unit >= kNearlyAll && e.stated != GuessFor::kCfd;
 }
 
@@ -77,7 +77,7 @@ constexpr std::array kVectorRules{
     KindRule{always, Kind::kFlow, "a flow: vectors with lengths from {slowest} to {fastest}{unit}"},
 };
 
-// Scalars.
+// Rules for scalars.
 
 bool isConstantScalar(const Evidence& e) {
   return !(e.scalar.range() > 0.0 && (!e.scalar.boundaries.empty() || hasSpread(e.scalar)));
@@ -87,8 +87,8 @@ bool isLabelsStated(const Evidence& e) {
          e.scalar.distinct.size() > 1;
 }
 
-/// Returns true if values are low enough for air in Hounsfield units: raw values of scanners are
-/// almost never below 0.
+/// Returns true if some values are low enough for air in Hounsfield units. The raw values of
+/// scanners are almost never negative.
 bool hasAir(const ScalarAnalysis& scalar) {
   return scalar.low < -20.0;
 }
@@ -96,7 +96,8 @@ bool isHounsfieldStated(const Evidence& e) {
   return e.stated == GuessFor::kCt && hasAir(e.scalar);
 }
 
-/// Returns true if the values decide on the kind of a scalar: --for fibres states vectors only.
+/// Returns true if the user has not stated the kind of scalars, so that the values determine it.
+/// `--for fibres` states only the kind of vectors.
 bool isOpen(const Evidence& e) {
   return e.stated == GuessFor::kAnything || e.stated == GuessFor::kFibres;
 }
@@ -108,7 +109,7 @@ bool hasOtherUnit(const Evidence& e) {
   return !unit.empty() && unit != "hu" && unit != "hounsfield";
 }
 bool isHounsfieldByMetadata(const Evidence& e) {
-  // Without a unit, air identifies the scale.
+  // If the unit is missing, values of air show that the values are in Hounsfield units.
   return isOpen(e) && !hasOtherUnit(e) &&
          (!e.input.value_unit.empty() || (isStatedAsCt(e) && hasAir(e.scalar)));
 }
@@ -116,17 +117,20 @@ bool isMrByMetadata(const Evidence& e) {
   return isOpen(e) && e.input.modality == Modality::kMr;
 }
 
-/// Returns true if air (-1000, and its padding) and tissue (0 to 100) are where Hounsfield's scale
-/// has them, with values up to bone.
+/// Returns true if the values suggest Hounsfield units: air (-1000, or padding) and tissue (0 to
+/// 100) occur as expected, and the highest values are those of bone.
 bool isHounsfieldByValues(const Evidence& e) {
-  constexpr double kBone = 800.0;        // reached by the highest value
-  constexpr double kHighest = 32768.0;   // of 16 bits
-  constexpr double kPadding = -3100.0;   // scanners pad with values down to -3024
-  constexpr double kLeastWhole = 0.005;  // share of the voxels with air, and with tissue
-  constexpr double kLeastSmooth = 0.05;  // as above, if values are resampled or smoothed
+  constexpr double kBone = 800.0;        // the highest value must reach this
+  constexpr double kHighest = 32768.0;   // range of 16-bit values
+  constexpr double kPadding = -3100.0;   // scanners pad images with values down to -3024
+  constexpr double kLeastWhole = 0.005;  // least fraction of voxels with air, and with tissue
+  // the same, if values are not whole because they were resampled or smoothed
+  constexpr double kLeastSmooth = 0.05;
   constexpr double kAir = -1000.0;
   constexpr double kAboutAir = 100.0;
-  constexpr double kPeak = 2.0;  // tissue is this much more frequent than values on either side
+  // least ratio of the number of voxels with tissue to that of a range of equal width on either
+  // side
+  constexpr double kPeak = 2.0;
 
   const ScalarAnalysis& scalar = e.scalar;
   if (!isOpen(e) || hasOtherUnit(e) || scalar.values.empty() || scalar.values.back() < kBone ||
@@ -145,12 +149,13 @@ bool isDistanceByValues(const Evidence& e) {
   return isOpen(e) && e.scalar.distance;
 }
 
-/// Returns true for labels. Values of an image lie in order from one material to the next; labels
-/// do not. An isosurface between two labels thus also encloses others.
+/// Returns true for labels. In an image, the values at a boundary pass through those in between.
+/// Neighbouring labels, however, can have any values, so an isosurface between two labels also
+/// encloses other labels.
 bool isLabelsByValues(const Evidence& e) {
-  constexpr double kAllWhole = 0.999;      // share of the voxels
-  constexpr double kConstantPieces = 0.5;  // share of equal neighbours
-  constexpr double kAnyOrder = 0.1;        // share of unequal neighbours that skip a value
+  constexpr double kAllWhole = 0.999;      // fraction of the voxels
+  constexpr double kConstantPieces = 0.5;  // fraction of equal neighbours
+  constexpr double kAnyOrder = 0.1;        // fraction of unequal neighbours with a label in between
   const ScalarAnalysis& scalar = e.scalar;
   return isOpen(e) && scalar.whole > kAllWhole && scalar.distinct.size() > 2 &&
          scalar.alike > kConstantPieces && scalar.skips > kAnyOrder;
@@ -167,16 +172,16 @@ bool hasOneBoundary(const Evidence& e) {
 
 constexpr std::array kScalarRules{
     KindRule{isConstantScalar, Kind::kConstant, "nearly all values are equal"},
-    // The user's word comes first.
+    // First, rules for the kind that the user states.
     KindRule{isStated<GuessFor::kCfd>, Kind::kScalar, "{values}: a field, by --for cfd"},
     KindRule{isStated<GuessFor::kMri>, Kind::kMagnetic, "{values}: MR, by --for mri"},
     KindRule{isLabelsStated, Kind::kLabels, "{values}: {labels} labels, by --for labels"},
     KindRule{isHounsfieldStated, Kind::kHounsfield, "{values}: Hounsfield units, by --for ct"},
-    // Then the file's metadata.
+    // Then, rules for the metadata of the file.
     KindRule{isHounsfieldByMetadata, Kind::kHounsfield,
              "{values}: Hounsfield units, by the file's metadata"},
     KindRule{isMrByMetadata, Kind::kMagnetic, "{values}: MR, by the file's metadata"},
-    // Then the values.
+    // Last, rules for the values.
     KindRule{isHounsfieldByValues, Kind::kHounsfield,
              "{values}: air near -1000 and tissue at 0 to 100: Hounsfield units (if this is wrong, "
              "use --for cfd)"},
@@ -193,7 +198,8 @@ constexpr std::array kScalarRules{
     KindRule{always, Kind::kScalar, "{values}: {boundaries} boundaries between materials"},
 };
 
-/// Returns the range of the values: "whole numbers from 0 to 3", "values from 0.1 to 2.5 Pa".
+/// Describes the range of the values, for example "whole numbers from 0 to 3" or "values from 0.1
+/// to 2.5 Pa".
 std::string rangeOf(const Candidate& c) {
   const ScalarAnalysis& scalar = c.scalar;
   const bool whole = scalar.whole > kNearlyWhole;
@@ -204,7 +210,7 @@ std::string rangeOf(const Candidate& c) {
                      end(scalar.high), c.unit(), no_data);
 }
 
-/// Fills in a rule's reason.
+/// Replaces the names in braces in the reason of a rule.
 std::string explain(const char* why, const Candidate& c) {
   const std::vector<float>& speed = c.vector.speed;
   return fmt::format(fmt::runtime(why), fmt::arg("type", c.input->grid->valueType()),
@@ -215,7 +221,7 @@ std::string explain(const char* why, const Candidate& c) {
                      fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
 }
 
-/// Applies the first rule that holds. Returns false if there is none.
+/// Applies the first rule that holds. Returns false if none does.
 bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
   const Evidence evidence{*c.input, c.scalar, c.vector, stated};
   for (const KindRule& rule : rules) {

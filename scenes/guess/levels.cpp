@@ -25,8 +25,8 @@ Bins smoothed(const Bins& in) {
 
 LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
                                const ScalarAnalysis& scalar, const std::array<double, 3>& edges) {
-  // Each integral changes at the levels of the neighbours. So add the steps there, and form the
-  // running sum at the end.
+  // A sample adds a constant to all levels between its neighbours. Therefore records only where
+  // this constant begins and ends, and sums up at the end.
   std::array<double, kBins + 1> area{};
   std::array<double, kBins + 1> gradient{};
   std::array<double, kBins + 1> steep{};
@@ -34,7 +34,7 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
   const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
   const double volume = edges[0] * edges[1] * edges[2];
   const double bins = static_cast<double>(kBins);
-  // Levels are at the middles of the bins.
+  // A level is the value in the middle of its bin.
   const auto level_from = [&](double value) {
     const double bin = std::ceil((value - scalar.low) / scalar.range() * bins - 0.5);
     return static_cast<std::size_t>(std::clamp(bin, 0.0, bins));
@@ -69,13 +69,13 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
     if (sample.value >= scalar.low && sample.value <= scalar.high) {
       levels.count[bin_of(sample.value)] += 1.0;
     }
-    // The surroundings of an image are a material too, at the edge of its active voxels.
+    // The surroundings of an image count as a material at the edge of its active voxels.
     if (sample.at_edge && scalar.outside) levels.count[bin_of(*scalar.outside)] += 1.0;
   }
   std::partial_sum(area.begin(), area.end() - 1, levels.area.begin());
   std::partial_sum(gradient.begin(), gradient.end() - 1, levels.gradient.begin());
   std::partial_sum(steep.begin(), steep.end() - 1, levels.steep.begin());
-  // A smaller area than this is the rounding of the running sum.
+  // A smaller area is a rounding error of the running sum.
   const double least = 1e-9 * *std::max_element(levels.area.begin(), levels.area.end());
   for (std::size_t i = 0; i < kBins; ++i) {
     if (levels.area[i] <= least) levels.area[i] = levels.gradient[i] = 0.0;

@@ -1,4 +1,4 @@
-/// Private to scenes: metadata of a grid on its values and its space.
+/// Private to scenes: reads metadata of a grid about its values and its space.
 #pragma once
 
 #include <string>
@@ -7,20 +7,23 @@
 
 namespace palpate {
 
-// Names of metadata, as the importer writes them.
+// Names of metadata entries that the importer writes.
 inline constexpr const char* kMetaValueUnit = "value_unit";    ///< Unit of the values.
 inline constexpr const char* kMetaLengthUnit = "length_unit";  ///< Unit of lengths.
-inline constexpr const char* kMetaSpace = "space";             ///< RAS, or absent.
+inline constexpr const char* kMetaSpace = "space";             ///< "RAS", or absent.
 
-/// Metadata of a file; empty or false if absent.
+/// Metadata of a grid. An absent entry is empty or false.
 struct Metadata {
-  std::string value_unit;   ///< "HU"
-  std::string length_unit;  ///< "mm"
-  bool ras = false;         ///< Its space is a patient's: +x right, +y anterior, +z superior.
-  bool axial = false;       ///< Vectors without a sign.
-  bool mesh = false;        ///< Imported from a mesh: no data outside of its voxels.
+  std::string value_unit;   ///< For example "HU".
+  std::string length_unit;  ///< For example "mm".
+  /// True if the space is that of a patient: +x right, +y anterior, +z superior.
+  bool ras = false;
+  bool axial = false;  ///< True if the sign of the vectors has no meaning.
+  /// True if imported from a mesh: there are no data outside of the active voxels.
+  bool mesh = false;
 };
-/// Returns the metadata of a volume; for a vector of three grids, those of the first grid.
+/// Returns the metadata of a volume. If a vector consists of three grids, returns those of the
+/// first grid.
 [[nodiscard]] Metadata metadataOf(const Volume& volume);
 
 }  // namespace palpate

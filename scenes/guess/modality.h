@@ -1,11 +1,11 @@
-/// Modality of a patient's image.
+/// Modality of a medical image.
 #pragma once
 
 #include <cstdint>
 
 namespace palpate {
 
-/// Modality: the meaning of an image's values.
+/// Modality with which an image was acquired, which determines what its values mean.
 enum class Modality : std::uint8_t { kUnknown, kCt, kMr };
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// The rules that make the modes of each kind of grid. Strengths are in N, at most 3.5 N.
+/// Rules that make the modes for each kind of grid. All strengths are in N and at most 3.5 N.
 #include "palpate/scenes/guess/mode_rules.h"
 
 #include <algorithm>
@@ -13,26 +13,27 @@
 namespace palpate::guess {
 namespace {
 
-/// Strength of a surface without another one inside.
+/// Strength of a surface that encloses no other surface [N].
 constexpr double kFirm = 3.0;
-/// Strength of a surface that yields to a firm push, so that the hand reaches the surface inside.
+/// Strength of an outer surface [N]. It yields to a firm push, so that the hand can reach the inner
+/// surface.
 constexpr double kYielding = 1.5;
-/// Strength of bone, and of the innermost of three surfaces.
+/// Strength of bone, and of the innermost of three surfaces [N].
 constexpr double kInnermost = 3.5;
 
-// Hounsfield's scale: air -1000, lung -700 to -500, fat -100, water 0, muscle 50, bone from 300.
+// Hounsfield units: air -1000, lung -700 to -500, fat -100, water 0, muscle 50, bone from 300.
 
-/// A part of a body has more than this share of the voxels.
+/// A part of the body must have more than this fraction of the voxels.
 constexpr double kFewVoxels = 1e-4;
 
-/// Returns true if more voxels than a few are above lung and fat.
+/// Returns true if enough voxels have values above those of lung and fat.
 bool hasFlesh(const ScalarAnalysis& scalar) {
   return scalar.shareAbove(-200.0) > kFewVoxels;
 }
 
-/// Adds the skin if there is air and flesh.
+/// Adds the surface of the skin if the image has air and flesh.
 void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
-  constexpr double kSkin = -300.0;  // between air and fat
+  constexpr double kSkin = -300.0;  // between the values of air and fat
   constexpr double kAir = -500.0;
   if (!(c.scalar.low < kAir && hasFlesh(c.scalar))) return;
   modes.push_back(isosurface("skin", c.name, kSkin, true, kYielding,
@@ -40,11 +41,12 @@ void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
                              "push."));
 }
 
-/// Adds bone at the first boundary of the values near bone's lower end, else at that end.
+/// Adds the surface of bone. Its value is a boundary near the lower end of bone's values. If there
+/// is no such boundary, it is this lower end.
 void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kBone = 300.0;
-  constexpr double kWithin = 100.0;  // bone has voxels that exceed kBone by this
-  constexpr double kLowest = 150.0;  // a boundary from here to kHighest is that of bone
+  constexpr double kWithin = 100.0;  // bone must have voxels that exceed kBone by this
+  constexpr double kLowest = 150.0;  // a boundary from here to kHighest is the surface of bone
   constexpr double kHighest = 500.0;
   const ScalarAnalysis& scalar = c.scalar;
   if (!(scalar.shareAbove(kBone + kWithin) > kFewVoxels)) return;
@@ -68,19 +70,20 @@ void addHounsfieldTissue(const Candidate& c, std::vector<Json>& modes) {
                        "bone."));
 }
 
-// MR: the signal has no scale.
+// In MR images, the values have no common scale.
 
-/// Values of an MR image.
+/// Characteristic values of an MR image.
 struct SignalLevels {
   double skin = 0.0;
-  double middle = 0.0;  ///< Median within the skin.
-  double bright = 0.0;  ///< 95th percentile within the skin.
+  double middle = 0.0;  ///< Median of the values inside the skin.
+  double bright = 0.0;  ///< 95th percentile of the values inside the skin.
 };
 
-/// Returns the levels at the first boundary above the surroundings; no value if there is none.
+/// Determines the values from the first boundary above the surroundings. Returns no value if there
+/// is none.
 std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
-  // Noise in air has Rayleigh's distribution: all but a thousandth of it is below this factor times
-  // its median. (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995)
+  // Noise in air has a Rayleigh distribution. In 99.9 % of the voxels it is below this factor times
+  // its median (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995).
   constexpr double kNoise = 3.2;
   const double outside = scalar.outside.value_or(scalar.low);
   for (const Boundary& b : scalar.boundaries) {
@@ -100,7 +103,7 @@ std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
   return std::nullopt;
 }
 
-/// Adds the skin, above the noise of the air.
+/// Adds the surface of the skin, at a value above the noise in air.
 void addSignalSkin(const Candidate& c, std::vector<Json>& modes) {
   const std::optional<SignalLevels> levels = signalLevelsOf(c.scalar);
   if (!levels) return;
@@ -111,7 +114,8 @@ void addSignalSkin(const Candidate& c, std::vector<Json>& modes) {
                                          levels->skin)));
 }
 
-/// Adds a drag by the signal. Tissue gets no surface: a bright place is not a hard place.
+/// Adds a drag that depends on the signal. Does not add a surface inside the skin, because bright
+/// tissue is not necessarily hard.
 void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
   const std::optional<SignalLevels> levels = signalLevelsOf(c.scalar);
   if (!levels) return;
@@ -121,14 +125,15 @@ void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
            "inside the skin."));
 }
 
-// Labels: an isosurface separates all labels below it from all above it. So only the lowest and the
-// highest label can be separated from all others.
+// An isosurface separates all labels below it from all labels above it. Only the lowest and the
+// highest label can therefore be separated from all others.
 
 double betweenLabels(const Candidate& c, std::size_t i) {
   return 0.5 * (double{c.scalar.distinct[i - 1]} + c.scalar.distinct[i]);
 }
 
-/// Adds all labels as one body if the lowest label surrounds them, else the lowest label.
+/// If the lowest label surrounds the others, adds one surface about all others. Otherwise adds the
+/// surface of the lowest label.
 void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kOneBody = 2.0;
   const std::vector<float>& all = c.scalar.distinct;
@@ -142,7 +147,7 @@ void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
     modes.push_back(isosurface(c.name, c.name, betweenLabels(c, 1), true, kOneBody,
                                "Half way between the two labels."));
   } else {
-    // This surface yields, so that the hand reaches the highest label.
+    // This surface yields, so that the hand can reach the highest label.
     modes.push_back(isosurface(
         c.name + " all labels", c.name, betweenLabels(c, 1), true, kYielding,
         fmt::format("All labels as one body, except {0}, which surrounds them: half way between "
@@ -151,7 +156,7 @@ void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
   }
 }
 
-/// Adds the highest of more than two labels.
+/// Adds the surface of the highest label, if there are more than two labels.
 void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
   const std::vector<float>& all = c.scalar.distinct;
   const std::size_t last = all.size() - 1;
@@ -161,19 +166,20 @@ void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
                              "The highest label alone: no other label is above it."));
 }
 
-/// Adds the surface of a distance field.
+/// Adds the surface at distance 0.
 void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
   modes.push_back(isosurface(c.name, c.name, 0.0, false, kFirm,
                              "The surface at distance 0, solid where the values are below 0."));
 }
 
-/// A rule: what a scalar of a kind gets, if its values allow it.
+/// Adds modes for a scalar of the given kind, if its values allow this.
 struct ModeRule {
   Kind kind;
   void (*add)(const Candidate&, std::vector<Json>&);
 };
 
-/// Important modes first. A kind without a row, or without a mode, gets its boundaries.
+/// The most important modes come first. If a kind has no rule, or its rules add no mode, the scalar
+/// gets surfaces at its boundaries.
 constexpr std::array kModeRules{
     ModeRule{Kind::kHounsfield, addHounsfieldSkin},
     ModeRule{Kind::kHounsfield, addHounsfieldBone},
@@ -185,13 +191,13 @@ constexpr std::array kModeRules{
     ModeRule{Kind::kDistance, addDistanceSurface},
 };
 
-// Other scalars: the boundaries between materials.
+// All other scalars get surfaces at the boundaries between materials.
 
-/// Layers for one, two or three nested surfaces. The outer ones yield, so that the hand reaches the
-/// inner ones.
+/// Names and strengths for one, two or three nested surfaces. The outer surfaces yield, so that the
+/// hand can reach the inner ones.
 struct Layer {
   const char* word = "";
-  double strength = 0.0;  ///< [N]
+  double strength = 0.0;  ///< Strength of the surface [N].
 };
 constexpr std::array<std::array<Layer, 3>, 3> kLayers{{
     {{{"surface", 2.0}, {}, {}}},
@@ -199,7 +205,7 @@ constexpr std::array<std::array<Layer, 3>, 3> kLayers{{
     {{{"outer", 1.0}, {"middle", 2.0}, {"inner", kInnermost}}},
 }};
 
-/// Returns the reason for a boundary's isovalue.
+/// Returns the reason for the isovalue of a boundary.
 std::string reasonOf(const Boundary& b, const Candidate& c) {
   const auto value = [&](double v) { return fmt::format("{}{}", c.scalar.round(v), c.unit()); };
   if (b.front) {
@@ -219,7 +225,7 @@ std::string reasonOf(const Boundary& b, const Candidate& c) {
       value(b.value), value(b.lower_known ? b.lower : b.upper));
 }
 
-/// Returns at most `most` boundaries, the greatest ones.
+/// Returns at most `most` boundaries, those with the greatest gradient integrals.
 std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most) {
   std::vector<Boundary> found = scalar.boundaries;
   std::stable_sort(found.begin(), found.end(),
@@ -228,12 +234,12 @@ std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most)
   return found;
 }
 
-/// Adds a drag from the outermost to the innermost of the boundaries on one side of the
-/// surroundings. With one boundary, the drag ends at the value of the enclosed material. Adds no
-/// mode if the ends are equal.
+/// Adds a drag whose strength grows from the outermost to the innermost of the boundaries on one
+/// side of the surroundings. If there is only one boundary, the drag ends at the value of the
+/// enclosed material. Adds no mode if both ends have the same value.
 void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool above,
                    std::vector<Json>& modes) {
-  constexpr double kMost = 0.2;  // weaker than any surface
+  constexpr double kMost = 0.2;  // [N]: weaker than every surface
   const Boundary& outer = side.front();
   const Boundary& inner = side.back();
   const double edge = c.scalar.round(outer.value);
@@ -248,8 +254,8 @@ void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool a
                        std::string(within) + ": a drag that grows from one material to the next."));
 }
 
-/// Returns isosurfaces at the boundaries, from outside to inside, then a drag on the side of the
-/// greatest boundary. Returns an empty list if there are no boundaries.
+/// Returns isosurfaces at the boundaries, from the outermost to the innermost, and a drag on the
+/// side of the greatest boundary. Returns an empty list if there are no boundaries.
 std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
   std::vector<Boundary> found = greatestOf(c.scalar, most);
   if (found.empty()) return {};
@@ -278,25 +284,26 @@ std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
   return modes;
 }
 
-/// Returns a drag by the value, for a scalar without a boundary.
+/// Returns a drag that grows with the value, for a scalar without boundaries.
 Json dragByValue(const Candidate& c) {
   const double low = c.scalar.round(percentile(c.scalar.values, 5.0));
   const double high = c.scalar.round(percentile(c.scalar.values, 95.0));
-  // Stronger than the drags beside surfaces: this is the only mode of the grid.
+  // This is the only mode of the grid, so it is stronger than the drags that accompany surfaces.
   return drag(c.name + " drag", c.name, {{low, 0}, {high, 0.4}},
               fmt::format("A drag that grows with the value, from its 5th to its 95th "
                           "percentile ({} to {}{}): no clear boundary was found.",
                           low, high, c.unit()));
 }
 
-/// Returns a curve of the speed: 0 at the 10th percentile, 1 N at the median, 2 N at the 95th;
-/// still voxels do not count.
+/// Returns a curve from speed to strength: 0 at the 10th percentile of the speeds, 1 N at the
+/// median, 2 N at the 95th percentile. Only vectors of the flow count.
 Json strengthBySpeed(const VectorAnalysis& flow) {
-  constexpr double kOneSpeed = 1.05;  // fastest to slowest: below this all speeds are equal
+  // if the ratio of the greatest to the lowest speed is smaller, all speeds count as equal
+  constexpr double kOneSpeed = 1.05;
   const double slow = percentile(flow.speed, 10.0);
   const double middle = percentile(flow.speed, 50.0);
   const double fast = percentile(flow.speed, 95.0);
-  // If all speeds are equal, separate only still places from moving ones.
+  // If all speeds are equal, the curve only separates places with flow from places without.
   if (fast < kOneSpeed * slow) {
     return curve({{rounded(0.5 * middle, middle), 0}, {rounded(0.9 * middle, middle), 1.5}});
   }
@@ -340,8 +347,8 @@ Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions
   const std::string free =
       "Free along the fibres and held across them. The strength grows with the anisotropy. ";
   const ScalarAnalysis& scalar = anisotropy.scalar;
-  // Fractional anisotropy is between 0 and 1, to within rounding. A range that ends below the
-  // middle of the curve is that of another measure.
+  // Fractional anisotropy is at most 1, apart from rounding. If the values end below the middle of
+  // the curve, they are another measure of anisotropy.
   constexpr double kHighest = 1.001;
   constexpr double kMiddle = 0.4;
   if (scalar.low >= 0.0 && scalar.high <= kHighest && scalar.high > kMiddle) {
@@ -372,7 +379,8 @@ Json followUniform(const Candidate& vector) {
 }
 
 bool hasVortices(const VectorAnalysis& flow) {
-  constexpr double kTurning = 0.1;  // 0.5 in shear and 1 in a vortex: below this there is no curl
+  // with a smaller value, the flow has no relevant curl (shear has 0.5 and a vortex 1)
+  constexpr double kTurning = 0.1;
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);
   return !(flow.turning < kTurning) && rounded(most, most) > rounded(middle, most);

@@ -1,4 +1,4 @@
-/// Private to the scene guess: the modes of each kind of grid, with their strengths and reasons.
+/// Private to the scene guess: makes the modes for each kind of grid, with strengths and reasons.
 #pragma once
 
 #include <cstddef>
@@ -10,29 +10,31 @@
 
 namespace palpate::guess {
 
-/// Returns the modes of a scalar, at most `most`, important ones first. The scalar is neither
-/// constant nor a level set.
+/// Returns at most `most` modes for a scalar, the most important ones first. The scalar must be
+/// neither constant nor a level set.
 [[nodiscard]] std::vector<Json> scalarModes(const Candidate& c, std::size_t most);
 
-/// Returns the isosurface at 0 of a level set.
+/// Returns an isosurface at 0, for a level set.
 [[nodiscard]] Json levelSetSurface(const Candidate& c);
 
-/// Returns the isosurface of a material's fraction. `share` is its part of the volume: 0 to 1.
+/// Returns an isosurface of a material's fraction. `share` is the material's fraction of the whole
+/// volume, 0 to 1.
 [[nodiscard]] Json materialSurface(const Candidate& c, double share);
 
-/// Return a follow mode along directions: by their own lengths, or by a measure of anisotropy.
+/// Return a mode that follows directions. Its strength depends on the lengths of the vectors, or on
+/// a measure of anisotropy.
 [[nodiscard]] Json followDirections(const Candidate& directions);
 [[nodiscard]] Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions);
 
-/// Returns a follow mode along a flow, by the field of its speed.
+/// Returns a mode that follows a flow. Its strength depends on the field `speed`.
 [[nodiscard]] Json followFlow(const Candidate& flow, const std::string& speed);
 
-/// Returns a follow mode along a vector that is the same everywhere.
+/// Returns a mode that follows a vector which is the same everywhere.
 [[nodiscard]] Json followUniform(const Candidate& vector);
 
-/// Returns true if a flow has enough curl for vortexDrag().
+/// Returns true if a flow has enough curl for the mode of vortexDrag().
 [[nodiscard]] bool hasVortices(const VectorAnalysis& flow);
-/// Returns a drag by the field of a flow's vorticity.
+/// Returns a drag that depends on the vorticity of a flow, the field with the given name.
 [[nodiscard]] Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity);
 
 }  // namespace palpate::guess

@@ -1,4 +1,4 @@
-/// Private to the scene guess: reads a sample of a grid's active voxels and their neighbours.
+/// Private to the scene guess: samples a grid's active voxels and their neighbours.
 #pragma once
 
 #include <algorithm>
@@ -14,17 +14,17 @@
 
 namespace palpate::guess {
 
-/// Return the splitmix64 hash of a number or of a voxel's place.
+/// Return the splitmix64 hash of a number, or of a voxel's coordinates.
 [[nodiscard]] std::uint64_t hashOf(std::uint64_t x);
 [[nodiscard]] std::uint64_t hashOf(const openvdb::Coord& c);
 
 /// Returns the n-th voxel of a box.
 [[nodiscard]] openvdb::Coord voxelOf(const openvdb::CoordBBox& box, std::uint64_t n);
 
-/// Returns the edges of a voxel in units of the file.
+/// Returns the lengths of a voxel's edges, in units of the file.
 [[nodiscard]] std::array<double, 3> edgesOf(const openvdb::GridBase& grid);
 
-/// Reads scalars as floats from any type of grid.
+/// Reads the values of a scalar grid as floats, whatever the type of the grid is.
 template <class GridT>
 class ScalarReader {
  public:
@@ -45,7 +45,7 @@ class ScalarReader {
   typename GridT::ConstAccessor accessor_;
 };
 
-/// Reads vectors as floats from any type of grid.
+/// Reads the values of a vector grid as floats, whatever the type of the grid is.
 template <class GridT>
 class VectorReader {
  public:
@@ -95,7 +95,8 @@ class ComponentReader {
   std::array<typename GridT::ConstAccessor, 3> accessors_;
 };
 
-/// Returns the boxes of a tree's active tiles: nodes with one value for all voxels.
+/// Returns the boxes of a tree's active tiles. A tile is a node whose voxels all have the same
+/// value.
 template <class TreeT>
 std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
   std::vector<openvdb::CoordBBox> tiles;
@@ -105,9 +106,9 @@ std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
   return tiles;
 }
 
-/// Returns make(reader, coord) for every n-th active voxel: about `most` results. The hash of a
-/// leaf's or tile's place selects its first voxel. The results are in the order of the tree, leaves
-/// first, for any number of threads.
+/// Returns make(reader, coord) for every n-th active voxel, with n such that there are at most
+/// about `most` results. In each leaf and each tile, a hash of its origin selects the first voxel.
+/// The results are in the order of the tree, leaves before tiles, for any number of threads.
 template <class Out, class ReaderT, class GridT, class Make>
 std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make) {
   const auto& grid = static_cast<const GridT&>(*input.grid);
@@ -140,23 +141,23 @@ std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make&
   return all;
 }
 
-/// Returns the voxel that is `offset` voxels away along an axis.
+/// Returns the voxel that is `offset` voxels further along an axis.
 inline openvdb::Coord beside(openvdb::Coord c, int axis, int offset) {
   c[axis] += offset;
   return c;
 }
 
-/// The neighbours of a voxel along an axis.
+/// The two neighbours of a voxel along an axis.
 template <class Value>
 struct Neighbours {
   Value before{};
   Value after{};
-  bool known = false;    ///< Both are data.
-  bool at_edge = false;  ///< One is in an image's surroundings.
+  bool known = false;    ///< True if both neighbours are data.
+  bool at_edge = false;  ///< True if one of the neighbours is in the surroundings of an image.
 };
 
-/// Reads the neighbours of a voxel along an axis. Inactive neighbours are data if the input says so
-/// and they are within its extent.
+/// Reads the neighbours of a voxel along an axis. Inactive neighbours are data if `input` says so
+/// and if they are within its extent.
 template <class Accessor>
 auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
                   const SuggestInput& input) {
@@ -173,7 +174,7 @@ auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
   return out;
 }
 
-/// Call f with the type of the reader and the type of the grid.
+/// Call f with the types of the reader and the grid that `input` needs.
 template <class F>
 auto withScalars(const SuggestInput& input, const F& f) {
   using openvdb::DoubleGrid;
@@ -201,10 +202,11 @@ auto withVectors(const SuggestInput& input, const F& f) {
   return f(std::type_identity<VectorReader<Vec3SGrid>>(), std::type_identity<Vec3SGrid>());
 }
 
-/// Returns some active voxels, the same for any scalar of the same topology.
+/// Returns about `count` active voxels. They are the same for all grids with the same active
+/// voxels.
 [[nodiscard]] std::vector<openvdb::Coord> placesOf(const SuggestInput& input, std::size_t count);
 
-/// A scalar's values at some places, and whether the voxels are active.
+/// Values of a scalar at some voxels, and for each voxel whether it is active.
 struct Readings {
   std::vector<float> values;
   std::vector<bool> active;

@@ -10,66 +10,70 @@
 
 namespace palpate::guess {
 
-/// A voxel of the sample.
+/// A sampled voxel with its neighbours.
 struct ScalarSample {
   float value = 0.0F;
-  std::array<float, 3> before{};  ///< Neighbours along the axes; 0 where they are not known.
+  /// Values of the previous neighbours along the three axes; 0 where the neighbours are unknown.
+  std::array<float, 3> before{};
   std::array<float, 3> after{};
   std::array<bool, 3> known{};
-  bool at_edge = false;  ///< A neighbour is in the surroundings.
+  bool at_edge = false;  ///< True if a neighbour is in the surroundings of an image.
 };
 
-/// Number of levels, from ScalarAnalysis::low to high.
+/// Number of levels, evenly spaced from ScalarAnalysis::low to ScalarAnalysis::high.
 constexpr std::size_t kBins = 256;
 using Bins = std::array<double, kBins>;
 
-/// Values change by this part of their range from one voxel to the next: a steep place. A shock
-/// that a solver has smeared over three cells of two voxels each reaches this; a field that is
-/// smooth over 20 voxels does not.
+/// A voxel is steep if values change by this fraction of their range from one voxel to the next. A
+/// shock is steep if a simulation program has smeared it over three cells and each cell has two
+/// voxels. A field that changes smoothly over 20 voxels is not steep.
 constexpr double kSteep = 0.08;
 
-/// Integrals over the isosurface of each level: of 1 (its area) and of the gradient magnitude. A
-/// level between the neighbours of a voxel along an axis passes the voxel once. Seen along the
-/// axis, this is an area of volume / edge; the true area is larger by |gradient| / |component|.
+/// For each level, integrals over its isosurface: of 1, which is its area, and of the gradient
+/// magnitude. An isosurface crosses a voxel along an axis if its level lies between the voxel's
+/// neighbours on this axis. It then has the area volume / edge in projection along the axis. Its
+/// true area is larger by the factor |gradient| / |component of the gradient along the axis|.
 struct LevelIntegrals {
   Bins area{};
   Bins gradient{};
-  Bins steep{};              ///< Area where values change by kSteep or more in a voxel.
-  Bins count{};              ///< Voxels by value.
-  double steep_share = 0.0;  ///< Share of the voxels that are steep.
+  Bins steep{};              ///< Area of the isosurface within steep voxels (kSteep).
+  Bins count{};              ///< Number of voxels with a value in the bin.
+  double steep_share = 0.0;  ///< Fraction of all voxels that are steep.
 };
 
-/// Returns the integrals for the levels of `scalar`; its range is above 0. `edges` are those of a
-/// voxel, in units of the file.
+/// Computes the integrals for the levels of `scalar`, whose range must be above 0. `edges` are the
+/// edges of a voxel, in units of the file.
 [[nodiscard]] LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
                                              const ScalarAnalysis& scalar,
                                              const std::array<double, 3>& edges);
 
-/// Applies a Gaussian of 2 bins; the end values continue beyond the ends.
+/// Applies a Gaussian filter with a standard deviation of 2 bins. Beyond the ends, the first and
+/// the last bin are repeated.
 [[nodiscard]] Bins smoothed(const Bins& in);
 
-/// Returns the arches of the mean gradient magnitude (see suggest.h): at most three boundaries,
-/// ascending by value. `edge` is the mean edge of a voxel. `image` is SuggestInput's
-/// `inactive_is_data`.
+/// Returns at most three boundaries, in ascending order of their values: the arches of the mean
+/// gradient magnitude (see suggest.h). `edge` is the mean edge of a voxel. `image` is
+/// SuggestInput::inactive_is_data.
 [[nodiscard]] std::vector<Boundary> findBoundaries(const LevelIntegrals& levels,
                                                    const ScalarAnalysis& scalar, double edge,
                                                    bool image);
 
-/// Returns the steepest place if it is a surface: the value whose isosurface is steep nearly
-/// wherever it runs, like a shock. One side may have any values.
+/// Returns a front, such as a shock: a value whose isosurface is steep over nearly its whole area.
+/// The values on one side may vary. Returns no value if there is none.
 [[nodiscard]] std::optional<Boundary> findFront(const LevelIntegrals& levels,
                                                 const ScalarAnalysis& scalar);
 
-/// Sets the share of whole values, the distinct values, and the shares of neighbours that are
-/// equal or skip a value.
+/// Sets the members of `scalar` from which labels are recognized: the fraction of whole numbers,
+/// the distinct values, and the fractions of neighbours that are equal or skip a value.
 void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& scalar);
 
-/// Returns the value that marks missing data: a single value at many places, far beyond all others.
-/// The others are more values than labels have. `sorted` is ascending and not empty.
+/// Returns a value that marks missing data: it occurs at many places and is far from all other
+/// values. Returns no value if the grid has so few different values that they may be labels.
+/// `sorted` is ascending and not empty.
 [[nodiscard]] std::optional<float> noDataOf(const std::vector<float>& sorted);
 
-/// Returns true for the distance to a surface. Values then change by 1 per unit or voxel nearly
-/// everywhere, without a common direction, and have both signs.
+/// Returns true if the values are the signed distance to a surface: they change by 1 per unit or
+/// per voxel nearly everywhere, in varying directions, and have both signs.
 [[nodiscard]] bool isDistance(const std::vector<ScalarSample>& samples,
                               const std::array<double, 3>& edges, double edge);
 

@@ -19,7 +19,7 @@ std::string inlined(const Json& json) {
 }
 
 std::string indented(const Json& json, std::size_t depth) {
-  constexpr std::size_t kShort = 90;  // characters
+  constexpr std::size_t kShort = 90;  // [characters]: a shorter item is written on one line
   std::string line = inlined(json);
   if (!json.is_structured() || json.empty() || (depth > 1 && line.size() < kShort)) return line;
   const std::string margin(2 * depth, ' ');
@@ -34,7 +34,7 @@ std::string indented(const Json& json, std::size_t depth) {
 }
 
 Json curve(const Knots& knots) {
-  constexpr double kNear = 0.02;  // of the range of the inputs
+  constexpr double kNear = 0.02;  // fraction of the range of the inputs
   const double near = kNear * std::abs(knots.back().first - knots.front().first);
   Json points = Json::array();
   double last = 0.0;

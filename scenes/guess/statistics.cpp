@@ -21,7 +21,7 @@ double rounded(double value, double range) {
   if (!(range > 0.0) || !std::isfinite(value)) return std::isfinite(value) ? value : 0.0;
   const double step = std::pow(10.0, std::floor(std::log10(range)) - 3.0);
   if (!(step > 0.0)) return value;
-  const double near = std::round(value / step) * step + 0.0;  // no -0
+  const double near = std::round(value / step) * step + 0.0;  // turns -0 into 0
   return std::strtod(fmt::format("{:.12g}", near).c_str(), nullptr);
 }
 

@@ -13,7 +13,7 @@
 namespace palpate::guess {
 namespace {
 
-/// Returns a grid's name without the characters that a scene's names do not have.
+/// Returns a grid's name without characters that names in a scene must not have.
 std::string plainName(const std::string& name) {
   std::string plain;
   for (const char c : name) {
@@ -24,7 +24,7 @@ std::string plainName(const std::string& name) {
   return plain.empty() ? "volume" : plain;
 }
 
-/// Names grids as files and scenes do: grids with equal names get numbers.
+/// Gives each grid its name in the file and in the scene. Grids with equal names get numbers.
 std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& draft) {
   std::map<std::string, int> count;
   for (const SuggestInput& input : grids) ++count[input.name()];
@@ -44,10 +44,12 @@ std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& 
   return candidates;
 }
 
-/// Returns the grid of a loaded volume with facts from its metadata. If components have another
-/// transform than the first, sets `apart`, because the analysis reads them by voxel.
+/// Describes a loaded volume for the analysis, with facts from its metadata. If the components of a
+/// vector have different transforms, sets `apart`, because the analysis compares them voxel by
+/// voxel.
 SuggestInput inputFrom(const GuessVolume& given) {
-  // A box with this share of active voxels is a block of data that ends at its faces.
+  // If more than this fraction of a box's voxels is active, the grid is a block of data that ends
+  // at the faces of the box.
   constexpr double kFull = 0.98;
   SuggestInput input;
   const std::vector<Volume::Grid::Part>& parts = given.volume->grid().parts;

@@ -1,4 +1,4 @@
-/// Private to code that uses OpenVDB: the scene guess of guess.h, for OpenVDB grids.
+/// Private to code that uses OpenVDB: the scene guess (guess.h) for OpenVDB grids.
 #pragma once
 
 #include <string>
@@ -10,84 +10,94 @@
 
 namespace palpate::guess {
 
-/// A grid and known facts about it.
+/// A grid, and known facts about it.
 struct SuggestInput {
-  /// Values of float, double, Vec3s or Vec3d; grids of other types are left out.
+  /// A grid of float, double, Vec3s or Vec3d. Grids of other types are left out of the scene.
   openvdb::GridBase::ConstPtr grid;
-  /// If `grid` is the x of a vector: the other components, with the same type; else null.
+  /// If `grid` is the x component of a vector: the other components, of the same type; else null.
   openvdb::GridBase::ConstPtr y;
   openvdb::GridBase::ConstPtr z;
-  std::string called;  ///< Name in the scene; empty: the grid's own name.
+  std::string called;  ///< Name in the scene; empty: the name of the grid.
   Modality modality = Modality::kUnknown;
-  std::string value_unit;  ///< "HU"; empty: unknown.
-  bool axial = false;      ///< Vectors without a sign, such as the direction of fibres.
-  bool apart = false;      ///< `y` or `z` have another transform: the vector cannot be analysed.
-  /// True for an image: inactive voxels are its surroundings and have the background's value, and
-  /// the boundary between air and skin may lie there. False for a mesh that was resampled: there is
-  /// no data beyond the active voxels, and their edge is not a boundary.
+  std::string value_unit;  ///< Unit of the values, such as "HU"; empty: unknown.
+  bool axial = false;  ///< True if the sign of the vectors has no meaning, as for fibre directions.
+  /// True if the transforms of `y` or `z` differ from that of `grid`; the vector is then not
+  /// analysed.
+  bool apart = false;
+  /// True for an image: its inactive voxels are its surroundings and have the value of the
+  /// background. The boundary between air and skin may lie at the edge of the active voxels. False
+  /// for a resampled mesh: there are no data outside of the active voxels, and their edge is not a
+  /// boundary.
   bool inactive_is_data = true;
-  /// The voxels of an image. An object that is cut by the image's edge has no boundary there.
-  /// Empty: unknown, the surroundings have no end.
+  /// Box of the voxels of an image. Where an object is cut off by this box, it has no boundary.
+  /// Empty: unknown; the surroundings then have no end.
   openvdb::CoordBBox extent;
 
   [[nodiscard]] bool isVector() const;
   [[nodiscard]] bool isScalar() const;
-  /// Returns the name in the scene, else the name in the file.
+  /// Returns the name in the scene. If it is empty, returns the name of the grid in the file.
   [[nodiscard]] std::string name() const { return called.empty() ? grid->getName() : called; }
 };
 
-/// Names of the metadata that the importer writes into a grid. With them a .vdb gets the same scene
-/// as its import.
-inline constexpr const char* kMetaImageSize = "image_size";  ///< Vec3i: voxels from 0, 0, 0 on.
-inline constexpr const char* kMetaFrom = "imported_from";    ///< image, or mesh.
-inline constexpr const char* kMetaModality = "modality";     ///< CT, or MR.
-inline constexpr const char* kMetaAxial = "axial";           ///< bool
+/// Names of metadata that the importer writes into a grid, so that a scene guess for the .vdb gives
+/// the same scene as the import.
+inline constexpr const char* kMetaImageSize =
+    "image_size";  ///< Vec3i: number of voxels along each axis, from voxel 0, 0, 0 on.
+inline constexpr const char* kMetaFrom = "imported_from";  ///< "image" or "mesh".
+inline constexpr const char* kMetaModality = "modality";   ///< "CT" or "MR".
+/// bool: the sign of the vectors has no meaning.
+inline constexpr const char* kMetaAxial = "axial";
 
 /// Returns a first scene for the grids of a file, as JSON text that a person can edit. The
-/// description of each mode states how it was found. There are at most five modes in addition to
-/// level sets, of 3.5 N at most. The scene's description names all omissions.
+/// description of each mode states how its values were found. Beside level sets, there are at most
+/// five modes; their strengths are at most 3.5 N. The description of the scene names everything
+/// that was omitted.
 ///
-/// Each grid is analysed once (analysis.h). The rules of kind_rules.cpp decide on its kind, those
-/// of choose_grids.cpp on its use, and those of mode_rules.cpp on its modes. A grid is one of
+/// Each grid is analysed once (analysis.h). The rules in kind_rules.cpp determine its kind, those
+/// in choose_grids.cpp its use, and those in mode_rules.cpp its modes. The kinds are:
 ///
-/// - a level set: isosurface at 0, for the first kMostLevelSets;
-/// - CT in Hounsfield units, by the file's metadata, or by values of air and tissue at their places
-///   on that scale: skin at -300, bone near 300, a drag in the soft tissue between;
-/// - MR: the low surface of the skin, a drag by the signal;
-/// - labels: whole numbers in constant pieces that touch in any order. An isosurface separates all
-///   labels below it from all above it. So only the lowest and the highest label get a surface of
-///   their own;
-/// - the distance to a surface: isosurface at 0;
-/// - fractions of materials, several grids that add up to 1: each material's surface at a half,
-///   except for the material that surrounds the others;
-/// - other scalars: up to three isosurfaces where the values change fastest, weakest outside. The
-///   criterion is the mean gradient magnitude over each isosurface (Pekar, Wiemker and Hempel, Fast
-///   detection of meaningful isosurfaces for volume data visualization, IEEE Visualization 2001).
-///   It has dips at the values of materials and arches between them (Kindlmann and Durkin, IEEE
-///   Volume Visualization 1998). The isovalue is the arch's middle. If no further material follows
-///   (bone, for example, has any value up to the highest), the isovalue is where the arch has risen
-///   by two thirds. Without an arch, the isovalue is that of a shock's front, where the isosurface
-///   is steep nearly wherever it runs. A smooth field (a ramp, a temperature) has no boundary and
-///   becomes a drag by its value. Difference to the papers: levels count where they pass between a
-///   voxel's neighbours, not where a voxel has the value. So sharp steps are found as well,
-///   although their middle is not the value of a voxel;
-/// - directions, vectors without a sign, by the file's metadata or because all have length 1:
-///   followed by anisotropy, if "..._direction" has its "..._anisotropy";
-/// - a flow: follow, by speed; a drag by vorticity where it turns.
+/// - a level set: an isosurface at 0, for the first kMostLevelSets;
+/// - CT in Hounsfield units, stated by the file's metadata or suggested by the values of air and
+///   tissue: the skin at -300, bone near 300, and a drag in the soft tissue between them;
+/// - MR: the surface of the skin at a low value, and a drag that depends on the signal;
+/// - labels: whole numbers in constant regions, in which any two labels can be neighbours. An
+///   isosurface separates all labels below it from all labels above it. Therefore only the lowest
+///   and the highest label get a surface;
+/// - the distance to a surface: an isosurface at 0;
+/// - fractions of materials, which are several grids whose sum is 1: a surface at one half for each
+///   material, except for the material that surrounds the others;
+/// - other scalars: up to three isosurfaces where the values change fastest; the outer ones are
+///   weaker than the inner ones. The criterion is the mean gradient magnitude over each isosurface
+///   (Pekar, Wiemker and Hempel, Fast detection of meaningful isosurfaces for volume data
+///   visualization, IEEE Visualization 2001). It has dips at the values of materials and arches
+///   between them (Kindlmann and Durkin, IEEE Volume Visualization 1998). The isovalue is the
+///   middle of the arch. If there is a material on one side only (for example, bone has any values
+///   up to the highest), the isovalue is where the arch has risen by two thirds. Without an arch,
+///   the isovalue is that of a front, such as a shock, whose isosurface is steep over nearly its
+///   whole area. A smooth field, such as a ramp or a temperature, has no boundary and gets a drag
+///   that depends on its value. Difference to the papers: a level counts where it lies between the
+///   values of a voxel's neighbours, not where a voxel has its value. Therefore sharp steps are
+///   found too, although no voxel has the value in their middle;
+/// - directions, which are vectors whose sign has no meaning, stated by the file's metadata or
+///   because all have length 1: a mode that follows them. If "..._direction" has a grid
+///   "..._anisotropy", its strength depends on the anisotropy;
+/// - a flow: a mode that follows it, with a strength that depends on the speed, and a drag that
+///   depends on the vorticity if there is enough.
 ///
-/// Throws VolumeError if no grid varies. Reads at most kSuggestSamples voxels per grid, in
-/// parallel. Gradients are central differences per unit of the file. The axes of an affine map are
-/// taken as orthogonal.
+/// Throws VolumeError if all grids are constant. Reads at most kSuggestSamples voxels per grid, in
+/// parallel. Gradients are central differences per unit of the file. The axes of an affine
+/// transform are treated as orthogonal.
 [[nodiscard]] Guess suggest(const GuessNames& names, const std::vector<SuggestInput>& grids,
                             GuessFor what = GuessFor::kAnything);
 
-/// Returns only the scene of the guess, for a .vdb named as the scene shall name it.
+/// Returns the JSON of the guessed scene without the reasons. `vdb_file` is the path of the .vdb in
+/// the scene.
 [[nodiscard]] std::string suggestScene(const std::string& vdb_file,
                                        const std::vector<SuggestInput>& grids);
 
-/// Number of voxels analysed per grid, spread evenly over its leaves.
+/// Number of voxels that are analysed in each grid, spread evenly over its leaves.
 constexpr std::size_t kSuggestSamples = 400'000;
-/// Limit for one file; a scene can read 64 fields.
+/// Largest number of level sets that are used from one file; a scene can read 64 fields.
 constexpr std::size_t kMostLevelSets = 32;
 
 }  // namespace palpate::guess

@@ -12,7 +12,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   double whole = 0.0;
   std::vector<float> distinct;
   for (const float value : scalar.values) {
-    // Beyond 2^24 every float is whole.
+    // Above 2^24 every float is a whole number, so such values do not count.
     whole += value == std::round(value) && std::abs(value) <= 0x1p24F ? 1.0 : 0.0;
     if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
       distinct.push_back(value);
@@ -21,7 +21,8 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   scalar.whole =
       scalar.range() >= 1.0 ? share(whole, static_cast<double>(scalar.values.size())) : 0.0;
   if (distinct.size() > kMostDistinct) return;
-  // Skip the most frequent value: it surrounds the others in any order.
+  // Ignores pairs with the most frequent value. It surrounds the other values, so that it is next
+  // to any of them.
   float common = scalar.values.front();
   std::ptrdiff_t most = 0;
   for (const float value : distinct) {
@@ -65,9 +66,11 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 }
 
 std::optional<float> noDataOf(const std::vector<float>& sorted) {
-  constexpr double kMany = 1e-3;    // share of the samples: fewer are outliers
-  constexpr double kFar = 10.0;     // in ranges of the others: air is nearer to flesh than this
-  constexpr std::size_t kFew = 64;  // values: a grid with no more may hold labels
+  // fraction of the samples; a value that is less frequent is an outlier
+  constexpr double kMany = 1e-3;
+  // relative to the range of the other values; air is closer than this to flesh
+  constexpr double kFar = 10.0;
+  constexpr std::size_t kFew = 64;  // a grid with at most this number of values may contain labels
   std::size_t distinct = 1;
   for (std::size_t i = 1; i < sorted.size() && distinct <= kFew; ++i) {
     distinct += sorted[i] != sorted[i - 1] ? 1 : 0;
@@ -91,9 +94,11 @@ std::optional<float> noDataOf(const std::vector<float>& sorted) {
 
 bool isDistance(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
                 double edge) {
-  constexpr double kNearlyAll = 0.8;   // share of the voxels: the ends of a narrow band are cut
-  constexpr double kTolerance = 0.05;  // of a slope of 1
-  constexpr double kCommon = 0.5;      // length of the mean direction: a ramp has 1
+  // fraction of the voxels; it is below 1 because a narrow band ends
+  constexpr double kNearlyAll = 0.8;
+  constexpr double kTolerance = 0.05;  // tolerance of the slope 1
+  // length of the mean direction of the gradient; it is 1 for a linear ramp
+  constexpr double kCommon = 0.5;
   std::size_t count = 0;
   std::size_t per_unit = 0;
   std::size_t per_voxel = 0;

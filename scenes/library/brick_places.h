@@ -1,4 +1,4 @@
-/// Places of brick volumes: a folder or a network address.
+/// Places at which brick volumes are stored: folders and network addresses.
 #pragma once
 
 #include <filesystem>
@@ -8,18 +8,19 @@
 
 namespace palpate {
 
-/// Returns true for a server's address, such as http://host/folder or rados://pool/folder. The
-/// address need not exist. A scene cannot use a file with a name of this form.
+/// Returns true if `place` is the address of a server, such as http://host/folder or
+/// rados://pool/folder. The server need not exist. A scene cannot use a file whose name has this
+/// form.
 [[nodiscard]] bool isRemote(const std::filesystem::path& place) noexcept;
 
-/// Returns an absolute path; returns an address unchanged.
+/// Returns the absolute path of a folder or file. Returns an address unchanged.
 [[nodiscard]] std::filesystem::path absolutePlace(const std::filesystem::path& place);
 
-/// Returns true for a folder that holds bricks, and for every address.
+/// Returns true for a folder that contains bricks, and for each address.
 [[nodiscard]] bool isBrickPlace(const std::filesystem::path& place) noexcept;
 
-/// Opens the bricks of a folder or an address. Throws VolumeError as PosixBricks, FarBricks and the
-/// stores do, and if this build does not support the store.
+/// Opens the bricks at a place. Throws VolumeError as PosixBricks, FarBricks and the stores do, and
+/// if the module or the store that the address needs is missing.
 [[nodiscard]] std::unique_ptr<BrickSource> openBricks(const std::filesystem::path& place);
 
 }  // namespace palpate

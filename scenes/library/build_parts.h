@@ -1,4 +1,4 @@
-/// Parts of a scene, one for each instance.
+/// Builds the parts of a scene, one for each instance.
 #pragma once
 
 #include <cstddef>
@@ -14,18 +14,19 @@
 
 namespace palpate {
 
-/// Builds the parts of a scene, in parallel: first plan(), then otherFields() and build().
+/// Builds the parts of a scene in parallel. Call plan() first, then otherFields() and build().
 class PartBuilder {
  public:
-  /// All arguments have to outlive the builder.
+  /// The builder refers to all arguments, which must outlive it.
   PartBuilder(const SceneSpec& spec, BuiltScene& built, SceneCache& cache, Placer& placer)
       : spec_(spec), built_(built), cache_(cache), placer_(placer) {}
 
-  /// Returns the graph outside of the parts; build() builds the parts. Throws SceneError.
+  /// Divides the scene into parts. Returns the graph of all modes that are in no part. Throws
+  /// SceneError.
   GraphSpec plan(const GraphSpec& graph);
-  /// Returns the fields that are in no part.
+  /// Returns the fields that belong to no part.
   [[nodiscard]] std::map<std::string, FieldPtr> otherFields() const;
-  /// Returns the parts; adds their groups and their bounds to the scene.
+  /// Builds and returns the parts. Adds their groups and their bounds to the scene.
   std::vector<Part> build(const Progress& progress);
 
  private:

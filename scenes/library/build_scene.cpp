@@ -24,9 +24,10 @@ namespace palpate {
 namespace {
 
 constexpr double kLargestProperty = 1e6;
-constexpr double kLongestTime = 1e9;  // [s]
+constexpr double kLongestTime = 1e9;  // [s]: largest time of a keyframe
 
-/// Throws for numbers so large that a tick would overflow; the error has the number's path.
+/// Throws SceneError if a number is so large that a tick would overflow. The error names the
+/// number's JSON path.
 void checkSize(const SceneSpec& spec, const std::string& path, double value, double most,
                const char* unit) {
   if (std::abs(value) <= most) return;
@@ -35,7 +36,7 @@ void checkSize(const SceneSpec& spec, const std::string& path, double value, dou
                    "give a number within the limit");
 }
 
-/// Checks numbers outside of the volumes' places.
+/// Checks the numbers of a scene, except for the places of volumes.
 void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   checkSize(spec, "/coupling/stiffness", stiffestCoupling(spec).stiffness, kLargestProperty,
             " N/m");
@@ -61,7 +62,7 @@ void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   }
 }
 
-/// Throws if a mode needs the gradient of a volume that is sampled without one.
+/// Throws SceneError if a mode needs a gradient, but the interpolation of its volume has none.
 void checkGradients(const SceneSpec& spec) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
@@ -80,14 +81,15 @@ void checkGradients(const SceneSpec& spec) {
   }
 }
 
-/// Returns a grid's properties; for bricks those of the finest level.
+/// Returns the properties of a volume's grid; for bricks, those of the finest level.
 const GridInfo& infoOf(const BuiltScene& built, const std::string& name) {
   const auto window = built.windows.find(name);
   return window != built.windows.end() ? window->second->manifest().info()
                                        : built.volumes.at(name)->info();
 }
 
-/// Opens a brick volume. Throws if the scene asks for processing at load.
+/// Opens a volume in bricks. Throws SceneError if the scene sets options that change a grid when it
+/// is loaded.
 void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& built,
                 SceneCache& cache) {
   const VolumeSpec& volume = spec.volumes.at(name);
@@ -123,7 +125,7 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
   }
 }
 
-/// Returns remarks for the user on changes to a grid at load.
+/// Returns notes for the user about how loading has changed a grid.
 std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
   if (info.filled > 0) {
@@ -143,7 +145,7 @@ std::vector<std::string> remarks(const GridInfo& info) {
   return out;
 }
 
-/// Opens the volumes of a scene. Files are collected first, then loaded together.
+/// Opens the volumes of a scene. It first collects all files, and then loads them together.
 class VolumeLoader {
  public:
   VolumeLoader(const SceneSpec& spec, BuiltScene& built, SceneCache& cache)
@@ -151,7 +153,7 @@ class VolumeLoader {
     checkDisplacements(spec, displacing_);
   }
 
-  /// Opens all volumes. Returns the frames of the displacement volumes.
+  /// Opens all volumes. Returns the grids of the displacement fields.
   Displacements load(const Progress& progress) {
     for (const auto& [name, volume] : spec_.volumes) {
       try {
@@ -173,14 +175,15 @@ class VolumeLoader {
   }
 
  private:
-  /// Opens a volume by its kind: displacement, user field, sequence, bricks, memory or file.
+  /// Opens a volume according to its kind: a displacement field, a field of the caller, a sequence,
+  /// bricks, a volume in memory or a file. Files are only noted, for load().
   void open(const std::string& name, const VolumeSpec& volume) {
     const bool displaces = displacing_.count(name) != 0;
     if (!displaces && isGiven(volume.field)) {
       built_.fields[name] = volume.field;
     } else if (!displaces && isSequence(volume)) {
       checkSequence(spec_, name);
-      // The first frame determines the placement of the others.
+      // The first frame determines the place of all frames.
       request(name, framesOf(volume).front());
     } else if (!displaces && isInBricks(volume)) {
       openBricks(spec_, name, built_, cache_);
@@ -229,12 +232,13 @@ class VolumeLoader {
   BuiltScene& built_;
   SceneCache& cache_;
   const std::set<std::string> displacing_;
-  std::vector<std::string> names_;  ///< One for each request; frames share their volume's.
+  /// Name of the volume, for each entry of requests_; frames have the name of their volume.
+  std::vector<std::string> names_;
   std::vector<VolumeRequest> requests_;
   Displacements displacements_;
 };
 
-/// Returns the grids that determine placements, by the volume's name.
+/// Returns the grids from which places are computed, by the names of their volumes.
 std::map<std::string, const GridInfo*> gridsOf(const BuiltScene& built,
                                                const Displacements& displacements) {
   std::map<std::string, const GridInfo*> grids;
@@ -250,7 +254,7 @@ void noteRemarks(const SceneSpec& spec, const std::string& name, const Volume& v
   }
 }
 
-/// Places each volume and makes its field.
+/// Places all volumes and makes their fields.
 void makeFields(const SceneSpec& spec, BuiltScene& built, Placer& placer, SceneCache& cache) {
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
@@ -272,7 +276,7 @@ void makeFields(const SceneSpec& spec, BuiltScene& built, Placer& placer, SceneC
   }
 }
 
-/// Extends the scene's bounds by those of each field, over all of its motion.
+/// Extends the bounds of the scene by those of each field at all times of its motion.
 void extendBounds(BuiltScene& built) {
   for (const auto& [name, field] : built.fields) {
     Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
@@ -283,7 +287,7 @@ void extendBounds(BuiltScene& built) {
   }
 }
 
-/// Notes isosurfaces whose value is outside the range of the grid's values.
+/// Adds notes about isosurfaces whose value is outside the range of the grid.
 void noteEmptySurfaces(const SceneSpec& spec, BuiltScene& built) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
@@ -351,7 +355,8 @@ SceneSpec coarsely(SceneSpec spec, const BuiltScene& built) {
     VolumeSpec& volume = spec.volumes.at(name);
     volume.volume = built.volumes.at(name);
     volume.budget_mb.reset();
-    // With its own bounds a coarse level would be placed elsewhere.
+    // Uses the place of the whole volume. A coarse level has other bounds, from which "fit" would
+    // compute another place.
     const Placement& place = built.placements.at(name);
     if (volume.place.kind == PlaceSpec::Kind::kLike) continue;
     const Eigen::Quaterniond rotation(place.rotation);

@@ -1,4 +1,4 @@
-/// Builds a scene from its description.
+/// Builds a scene from its description: SceneSpec becomes BuiltScene.
 #pragma once
 
 #include <array>
@@ -24,161 +24,187 @@ namespace palpate {
 
 class SceneCache;
 
-/// Receives the progress of loading, from 0 to 1. Any thread calls it; calls do not overlap.
+/// Receives the progress of loading, from 0 to 1. Any thread may call it, but never two at the same
+/// time.
 using Progress = std::function<void(double done)>;
 
-/// Deformation of a placed volume (key "warp" of a scene file): the value at x at time t is the
-/// volume's value at x + u(x, t); see engine/field/warp.h.
+/// Deformation of a placed volume (key "warp" of a scene file): the deformed volume has at x and
+/// time t the value that the volume has at x + u(x, t); see engine/field/warp.h.
 struct WarpSpec {
-  std::string field;  ///< Name of the volume u: vectors in its file's unit of length, one grid a
-                      ///< frame (scenes/library/frames.h). It serves as u only.
-  std::vector<double> times;  ///< Times of the frames [s]; not needed for a single frame.
-  bool repeat = false;        ///< Repeats; the last frame is the first again.
-  WarpPtr warp;               ///< If set, the members above are ignored.
+  /// Name of the volume with u: vectors in the unit of length of its file, one grid for each frame
+  /// (scenes/library/frames.h). This volume has no other use.
+  std::string field;
+  std::vector<double> times;  ///< Times of the frames [s]; ignored if there is one frame.
+  /// If true, the deformation repeats; then the last frame must equal the first one.
+  bool repeat = false;
+  WarpPtr warp;  ///< If set, the members above are ignored.
 };
 
-/// Place of a volume in W (key "place" of a scene file).
+/// Place of a volume in W, and its motion (key "place" of a scene file).
 struct PlaceSpec {
-  /// Selects the members below that place the volume, and how.
+  /// How the members below determine the place of the volume.
   enum class Kind : std::uint8_t {
-    kFit,   ///< The longest side of the active bounds is `size` metres; centred.
-    kUnit,  ///< True size: one unit of the file is `size` metres; centred.
-    kMap,   ///< p = translate + R scale x.
-    kLike,  ///< The same map as another volume's (co-registered). Moves with it.
+    kFit,   ///< Centred in W; the longest side of the active bounds is `size` metres.
+    kUnit,  ///< Centred in W in true size; one unit of the file is `size` metres.
+    kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
+    /// The same transform as that of volume `like`, and the same motion, so that both volumes stay
+    /// aligned.
+    kLike,
   };
-  Kind kind = Kind::kFit;                           ///< Selects the members that apply.
-  double size = 0.1;                                ///< [m]
-  double scale = 1.0;                               ///< [m per unit of the file]
-  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.
-  Vec3 translate = Vec3::Zero();                    ///< [m]
-  std::string like;                                 ///< Name of the other volume.
-  std::vector<Keyframe> keyframes;  ///< Move the placed volume; empty: static. Not with kLike.
-  bool repeat = false;              ///< Repeats; the last keyframe is the first again.
-  std::optional<WarpSpec> warp;     ///< Deforms the volume before the keyframes move it. Not with
-                                    ///< kLike.
+  Kind kind = Kind::kFit;  ///< Determines which of the members below apply.
+  double size = 0.1;       ///< Size in W [m]; see Kind.
+  double scale = 1.0;      ///< For kMap: scale [m per unit of the file].
+  /// Rotation as a quaternion; normalised when it is used.
+  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
+  Vec3 translate = Vec3::Zero();  ///< For kMap: translation [m].
+  std::string like;               ///< Name of the volume at whose place this volume is.
+  /// Poses that move the placed volume; empty: it does not move. Not for kLike.
+  std::vector<Keyframe> keyframes;
+  /// If true, the motion repeats; then the last keyframe must have the pose of the first one.
+  bool repeat = false;
+  /// Deforms the volume, before the keyframes move it. Not for kLike.
+  std::optional<WarpSpec> warp;
 };
 
-/// Playback of a volume that is a sequence (key "frames" of a scene file). scenes/library/frames.h
-/// finds its frames: grids or files.
+/// Playback of a volume that is a sequence (key "frames" of a scene file). The frames are grids or
+/// files, which scenes/library/frames.h finds.
 struct FramesSpec {
-  double rate = 0.0;          ///< Frames per second; 0: `times` applies.
-  std::vector<double> times;  ///< Times of the frames [s]; with `repeat` one more, when the first
-                              ///< returns.
-  bool repeat = false;        ///< The first frame follows the last one.
-  std::optional<double> budget_mb;  ///< Memory for frames [MB]; unset: 1024.
+  double rate = 0.0;  ///< Number of frames per second; 0: `times` applies.
+  /// Times of the frames [s]. If `repeat` is true, one more time: that at which the first frame
+  /// appears again.
+  std::vector<double> times;
+  bool repeat = false;              ///< If true, the first frame follows the last frame.
+  std::optional<double> budget_mb;  ///< Memory for the frames [MB]; unset: 1024.
 };
 
-/// Common playback of a scene's sequences.
+/// Playback of a scene's sequences, which all have the same clock.
 struct PlaySpec {
-  double speed = 1.0;          ///< See PlayParams.
-  bool paused = false;         ///< See PlayParams.
-  bool repeat = false;         ///< See PlayParams.
-  std::optional<double> from;  ///< [s]; unset: the begin of the first sequence.
-  std::optional<double> to;    ///< [s]; unset: the end of the last sequence, if no sequence
-                               ///< repeats.
+  double speed = 1.0;   ///< PlayParams::speed.
+  bool paused = false;  ///< PlayParams::paused.
+  bool repeat = false;  ///< PlayParams::repeat.
+  /// Earliest time that is played [s]; unset: the begin of the earliest sequence.
+  std::optional<double> from;
+  /// Latest time that is played [s]; unset: the end of the latest sequence, or no end if a sequence
+  /// repeats.
+  std::optional<double> to;
 };
 
-/// One volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the user.
+/// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.
 struct VolumeSpec {
-  std::filesystem::path file;  ///< A .vdb, a folder of bricks (samplers/bricks/bricks.h), or a
-                               ///< pattern for many frames; not read if `volume` or `field` is set.
-  std::string grid;            ///< Empty: the only grid.
-  NonFinite non_finite = NonFinite::kRefuse;  ///< See LoadOptions.
-  int smooth = 0;                             ///< See LoadOptions [voxels].
-  PlaceSpec place;                            ///< Its place and motion.
-  std::vector<PlaceSpec> instances;  ///< Replaces `place` by many places; not with kLike, no
-                                     ///< keyframes. Volumes placed like this one have the same
-                                     ///< instances.
-  Sampling sampling;                 ///< Interpolation between voxels; the scene sets the reach of
-                                     ///< slopes.
-  std::optional<FramesSpec> frames;  ///< If set, the volume is a sequence.
-  std::optional<double> budget_mb;   ///< Memory for bricks [MB]; unset: 256. Only for bricks.
-  std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
-  FieldPtr field;                        ///< If set, only keyframes and warp apply of the above.
+  /// A .vdb, a folder of bricks (samplers/bricks/bricks.h), or a pattern that stands for several
+  /// files. Not read if `volume` or `field` is set.
+  std::filesystem::path file;
+  std::string grid;  ///< Name of the grid; empty: the only grid of the file.
+  /// Treatment of values that are not finite; see LoadOptions.
+  NonFinite non_finite = NonFinite::kRefuse;
+  int smooth = 0;   ///< Width of the smoothing filter [voxels]; see LoadOptions.
+  PlaceSpec place;  ///< Place and motion of the volume.
+  /// If not empty, replaces `place` by several places. These must not have kLike or keyframes.
+  /// Volumes with kLike of this volume have the same instances.
+  std::vector<PlaceSpec> instances;
+  Sampling sampling;  ///< Interpolation between voxels. Its slope_reach is replaced by that of the
+                      ///< scene.
+  std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
+  std::optional<double> budget_mb;       ///< For bricks: memory [MB]; unset: 256.
+  std::shared_ptr<const Volume> volume;  ///< Volume in memory; if set, no file is read.
+  /// Field of the caller; if set, only keyframes and warp of the other members apply.
+  FieldPtr field;
 };
 
-/// A whole scene, as in a scene file. A scene built in C++ gets the same checks.
+/// Description of a whole scene, with the content of a scene file. A scene that C++ code describes
+/// is checked in the same way.
 struct SceneSpec {
-  std::string source;          ///< Name in errors: the scene file.
-  CouplingParams coupling;     ///< Spring from probe to proxy; `graph.stiffness` may vary it.
-  bool any_stiffness = false;  ///< The user did not set the stiffness: fitCoupling may lower it.
-  StepParams step;             ///< Accuracy of the proxy's motion within a tick.
-  double slope_reach = 0.5;    ///< Sampling::slope_reach of all volumes.
-  std::map<std::string, VolumeSpec> volumes;         ///< Keys: the names that fields and modes use.
-  GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
-  std::map<std::size_t, std::string> guide_volumes;  ///< Keys: mode indices. The volume that sets a
-                                                     ///< guide's units; absent: metres in W.
-  std::optional<PlaySpec> play;                      ///< Only for scenes with a sequence.
-  bool one_graph = false;          ///< Builds no parts for any number of volumes; not with
-                                   ///< instances.
-  bool waits = false;              ///< Readers of bricks or frames wait for them
-                                   ///< (WindowParams::waits): for virtual time.
-  std::vector<std::string> notes;  ///< For the user, one line each: skipped or ignored items.
+  std::string source;  ///< Name of the scene in errors, such as its file.
+  /// Coupling of probe and proxy; `graph.stiffness` may vary its stiffness.
+  CouplingParams coupling;
+  /// True if the user has not set the stiffness, so that fitCoupling() may lower it.
+  bool any_stiffness = false;
+  StepParams step;                            ///< Accuracy with which a tick moves the proxy.
+  double slope_reach = 0.5;                   ///< Sampling::slope_reach of all volumes.
+  std::map<std::string, VolumeSpec> volumes;  ///< Volumes by the names that fields and modes use.
+  GraphSpec graph;                            ///< Fields, modes, and a varying stiffness.
+  /// For guides: the volume whose file's units and place the guide has, by the index of the mode. A
+  /// guide without an entry is in metres in W.
+  std::map<std::size_t, std::string> guide_volumes;
+  std::optional<PlaySpec> play;  ///< Playback; only for scenes with a sequence.
+  /// If true, the scene is not divided into parts, whatever the number of volumes is. Not for
+  /// scenes with instances.
+  bool one_graph = false;
+  bool waits = false;  ///< If true, a reader waits for bricks and frames that are not loaded
+                       ///< (WindowParams::waits). For virtual time.
+  std::vector<std::string>
+      notes;  ///< Notes for the user about skipped or ignored items, one line each.
 };
 
-/// A derived field that is computed at load, because a mode or field needs its derivatives.
+/// A derived field that was computed when the scene was built, because a mode or a field needs its
+/// derivatives.
 struct ComputedField {
-  std::string as;    ///< "magnitude of spin": as in the scene.
-  std::string from;  ///< The volume at the start of its chain of derivations.
-  std::string why;   ///< "mode "wall" needs its gradient"
+  std::string as;    ///< Description as in the scene, such as "magnitude of spin".
+  std::string from;  ///< Volume at the start of the chain of derived fields.
+  std::string why;   ///< Reason, such as: mode "wall" needs its gradient.
 };
 
-/// Similar parts of a scene: the instances of the same volumes.
+/// Parts with the same volumes and modes, one for each instance.
 struct PartGroup {
-  std::size_t first = 0;            ///< Index into Scene::parts.
-  std::size_t count = 0;            ///< Number of parts, which are consecutive.
-  std::vector<std::string> things;  ///< Volumes and derived fields of each part.
-  std::string leader;               ///< The volume with the instances; empty: there is one part.
-  std::vector<std::size_t> modes;   ///< Indices into the modes of SceneSpec::graph.
+  std::size_t first = 0;            ///< Index of the first part in Scene::parts.
+  std::size_t count = 0;            ///< Number of parts. They are consecutive in Scene::parts.
+  std::vector<std::string> things;  ///< Names of the volumes and derived fields in each part.
+  /// Name of the volume that has the instances; empty: there is only one part.
+  std::string leader;
+  std::vector<std::size_t> modes;  ///< Indices of the modes in SceneSpec::graph.
 };
 
 /// Volumes in bricks, by name.
 using Windows = std::map<std::string, std::shared_ptr<const BrickWindow>>;
 
-/// A scene and its components.
+/// A scene that is ready to run, and its components.
 struct BuiltScene {
-  std::shared_ptr<const Scene> scene;                            ///< For any number of hands.
-  std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Volumes that are grids, and
-                                                                 ///< the computed fields.
-  Windows windows;  ///< `volumes` holds their coarsest levels.
+  std::shared_ptr<const Scene> scene;  ///< The scene itself. Any number of hands may use it.
+  /// Volumes that are grids, and the computed fields, by name.
+  std::map<std::string, std::shared_ptr<const Volume>> volumes;
+  Windows windows;  ///< Volumes in bricks; `volumes` holds their coarsest levels.
   std::map<std::string, std::shared_ptr<const FrameSequence>>
-      sequences;                                  ///< The sequences that are played; `volumes`
-                                                  ///< holds their first frames.
-  PlayParams play;                                ///< Playback of the sequences.
-  std::map<std::string, Placement> placements;    ///< For instances the first place.
-  std::map<std::string, Sampling> samplings;      ///< Sampling of the volumes.
-  std::map<std::string, FieldPtr> fields;         ///< All volumes, placed, in their rest pose.
-  std::map<std::string, MotionPtr> motions;       ///< Motions of the moving volumes.
-  std::map<std::string, ComputedField> computed;  ///< Keys: names; each is in `volumes` too.
-  std::vector<PartGroup> parts;                   ///< All groups, in the order of their modes.
-  Box bounds;                      ///< Box about all fields in W, over all motions and instances
-                                   ///< [m].
-  std::vector<std::string> notes;  ///< Filled or smoothed values, and settings that are valid but
-                                   ///< doubtful, one line each.
+      sequences;    ///< Volumes that are sequences; `volumes` holds their first frames.
+  PlayParams play;  ///< Playback of the sequences.
+  /// Places of the volumes; for instances, the first place.
+  std::map<std::string, Placement> placements;
+  std::map<std::string, Sampling> samplings;  ///< Interpolation of the volumes between voxels.
+  /// Fields of all volumes at their places, in their rest pose.
+  std::map<std::string, FieldPtr> fields;
+  std::map<std::string, MotionPtr> motions;  ///< Motions of the moving volumes.
+  /// Computed fields by name; `volumes` holds them too.
+  std::map<std::string, ComputedField> computed;
+  std::vector<PartGroup> parts;  ///< All groups of parts, in the order of their modes.
+  /// Box about all fields at all times of their motions and at all instances, in W [m].
+  Box bounds;
+  std::vector<std::string>
+      notes;  ///< Notes for the user, one line each: values that were filled in or smoothed, and
+              ///< settings that are valid but probably not intended.
 };
 
-/// Loads, places, checks and compiles a scene. A derived field is computed at load if a mode needs
-/// its gradient (surface, isosurface, force by a scalar), or if another field needs its
-/// derivatives. It then is a volume, placed and interpolated like its source. Throws SceneError
-/// (with the JSON path) or VolumeError; a running scene is not touched. Slow.
+/// Loads the volumes of a scene, places them, checks the scene and compiles its graph.
 ///
-/// @param cache  If given, its contents are not loaded again. For a hand, a scene of the same
-///               fields is then an edit.
+/// A derived field is computed here if a mode needs its gradient (surface, isosurface, force by a
+/// scalar), or if another field needs its derivatives. It then is a volume with the place and the
+/// interpolation of its source. Throws SceneError with the JSON path, or VolumeError; a running
+/// scene is not changed. Slow.
+///
+/// @param cache  If not null, volumes in the cache are not loaded again. If the new scene has the
+///               same fields as the previous one, hands keep their contacts (Scene::shape).
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
                                     SceneCache* cache = nullptr);
 
-/// Returns `spec` with brick volumes replaced by their coarsest levels and sequences by their first
-/// frames, at the same places. Serves searches for places without fetching data. `built` is the
-/// result of `spec`.
+/// Returns `spec` with the coarsest level of each volume in bricks and the first frame of each
+/// sequence, at the same places. A search for contacts in the result needs no further data. `built`
+/// is the scene built from `spec`.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
-/// If the user did not set the stiffness, lowers it to the limit of a device. Returns a message for
-/// the user; empty: unchanged.
+/// Lowers the stiffness to the limit of a device, unless the user has set the stiffness. Returns a
+/// message for the user; an empty text if the stiffness is unchanged.
 [[nodiscard]] std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device);
-/// Throws SceneError if the coupling asks for more stiffness or damping than a device renders
-/// stably.
+/// Throws SceneError if the coupling has more stiffness or damping than the device renders stably.
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device);
-/// Returns the coupling at the highest value of a varying stiffness.
+/// Returns the coupling with the highest stiffness that the scene can have.
 [[nodiscard]] CouplingParams stiffestCoupling(const SceneSpec& spec);
 
 }  // namespace palpate

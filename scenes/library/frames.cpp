@@ -17,13 +17,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The parts of a file name around its number.
+/// A file name with a number, split into the text before the number, the text after it, and its
+/// format.
 struct Pattern {
   std::string before;
   std::string after;
-  std::size_t digits = 0;  ///< Minimum number of digits, padded with zeros; 0: no padding.
+  /// Least number of digits, filled with zeros; 0: numbers have no leading zeros.
+  std::size_t digits = 0;
 
-  /// Returns the number in a name; no value if the pattern does not match.
+  /// Returns the number in a file name; no value if the name does not match the pattern.
   [[nodiscard]] std::optional<long> numberIn(const std::string& name) const {
     constexpr std::size_t kMostDigits = 9;
     if (name.size() <= before.size() + after.size()) return std::nullopt;
@@ -36,7 +38,8 @@ struct Pattern {
                      [](unsigned char c) { return std::isdigit(c) != 0; })) {
       return std::nullopt;
     }
-    // frame_007 and frame_7 are different names.
+    // A name with the wrong number of leading zeros does not match: frame_007 and frame_7 are
+    // different files.
     if (number.size() > std::max<std::size_t>(digits, 1) && number.front() == '0') {
       return std::nullopt;
     }
@@ -62,7 +65,7 @@ std::optional<Pattern> patternOf(const fs::path& file) {
   return out;
 }
 
-/// Returns the matching files by number.
+/// Returns the files that match a pattern, by their numbers.
 std::map<long, fs::path> filesOf(const fs::path& file, const Pattern& pattern) {
   std::map<long, fs::path> files;
   std::error_code error;
@@ -125,7 +128,7 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
     frames.push_back(like);
     frames.back().grid = name;
   }
-  // If no grid has the name, load it as a single grid, which reports the error.
+  // If no grid has this name, loads it like a single grid, so that loading reports the error.
   if (frames.empty()) frames.push_back(like);
   return frames;
 }

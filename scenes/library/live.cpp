@@ -17,7 +17,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kWholeRate = 100.0;  // [Hz]: more than a window draws
+constexpr double kWholeRate = 100.0;  // [Hz]: higher than the frame rate of a window
 const char* const kSubject = "window";
 
 std::array<double, 3> numbers(const Vec3& v) noexcept {
@@ -49,7 +49,8 @@ LiveShare::LiveShare()
 }
 
 LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
-  // Read the head first: in another version all other members, and the size, may differ.
+  // Reads only the first two members at first. In another version, all other members and the size
+  // may be different.
   std::array<std::uint64_t, 2> head{};
   if (pread(descriptor, head.data(), sizeof head, 0) != static_cast<ssize_t>(sizeof head) ||
       head[0] != LiveBlock::kMagic) {
@@ -143,7 +144,8 @@ void LiveWriter::tellWhole(const Telemetry& tick, const ProxyState& state) noexc
   whole_.fault = tick.fault;
   whole_.limited = r.limited;
   whole_.primitive_count = 0;
-  // A scene is announced here before it is published, so an unknown one is in `expected_`.
+  // expect() gets each scene before the loop does. An unknown scene must therefore be in
+  // `expected_`.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
   const Modes* modes = expected_.current().get();
   const bool known = modes != nullptr && modes->id == tick.scene;

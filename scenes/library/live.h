@@ -1,5 +1,6 @@
-/// Memory that a running loop shares with a window in another process: the loop's state and the
-/// window's requests. Neither side can block the other.
+/// Memory that a running loop shares with a window in another process. It carries the state of the
+/// loop to the window and requests from the window to the loop. Neither process can block the
+/// other.
 #pragma once
 
 #include <array>
@@ -21,17 +22,19 @@
 
 namespace palpate {
 
-/// Publishes plain data from one writer to any number of readers, also in other processes.
+/// Publishes a value without pointers from one writer to any number of readers, also in other
+/// processes.
 ///
-/// A sequence lock: the writer never waits for readers. A reader gets a whole value, or fails and
-/// reads again. A Mailbox cannot be used here: its reader takes slots from the writer, and a reader
+/// This is a sequence lock. The writer never waits for a reader. A reader gets a complete value, or
+/// fails and must read again. A Mailbox is not suitable: its readers change its state, and a reader
 /// in another process may be faulty.
 template <class T>
 class Published {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Replaces the value. One thread. RT: wait-free, no allocation. Cost: one store per 8 bytes.
+  /// Replaces the value. Only one thread may call this. RT: wait-free, no allocation. Cost: one
+  /// store for each 8 bytes.
   void write(const T& value) noexcept {
     std::array<std::uint64_t, kWords> words{};
     std::memcpy(words.data(), &value, sizeof(T));
@@ -43,8 +46,8 @@ class Published {
     }
     turn_.store(turn + 2, std::memory_order_release);
   }
-  /// Copies the newest value. Returns false and leaves `value` unchanged before the first write, or
-  /// if a write intervened. RT: wait-free.
+  /// Copies the newest value. If nothing was written yet, or the writer wrote during the copy,
+  /// returns false and leaves `value` unchanged. RT: wait-free.
   [[nodiscard]] bool read(T& value) const noexcept {
     const std::uint64_t turn = turn_.load(std::memory_order_acquire);
     if (turn == 0 || turn % 2 != 0) return false;
@@ -64,136 +67,148 @@ class Published {
   std::array<std::atomic<std::uint64_t>, kWords> words_{};
 };
 
-/// Largest number of modes that a window shows; it shows the first ones.
+/// Largest number of modes that a window shows. If there are more, it shows the first ones.
 inline constexpr std::size_t kLiveModes = 64;
-/// Largest number of primitives that a window shows; it shows the first ones.
+/// Largest number of primitives that a window shows. If there are more, it shows the first ones.
 inline constexpr std::size_t kLivePrimitives = 64;
 /// Number of past ticks that a window can show: 4 s at 1 kHz.
 inline constexpr std::size_t kLiveRows = 4096;
 
-/// One primitive of a tick's last balance.
+/// A primitive in the last balance of a tick.
 struct LivePrimitive {
-  std::array<double, 3> position{};            ///< Primitive::position [m].
-  std::array<double, 3> direction{};           ///< Primitive::direction.
-  std::array<double, 3> force{};               ///< Force on the proxy [N].
-  double strength = 0.0;                       ///< Primitive::strength [N].
-  PrimitiveKind kind = PrimitiveKind::kForce;  ///< Meaning of position and direction.
-  bool friction = false;                       ///< True for a friction line.
-  std::uint16_t mode = 0;  ///< Index into LiveScene::modes; kLiveModes: the mode is beyond the
-                           ///< list.
+  std::array<double, 3> position{};   ///< Primitive::position [m].
+  std::array<double, 3> direction{};  ///< Primitive::direction.
+  std::array<double, 3> force{};      ///< Force on the proxy [N].
+  double strength = 0.0;              ///< Primitive::strength [N].
+  /// Kind of the primitive, which determines the meaning of `position` and `direction`.
+  PrimitiveKind kind = PrimitiveKind::kForce;
+  bool friction = false;  ///< True for a friction line.
+  /// Index of its mode in LiveScene::modes; kLiveModes: its mode is not in that list.
+  std::uint16_t mode = 0;
 };
 
-/// One complete tick; published about 100 times a second.
+/// A tick with its primitives. It is published about 100 times a second.
 struct LiveTick {
-  std::int64_t tick = 0;                                    ///< Telemetry::tick.
-  std::uint64_t scene = 0;                                  ///< Scene::id.
-  double time = 0.0;                                        ///< Time since the start [s].
-  std::array<double, 3> probe{};                            ///< [m]
-  std::array<double, 3> proxy{};                            ///< [m]
-  std::array<double, 3> force{};                            ///< Force that was sent [N].
-  double stiffness = 0.0;                                   ///< Stiffness of the coupling [N/m].
-  double error_bound = 0.0;                                 ///< StepReport::error_bound of the last
-                                                            ///< balance [m].
-  std::int64_t late_ticks = 0;                              ///< Missed ticks so far.
-  std::uint32_t primitive_count = 0;                        ///< Entries of `primitives`.
-  StepStatus status = StepStatus::kConverged;               ///< How the tick ended.
-  Fault fault = Fault::kNone;                               ///< Why the force is cut.
-  bool limited = false;                                     ///< StepReport::limited.
-  std::array<LivePrimitive, kLivePrimitives> primitives{};  ///< In the order of modes.
+  std::int64_t tick = 0;                       ///< Telemetry::tick, the number of the tick.
+  std::uint64_t scene = 0;                     ///< Scene::id.
+  double time = 0.0;                           ///< Time since the start [s].
+  std::array<double, 3> probe{};               ///< Position of the probe [m].
+  std::array<double, 3> proxy{};               ///< Position of the proxy [m].
+  std::array<double, 3> force{};               ///< Force that was sent to the device [N].
+  double stiffness = 0.0;                      ///< Stiffness of the coupling [N/m].
+  double error_bound = 0.0;                    ///< StepReport::error_bound of the last
+                                               ///< balance [m].
+  std::int64_t late_ticks = 0;                 ///< Number of missed ticks since the start.
+  std::uint32_t primitive_count = 0;           ///< Number of valid entries in `primitives`.
+  StepStatus status = StepStatus::kConverged;  ///< How the tick ended.
+  Fault fault = Fault::kNone;                  ///< Fault that cuts the force; kNone: no fault.
+  bool limited = false;  ///< True if the force was limited (StepReport::limited).
+  /// The primitives, in the order of their modes.
+  std::array<LivePrimitive, kLivePrimitives> primitives{};
 };
 
-/// Record of every tick.
+/// A few numbers of a tick. It is published for every tick.
 struct LiveRow {
-  std::int64_t tick = 0;  ///< Telemetry::tick.
-  double time = 0.0;      ///< [s]
-  float force = 0.0F;     ///< Magnitude of the force that was sent [N].
-  float apart = 0.0F;     ///< |probe - proxy| [m].
-  float took = 0.0F;      ///< Duration of the tick [s].
+  std::int64_t tick = 0;  ///< Telemetry::tick, the number of the tick.
+  double time = 0.0;      ///< Time since the start of the run [s].
+  float force = 0.0F;     ///< Magnitude of the force that was sent to the device [N].
+  float apart = 0.0F;     ///< Distance between probe and proxy [m].
+  float took = 0.0F;      ///< Time that the computation of the tick took [s].
 };
 
-/// Largest factor that a window's user can set for a mode.
+/// Largest gain that the user of a window can set.
 inline constexpr float kMostDial = 8.0F;
 
-/// Gain of a mode. It names the mode by a number, not by an index. The loop assigns the number; the
-/// mode keeps it while its scene's file is edited, and no other mode ever gets it. So a late
-/// request cannot change another mode.
+/// The gain of one mode. The mode is identified by a number that the loop has assigned to it, not
+/// by an index. A mode keeps this number when the scene file is edited, and no other mode ever gets
+/// it. A late request therefore cannot change another mode.
 struct LiveDial {
-  std::uint32_t mode = 0;  ///< The mode's number.
-  float factor = 1.0F;     ///< Factor of its strength and viscosity, 0 to kMostDial; 0: off.
+  std::uint32_t mode = 0;  ///< Number that identifies the mode.
+  /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off.
+  float factor = 1.0F;
 };
 
-/// Modes of a scene.
+/// Names and gains of a scene's modes.
 struct LiveScene {
-  static constexpr std::size_t kName = 48;  ///< Longest name [bytes], with its zero byte.
+  /// Largest length of a name with its terminating zero byte [bytes].
+  static constexpr std::size_t kName = 48;
 
   std::uint64_t id = 0;          ///< Scene::id.
-  std::uint32_t mode_count = 0;  ///< Entries of `modes`.
+  std::uint32_t mode_count = 0;  ///< Number of valid entries in `modes`.
   /// One mode with its gain.
   struct Mode {
-    std::array<char, kName> name{};  ///< Text to show; ends with a zero byte.
-    LiveDial dial;                   ///< Gain that the scene was built with.
+    std::array<char, kName> name{};  ///< Name to show, terminated by a zero byte.
+    LiveDial dial;                   ///< Gain with which the scene was built.
   };
-  std::array<Mode, kLiveModes>
-      modes{};  ///< The scene's own modes, then those of its parts; similar parts once.
+  std::array<Mode, kLiveModes> modes{};  ///< The modes outside parts, then those of parts; parts of
+                                         ///< one group share their modes.
 };
 
-/// Requests from the window; a request raises its count.
+/// Requests of the window's user. To make a request, the window increases the count of that
+/// request.
 struct LiveWishes {
-  std::uint64_t cuts = 0;                    ///< Requests to cut the force.
-  std::uint64_t clears = 0;                  ///< Requests to restore the force.
-  std::uint64_t closed = 0;                  ///< Not 0: the user has closed the window.
-  std::uint64_t dialled = 0;                 ///< Changes of `dials`.
-  std::uint32_t dial_count = 0;              ///< Entries of `dials`.
-  std::array<LiveDial, kLiveModes> dials{};  ///< Gains of all modes that the window knows.
+  std::uint64_t cuts = 0;        ///< Number of requests to cut the force.
+  std::uint64_t clears = 0;      ///< Number of requests to restore the force.
+  std::uint64_t closed = 0;      ///< Not 0 if the user has closed the window.
+  std::uint64_t dialled = 0;     ///< Number of requests to change gains.
+  std::uint32_t dial_count = 0;  ///< Number of valid entries in `dials`.
+  /// Requested gains of all modes that the window shows.
+  std::array<LiveDial, kLiveModes> dials{};
 };
 
-/// Target of the hand, from the window's user.
+/// Target of the hand, which the mouse in the window sets.
 struct LiveHand {
-  std::array<double, 3> target{};  ///< In W [m].
+  std::array<double, 3> target{};  ///< Position in W [m].
 };
 
-/// The shared block of memory.
+/// The memory block that both processes map.
 struct LiveBlock {
-  static constexpr std::uint64_t kMagic = 0x6576696c'706c6170;  ///< "palplive", for every layout.
-  static constexpr std::uint64_t kLayout = 3;  ///< Raised with each change of the members below.
+  /// Text "palplive", which begins the block in every version.
+  static constexpr std::uint64_t kMagic = 0x6576696c'706c6170;
+  /// Version of the layout. Increase it with each change of the members below.
+  static constexpr std::uint64_t kLayout = 3;
 
-  std::atomic<std::uint64_t> magic{kMagic};    ///< kMagic; else this is not a LiveBlock.
-  std::atomic<std::uint64_t> layout{kLayout};  ///< kLayout; else it has another version.
+  /// kMagic. With another value, the memory is not a LiveBlock.
+  std::atomic<std::uint64_t> magic{kMagic};
+  /// kLayout. With another value, the block has another version.
+  std::atomic<std::uint64_t> layout{kLayout};
   // From the loop.
-  Published<LiveTick> tick;                        ///< The newest whole tick.
-  Published<LiveScene> scene;                      ///< Scene of `tick`.
-  std::array<Published<LiveRow>, kLiveRows> rows;  ///< Tick n is at n % kLiveRows.
-  std::atomic<std::int64_t> newest{0};             ///< Tick of the newest row.
-  std::atomic<std::int64_t> process{0};            ///< Id of the loop's process, which starts the
-                                                   ///< window.
-  std::atomic<std::uint32_t> over{0};              ///< Not 0: the run has ended.
-  std::atomic<std::uint64_t> refused{0};  ///< Newest LiveWishes::dialled that the loop rejected.
+  Published<LiveTick> tick;    ///< The newest complete tick.
+  Published<LiveScene> scene;  ///< Modes of the scene of `tick`.
+  /// The row of tick n is at the index n % kLiveRows.
+  std::array<Published<LiveRow>, kLiveRows> rows;
+  std::atomic<std::int64_t> newest{0};   ///< Number of the newest tick that has a row.
+  std::atomic<std::int64_t> process{0};  ///< Process id of the loop, which has started the window.
+  std::atomic<std::uint32_t> over{0};    ///< Not 0 if the run has ended.
+  /// LiveWishes::dialled of the last request for gains that the loop has rejected.
+  std::atomic<std::uint64_t> refused{0};
   // From the window.
   Published<LiveWishes> wishes;  ///< Requests to the loop.
-  Published<LiveHand> hand;      ///< Target from a mouse.
+  Published<LiveHand> hand;      ///< Target of the hand from the mouse.
 };
 
-/// Returns the core of the loop of the first hand, which the window must not use: the last core of
-/// those that this process may use. Returns -1 if there is only one.
+/// Returns the core that the loop of the first hand uses, and the window must not use: the last of
+/// the cores that this process may use. Returns -1 if there is only one core.
 [[nodiscard]] int loopsCore() noexcept;
 
-/// Mapped memory of a LiveBlock.
+/// A LiveBlock in memory that two processes map.
 class LiveShare {
  public:
-  /// Creates new memory, for a loop. No process can shrink it. Throws Error.
+  /// Creates the memory, for the loop. No process can make it smaller. Throws Error.
   LiveShare();
-  /// Maps another process's memory by an inherited descriptor. Throws Error if the descriptor is of
-  /// another kind.
+  /// Maps the memory that another process has created, through an inherited descriptor. Throws
+  /// Error if the descriptor does not lead to such memory.
   explicit LiveShare(int descriptor);
   ~LiveShare();
   LiveShare(const LiveShare&) = delete;
   LiveShare& operator=(const LiveShare&) = delete;
 
-  /// Returns the block; valid as long as this object.
+  /// Returns the block, which is valid as long as this object exists.
   [[nodiscard]] LiveBlock& block() noexcept { return *block_; }
   /// Returns the block for reading.
   [[nodiscard]] const LiveBlock& block() const noexcept { return *block_; }
-  /// Returns the descriptor. A started program inherits it only if the caller passes it on.
+  /// Returns the descriptor of the memory. A child process inherits it only if the caller passes it
+  /// on.
   [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
 
  private:
@@ -203,34 +218,36 @@ class LiveShare {
   LiveBlock* block_ = nullptr;
 };
 
-/// Publishes a loop's ticks to a window.
-// The mailbox keeps its two sides on separate cache lines.
+/// Publishes the ticks of a loop to a window.
+// The padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
 class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// `rate`: ticks per second [Hz]. The block must outlive this object.
+  /// @param rate  Rate of the loop [Hz].
+  ///
+  /// The block must outlive this object.
   LiveWriter(LiveBlock& block, double rate);
-  /// Announces the scene of coming ticks. Call it before the scene is published, from the
-  /// publishing thread. `dials`: gains of the modes of SceneSpec::graph; empty: a mode's number is
-  /// its index there, and its factor is 1.
+  /// Announces the scene of the next ticks. Call it before the scene is published, from the thread
+  /// that publishes it. `dials` has the gains of the modes of SceneSpec::graph. If it is empty, the
+  /// number of a mode is its index there, and its gain is 1.
   void expect(const Scene& scene, std::span<const LiveDial> dials = {});
-  /// Publishes one tick after its force was sent, on the tick's thread. RT: wait-free, no
-  /// allocation. Cost: some 50 ns, and some hundreds of ns more every hundredth of a second.
+  /// Publishes a tick after its force was sent. Call it from the loop's thread. RT: wait-free, no
+  /// allocation. Cost: about 50 ns. For the about 100 ticks per second that are published with
+  /// their primitives, a few hundred ns more.
   void take(const Telemetry& tick, const ProxyState& state) noexcept PALPATE_NONBLOCKING;
 
  private:
-  /// Assigns the primitives of one scene to its modes.
+  /// Assigns the primitives of a tick to the modes of its scene.
   struct Modes {
     std::uint64_t id = 0;
-    std::size_t own = 0;                 ///< Number of the scene's own modes; those of parts
-                                         ///< follow.
-    std::vector<std::uint32_t> of_part;  ///< Index of each part's first mode; similar parts share
-                                         ///< it.
+    std::size_t own = 0;  ///< Number of modes outside parts; the modes of parts follow them.
+    std::vector<std::uint32_t>
+        of_part;  ///< Index of each part's first mode; parts of one group share their modes.
     LiveScene told;
   };
   void tellWhole(const Telemetry& tick, const ProxyState& state) noexcept;
 
   LiveBlock& block_;
-  std::int64_t every_;  ///< Ticks between two complete ones.
+  std::int64_t every_;  ///< A tick with its primitives is published every `every_` ticks.
   Mailbox<std::shared_ptr<const Modes>> expected_;
   std::uint64_t told_scene_ = 0;
   Fault told_fault_ = Fault::kNone;

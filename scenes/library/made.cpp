@@ -18,20 +18,21 @@ namespace palpate {
 namespace made {
 namespace {
 
-/// Returns the velocity per circulation of a straight piece of a vortex filament. The piece lies
-/// along e from the point a, from s = `from` to `to` (may be infinite).
+/// Returns the velocity per unit of circulation that a straight piece of a vortex filament induces
+/// at p. The piece has the direction e and extends from a + `from` e to a + `to` e; both may be
+/// infinite.
 Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double from, double to,
                     double core) {
   const Vec3 r_F = p_F - a_F;
   const double along = r_F.dot(e_F);
   const Vec3 around_F = e_F.cross(r_F);
   const double h2 = around_F.squaredNorm() + core * core;
-  // Antiderivative of (s^2 + h^2)^(-3/2), times h^2: s / sqrt(s^2 + h^2).
+  // Antiderivative of h^2 (s^2 + h^2)^(-3/2): s / sqrt(s^2 + h^2).
   const auto reach = [&](double s) { return std::isinf(s) ? 1.0 : s / std::sqrt(s * s + h2); };
   return around_F * ((reach(to - along) - reach(from - along)) / (4.0 * M_PI * h2));
 }
 
-/// Returns 1 up to `inner`, 0 from `outer` on, and a smooth step between.
+/// Returns 1 up to `inner` and 0 from `outer` on, with a smooth transition between.
 double fade(double x, double inner, double outer) {
   const double t = std::clamp((outer - x) / (outer - inner), 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
@@ -44,7 +45,8 @@ Vec3 Wind::velocity(const Vec3& p_F) const {
   const double far = std::numeric_limits<double>::infinity();
   const Vec3 x = Vec3::UnitX();
   const Vec3 y = Vec3::UnitY();
-  // Lift is up if the bound vortex points along +y: faster above the wing, slower below.
+  // The bound vortex points along +y. The air is then faster above the wing than below it, which
+  // lifts the wing.
   const Vec3 turned = straightVortex(p_F, Vec3::Zero(), y, -half, half, core) +
                       straightVortex(p_F, half * y, x, 0.0, far, core) -
                       straightVortex(p_F, -half * y, x, 0.0, far, core);
@@ -53,23 +55,24 @@ Vec3 Wind::velocity(const Vec3& p_F) const {
 
 double wing(const Vec3& p_F) {
   constexpr double kPitch = 6.0 * M_PI / 180.0;
-  constexpr double kRound = 0.008;     // [m]
-  const Vec3 half(0.04, 0.15, 0.008);  // chord, span, thickness, with the round edge
+  constexpr double kRound = 0.008;  // [m]: radius of the round edges
+  // half the chord, the span and the thickness, with the round edges
+  const Vec3 half(0.04, 0.15, 0.008);
   const double c = std::cos(kPitch);
   const double s = std::sin(kPitch);
-  // Nose up: convert to the wing's own axes.
+  // The nose points up: converts p to the axes of the wing.
   const Vec3 p(c * p_F.x() - s * p_F.z(), p_F.y(), s * p_F.x() + c * p_F.z());
   const Vec3 beyond = p.cwiseAbs() - (half - Vec3::Constant(kRound));
   return beyond.cwiseMax(0.0).norm() + std::min(beyond.maxCoeff(), 0.0) - kRound;
 }
 
 Fibre fibre(const Vec3& p_F) {
-  // [1e-3 mm^2/s], as in white and grey matter.
+  // Diffusivities [1e-3 mm^2/s], similar to those of white and grey matter.
   constexpr double kAlong = 1.7;
   constexpr double kAcross = 0.3;
   constexpr double kTissue = 0.7;
-  constexpr double kInner = 6.0;  // [mm]
-  constexpr double kOuter = 9.0;  // [mm]
+  constexpr double kInner = 6.0;  // [mm]: radius in which a bundle has its full share
+  constexpr double kOuter = 9.0;  // [mm]: radius at which the share is 0
   constexpr double kBend = 24.0;  // radius of the bent bundle [mm]
   const Vec3 centre(-kBend, 0.0, 0.0);
 
@@ -77,7 +80,7 @@ Fibre fibre(const Vec3& p_F) {
   const Vec3 r = p_F - centre;
   const double radius = std::hypot(r.x(), r.y());
   double second = fade(std::hypot(radius - kBend, p_F.z()), kInner, kOuter);
-  // Keep a half circle: the other half would cross the first bundle again.
+  // Uses only half of the circle. The other half would cross the first bundle a second time.
   second *= fade(-r.x(), -4.0, 0.0);
   const double shares = std::max(first + second, 1e-300);
   const double fibres = std::max(first, second);
@@ -90,7 +93,7 @@ Fibre fibre(const Vec3& p_F) {
   const Mat3 D = (1.0 - fibres) * kTissue * Mat3::Identity() +
                  fibres / shares * (first * bundle(Vec3::UnitX()) + second * bundle(round));
   const Eigen::SelfAdjointEigenSolver<Mat3> eigen(D);
-  const Vec3& l = eigen.eigenvalues();  // ascending
+  const Vec3& l = eigen.eigenvalues();  // in ascending order
   Fibre out;
   out.direction = eigen.eigenvectors().col(2);
   out.anisotropy = std::sqrt(0.5) * Vec3(l[2] - l[1], l[1] - l[0], l[0] - l[2]).norm() / l.norm();
@@ -98,7 +101,7 @@ Fibre fibre(const Vec3& p_F) {
 }
 
 double signAt(int i, int j, int k) {
-  // Final mixing step of SplitMix64 over the three indices.
+  // Hash of the three indices: the last mixing step of SplitMix64.
   std::uint64_t h = (static_cast<std::uint64_t>(static_cast<std::uint32_t>(i)) << 42U) ^
                     (static_cast<std::uint64_t>(static_cast<std::uint32_t>(j)) << 21U) ^
                     static_cast<std::uint64_t>(static_cast<std::uint32_t>(k));
@@ -110,9 +113,9 @@ double signAt(int i, int j, int k) {
 }
 
 double bowl(const Vec3& p_F) {
-  constexpr double kRadius = 30.0;     // radius of the middle of the wall [mm]
-  constexpr double kHalf = 3.0;        // half the wall's thickness [mm]
-  constexpr double kRim = M_PI / 3.0;  // angle between the rim and +z
+  constexpr double kRadius = 30.0;     // radius of the middle surface of the wall [mm]
+  constexpr double kHalf = 3.0;        // half the thickness of the wall [mm]
+  constexpr double kRim = M_PI / 3.0;  // angle between +z and the rim
   const double r = std::hypot(p_F.x(), p_F.y());
   const double z = p_F.z();
   if (std::atan2(r, z) >= kRim) return std::abs(std::hypot(r, z) - kRadius) - kHalf;
@@ -120,22 +123,23 @@ double bowl(const Vec3& p_F) {
 }
 
 double cloud(const Vec3& p_F) {
-  constexpr double kCore = 8.0;   // [mm]
-  constexpr double kEdge = 26.0;  // [mm]
+  constexpr double kCore = 8.0;   // [mm]: radius of the region with density 1
+  constexpr double kEdge = 26.0;  // [mm]: radius at which the density is 0
   const Vec3 centre(14.0, 0.0, 8.0);
   return std::clamp((kEdge - (p_F - centre).norm()) / (kEdge - kCore), 0.0, 1.0);
 }
 
 namespace {
 
-/// Returns the distance to an ellipsoid's surface, exact on it and to first order near it.
+/// Returns the distance to the surface of an ellipsoid. It is exact on the surface, and accurate to
+/// first order near it.
 double ellipsoid(const Vec3& p, const Vec3& axes) {
   const double k0 = p.cwiseQuotient(axes).norm();
   const double k1 = p.cwiseQuotient(axes.cwiseProduct(axes)).norm();
   return k1 > 0.0 ? k0 * (k0 - 1.0) / k1 : -axes.minCoeff();
 }
 
-/// Returns a value that rises from 0 to 1 over a width about an edge.
+/// Returns a value that rises linearly from 0 at d = -width / 2 to 1 at d = width / 2.
 double ramp(double d, double width) {
   return std::clamp(0.5 + d / width, 0.0, 1.0);
 }
@@ -143,7 +147,7 @@ double ramp(double d, double width) {
 }  // namespace
 
 double ventricle(const Vec3& p_F) {
-  constexpr double kRim = 24.0;  // [mm]
+  constexpr double kRim = 24.0;  // [mm]: height of the rim
   const double outer = ellipsoid(p_F, {32.0, 32.0, 48.0});
   const double inner = ellipsoid(p_F, {22.0, 22.0, 38.0});
   return std::max({outer, -inner, p_F.z() - kRim});
@@ -151,7 +155,7 @@ double ventricle(const Vec3& p_F) {
 
 Vec3 beat(const Vec3& x_F, double share) {
   constexpr double kRim = 24.0;     // height of the rim, which does not move [mm]
-  constexpr double kSystole = 0.4;  // share of the beat
+  constexpr double kSystole = 0.4;  // fraction of a beat
   constexpr double kRelaxed = 0.75;
   const double t = share - std::floor(share);
   double tension = 0.0;
@@ -171,10 +175,10 @@ Vec3 beat(const Vec3& x_F, double share) {
 }
 
 double trunk(const Vec3& p_F) {
-  constexpr double kEdge = 6.0;  // width of the blurred edges [mm]
+  constexpr double kEdge = 6.0;  // width of the transition between two materials [mm]
   const double body = ellipsoid({p_F.x(), p_F.y(), 0.0}, {150.0, 100.0, 1e6});
   const double ends = std::abs(p_F.z()) - 140.0;
-  // The lungs are above the diaphragm, a dome.
+  // The lungs end at the diaphragm, which has the shape of a dome.
   const double dome = p_F.z() + 30.0 + (p_F.x() * p_F.x() + p_F.y() * p_F.y()) / 300.0;
   double lungs = 1e9;
   for (const double side : {-1.0, 1.0}) {
@@ -190,8 +194,8 @@ double trunk(const Vec3& p_F) {
 }
 
 Vec3 breath(const Vec3& x_F, double share) {
-  // Exhalation takes longer than inhalation, and a rest follows it (Lujan et al. 1999: a power of a
-  // cosine).
+  // Breathing out takes longer than breathing in, and a rest follows (Lujan et al. 1999: a power of
+  // a cosine).
   const double in = std::pow(std::sin(M_PI * share), 4);
   const double front = ramp(40.0 - x_F.y(), 200.0);  // 0 at the spine, 1 at the front
   const double diaphragm = std::exp(-std::pow((x_F.z() + 40.0) / 70.0, 2));
@@ -205,7 +209,7 @@ namespace {
 
 using openvdb::Coord;
 
-/// Visits all voxels of a box by index.
+/// Calls a function for each voxel of a box, with its index and its position.
 void everyVoxel(const Box& box_F, double voxel,
                 const std::function<void(const Coord& at, const Vec3& p_F)>& visit) {
   const auto first = [&](int a) {
@@ -240,7 +244,7 @@ struct Making {
   MadeGrid made;
 };
 
-/// Returns the narrow band of a distance, three voxels on each side.
+/// Returns a level set within three voxels of the surface, from a distance function.
 openvdb::FloatGrid::Ptr levelSet(const char* name, const Box& box_F, double voxel,
                                  double (*distance)(const Vec3&)) {
   const double band = openvdb::LEVEL_SET_HALF_WIDTH * voxel;
@@ -257,15 +261,16 @@ openvdb::FloatGrid::Ptr levelSet(const char* name, const Box& box_F, double voxe
 
 std::vector<Making> makeWindTunnel(double voxel) {
   const made::Wind wind;
-  // The background is the stream without vortices, so the air flow continues outside the box.
+  // The background is the uniform stream, so that the flow continues outside the box.
   auto velocity = create<openvdb::Vec3SGrid>("velocity", voxel, toVdb({wind.stream, 0, 0}));
   openvdb::Vec3SGrid::Accessor writer = velocity->getAccessor();
-  // The box extends farther down than up: the air behind the wing sinks.
+  // The box extends farther below the wing than above it, because the air behind the wing moves
+  // down.
   const Box box_F{{-0.12, -0.24, -0.18}, {0.36, 0.24, 0.10}};
   everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, toVdb(wind.velocity(p_F)));
   });
-  // The wing is thin: it needs half the air's voxel.
+  // The wing is thin, so its voxels are half as large as those of the air.
   const Box about_F{{-0.08, -0.19, -0.05}, {0.08, 0.19, 0.05}};
   const auto wing = levelSet("wing", about_F, 0.5 * voxel, made::wing);
   return {
@@ -303,7 +308,8 @@ std::vector<Making> makeTwoBodies(double voxel) {
           {cloud, {.name = "", .what = "density of a cloud in it and about it", .value_unit = ""}}};
 }
 
-/// Adds displacements over one cycle, evenly in time; the last frame is the first again.
+/// Adds the displacement fields of one cycle, evenly spaced in time. The last frame equals the
+/// first.
 void addCycle(std::vector<Making>& to, const Box& box_F, double voxel, int frames,
               const std::string& what, Vec3 (*displaced)(const Vec3& x_F, double share)) {
   for (int frame = 0; frame <= frames; ++frame) {

@@ -1,6 +1,6 @@
-/// Private to the program: procedural volumes. Examples use them if no file is at hand; tests
-/// compare with them. They are deterministic: every machine and every run gives the same voxels, up
-/// to the last digits of the mathematical library.
+/// Private to the program: volumes that are computed from formulas. Examples use them if no file is
+/// available, and tests compare with them. They are the same on every machine and in every run,
+/// except for the last digits of the mathematical library.
 #pragma once
 
 #include <cstdint>
@@ -13,106 +13,109 @@
 
 namespace palpate {
 
-/// Description of a volume that writeMade can make.
+/// Description of a volume that writeMade() can make.
 struct MadeVolume {
-  std::string name;          ///< Name for writeMade.
+  std::string name;          ///< Name of the volume, for writeMade().
   std::string what;          ///< Short description.
-  std::string length_unit;   ///< Unit of the file's own space.
-  double voxel = 0.0;        ///< Default edge of a voxel, in that unit.
-  double least_voxel = 0.0;  ///< Finest voxel of writeMade, in that unit.
-  double most_voxel = 0.0;   ///< Coarsest voxel of writeMade.
+  std::string length_unit;   ///< Unit of length in the file.
+  double voxel = 0.0;        ///< Default edge of a voxel, in the unit of length.
+  double least_voxel = 0.0;  ///< Smallest edge of a voxel that is allowed.
+  double most_voxel = 0.0;   ///< Largest edge of a voxel that is allowed.
 };
 
-/// Returns all procedural volumes.
+/// Returns the descriptions of all volumes.
 [[nodiscard]] const std::vector<MadeVolume>& madeVolumes();
 
-/// Description of a written grid.
+/// Description of a grid that was written.
 struct MadeGrid {
-  std::string name;                 ///< Name in the file.
-  std::string what;                 ///< Short description, as in its metadata.
-  std::string value_unit;           ///< Unit, such as "m/s"; empty: without a unit.
-  std::uint64_t active_voxels = 0;  ///< Number of active voxels, also in active tiles.
+  std::string name;        ///< Name of the grid in the file.
+  std::string what;        ///< Short description, which the metadata of the grid contain too.
+  std::string value_unit;  ///< Unit of the values, such as "m/s"; empty: they have no unit.
+  std::uint64_t active_voxels = 0;  ///< Number of active voxels, including those in active tiles.
   double voxel = 0.0;               ///< Edge of a voxel, in MadeVolume::length_unit.
-  int frames = 1;                   ///< Number of consecutive grids with that name: name[0],
-                                    ///< name[1].
+  int frames = 1;                   ///< Number of grids with this name: name[0], name[1] and so on.
 };
 
-/// Makes a volume and writes it as a .vdb; its metadata hold palpate's version and the units.
-/// @param voxel  Edge of a voxel in the volume's unit; unset: the default.
-/// Throws Error if the name is unknown (the error suggests the nearest one), the voxel is out of
-/// the volume's range, or the file cannot be written. A partial file then remains.
+/// Computes a volume and writes it as a .vdb. The metadata contain palpate's version and the units.
+/// Throws Error if the name is unknown (then the error suggests the nearest name), if the edge is
+/// outside the volume's range, or if the file cannot be written (then an incomplete file remains).
+/// @param voxel  Edge of a voxel in the unit of length of the volume; unset: the default.
 [[nodiscard]] std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> voxel,
                                               const std::filesystem::path& file);
 
-/// Formulas, in the file's own space (_F).
+/// The formulas. Positions are in the space of the file (_F).
 namespace made {
 
 /// Air flow about a wing in a wind tunnel. File: metres, x downstream, y along the wing, z up; the
 /// wing is at the origin.
 ///
-/// The flow is Prandtl's simplest wing: a uniform stream and one horseshoe vortex. The bound vortex
-/// lies in the wing and lifts it. From the tips two vortices of opposite rotation trail downstream
-/// to infinity. Each filament has the core of Rosenhead and Moore: 1/|r|^3 in the law of Biot and
-/// Savart becomes 1/(|r|^2 + core^2)^(3/2). The velocity is then the curl of a vector potential, so
-/// it has no divergence. About a long filament the velocity is circulation / (2 pi) r / (r^2 +
-/// core^2), with the vorticity circulation / pi core^2 / (r^2 + core^2)^2. Not modelled: the wing's
-/// thickness (air passes through it), the sheet behind it, the roll-up, the growth of the cores,
-/// and the tunnel's walls.
+/// The flow is the simplest model of Prandtl: a uniform stream and a horseshoe vortex. The bound
+/// vortex lies in the wing and produces the lift. At each tip a vortex trails downstream to
+/// infinity; the two vortices rotate in opposite directions. The filaments have the core of
+/// Rosenhead and Moore: 1/|r|^3 in the law of Biot and Savart becomes 1/(|r|^2 + core^2)^(3/2). The
+/// velocity is then the curl of a vector potential, so it has no divergence. About a long filament
+/// the velocity is circulation / (2 pi) r / (r^2 + core^2). Its vorticity is circulation / pi
+/// core^2 / (r^2 + core^2)^2. Not modelled: the thickness of the wing (air passes through it), the
+/// vortex sheet behind it and its roll-up, the growth of the cores, and the walls of the tunnel.
 struct Wind {
-  double stream = 10.0;      ///< [m/s]
-  double span = 0.3;         ///< Distance between the two vortices [m].
-  double circulation = 1.0;  ///< [m^2/s]
-  double core = 0.015;       ///< [m]
+  double stream = 10.0;      ///< Speed of the uniform stream [m/s].
+  double span = 0.3;         ///< Distance between the two trailing vortices [m].
+  double circulation = 1.0;  ///< Circulation of the vortices [m^2/s].
+  double core = 0.015;       ///< Radius of the vortex cores [m].
 
-  [[nodiscard]] Vec3 velocity(const Vec3& p_F) const;  ///< [m/s]
+  /// Returns the velocity of the air at p_F [m/s].
+  [[nodiscard]] Vec3 velocity(const Vec3& p_F) const;
 };
 
-/// Returns the signed distance to the wing [m], negative inside: a slab with round edges, pitched
-/// by 6 degrees.
+/// Returns the signed distance to the wing [m], negative inside. The wing is a flat box with round
+/// edges, pitched by 6 degrees.
 [[nodiscard]] double wing(const Vec3& p_F);
 
 /// Diffusion imaging of two bundles of fibres that cross. File: mm.
 ///
-/// One bundle is straight along x, the other bends in the plane z = 0; they cross at the origin at
-/// a right angle. At every point the diffusion tensor is the mean of isotropic tissue and the
-/// bundles, weighted by their shares. The tensor gives the direction of the greatest eigenvalue and
-/// the fractional anisotropy (Basser & Pierpaoli 1996). The anisotropy is 0.80 in a bundle and 0
-/// outside. It is 0.48 where both bundles have equal shares; no direction is greatest there.
+/// One bundle is straight along x. The other one bends in the plane z = 0. They cross at a right
+/// angle at the origin. At each point, the diffusion tensor is the mean of isotropic tissue and the
+/// bundles, weighted by their shares. Its greatest eigenvalue has the direction `direction`; the
+/// fractional anisotropy is that of Basser & Pierpaoli 1996. The anisotropy is 0.80 in a bundle and
+/// 0 outside. Where both bundles have equal shares, it is 0.48 and two directions have the greatest
+/// eigenvalue.
 struct Fibre {
-  Vec3 direction = Vec3::Zero();  ///< Unit vector; its sign has no meaning. Zero outside the
-                                  ///< bundles.
-  double anisotropy = 0.0;        ///< 0 to 1.
+  /// Unit vector, whose sign has no meaning; zero outside the bundles.
+  Vec3 direction = Vec3::Zero();
+  double anisotropy = 0.0;  ///< Fractional anisotropy, 0 to 1.
 };
-[[nodiscard]] Fibre fibre(const Vec3& p_F);  ///< At p_F [mm]; all zero outside the bundles.
+/// Returns the fibre at p_F [mm]; all members are zero outside the bundles.
+[[nodiscard]] Fibre fibre(const Vec3& p_F);
 
-/// Returns the sign with which a voxel's direction is stored, +1 or -1: a hash of its index.
-/// Eigenvectors of measured tensors have equally arbitrary signs.
+/// Returns the sign with which the direction of a voxel is stored, +1 or -1. It is a hash of the
+/// voxel's index, because the eigenvectors of measured tensors have arbitrary signs too.
 [[nodiscard]] double signAt(int i, int j, int k);
 
 /// Returns the signed distance to the surface of a bowl [mm]. The bowl is two thirds of a sphere
-/// about the origin, open towards +z, with a wall of 6 mm and a round rim.
+/// about the origin, open towards +z. Its wall is 6 mm thick and has a round rim.
 [[nodiscard]] double bowl(const Vec3& p_F);
 
-/// Returns the density of a cloud in the bowl, through its wall and over its rim. The density is 1
-/// near the cloud's centre and falls linearly to 0 at its edge. File: mm.
+/// Returns the density of a cloud that fills the bowl and extends beyond its wall and its rim. It
+/// is 1 near the centre of the cloud and decreases linearly to 0 at its edge. File: mm.
 [[nodiscard]] double cloud(const Vec3& p_F);
 
-/// Returns the signed distance to the surface of the left ventricle of a heart at rest, accurate
-/// near the surface [mm]. It is an egg-shaped cup of muscle with a wall of 10 mm, open towards +z.
+/// Returns the signed distance to the surface of the left ventricle of a heart at rest, which is
+/// accurate near the surface [mm]. The ventricle is a cup of muscle in the shape of an egg, open
+/// towards +z. Its wall is 10 mm thick.
 [[nodiscard]] double ventricle(const Vec3& p_F);
-/// Returns the muscle's displacement u at a share of a beat, 0 to 1: the material at x rests at x +
-/// u [mm]. The cavity narrows to two thirds, the wall thickens by a third, the apex (-z) rises, and
-/// the cup twists by 15 degrees between apex and rim; then it rests. Not modelled: the exactly
-/// constant volume of muscle, the right ventricle, blood.
+/// Returns the displacement u of the muscle at a fraction `share` of a beat, 0 to 1: the material
+/// at x is at x + u at rest [mm]. First the cavity narrows to two thirds, the wall becomes thicker
+/// by a third, the apex (-z) rises, and the cup twists by 15 degrees between apex and rim. Then the
+/// muscle relaxes. Not modelled: the constant volume of muscle, the right ventricle, and the blood.
 [[nodiscard]] Vec3 beat(const Vec3& x_F, double share);
 
-/// Returns the CT value of a trunk after breathing out: muscle (40) about two lungs (-800) and a
-/// liver (60) under the diaphragm, air (-1000) outside. y points to the back, z to the head. File:
-/// mm.
+/// Returns the CT value of a trunk after breathing out. There are muscle (40) about two lungs
+/// (-800), a liver (60) below the diaphragm, and air (-1000) outside. y points to the back and z to
+/// the head. File: mm.
 [[nodiscard]] double trunk(const Vec3& p_F);
-/// Returns the trunk's displacement u at a share of a breath, 0 to 1: the material at x rests at x
-/// + u [mm]. During inhalation the diaphragm moves down by up to 15 mm and the front of the chest
-/// moves out by 6; the spine stays.
+/// Returns the displacement u of the trunk at a fraction `share` of a breath, 0 to 1: the material
+/// at x is at x + u at rest [mm]. While breathing in, the diaphragm moves down by up to 15 mm and
+/// the front of the chest moves out by up to 6 mm. The spine does not move.
 [[nodiscard]] Vec3 breath(const Vec3& x_F, double share);
 
 }  // namespace made

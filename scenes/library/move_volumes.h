@@ -1,4 +1,4 @@
-/// Motions of a scene's volumes: keyframes and warps.
+/// Motions of the volumes of a scene, from keyframes and displacement fields.
 #pragma once
 
 #include <map>
@@ -13,22 +13,25 @@
 
 namespace palpate {
 
-/// Frames of the displacement volumes, by name.
+/// Frames of the displacement fields, by the names of their volumes.
 using Displacements = std::map<std::string, std::vector<std::shared_ptr<const Volume>>>;
 
-/// Returns the names of the displacement volumes. Throws SceneError for an unknown name.
+/// Returns the names of the volumes that are displacement fields. Throws SceneError for an unknown
+/// name.
 [[nodiscard]] std::set<std::string> displacementNames(const SceneSpec& spec);
 
-/// Throws SceneError if a mode or a field uses a displacement, or if a displacement moves.
+/// Throws SceneError if a mode or a field reads a displacement field, or if a displacement field
+/// moves.
 void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& names);
 
-/// Returns the volumes' own motions. Throws SceneError.
+/// Returns the motions that the volumes themselves define. Throws SceneError.
 [[nodiscard]] std::map<std::string, MotionPtr> ownMotions(const SceneSpec& spec,
                                                           const Displacements& displacements,
                                                           Placer& placer, SceneCache& cache);
 
-/// Gives the motion of a moving volume to volumes placed like it and to fields computed from it.
-/// All places are resolved, so "like" contains no unknown names and no circles.
+/// Gives the motion of a volume also to volumes that are placed like it and to fields that are
+/// computed from it. All places are already resolved, so that "like" contains neither unknown names
+/// nor circles.
 void joinMotions(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

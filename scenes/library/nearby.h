@@ -1,4 +1,5 @@
-/// Scene subset: the parts that a hand comes near, as a scene of one graph that names each part.
+/// Reduces a scene with parts to the parts near a hand, as a scene with one graph. Instances get
+/// names.
 #pragma once
 
 #include <cstddef>
@@ -8,15 +9,16 @@
 
 namespace palpate {
 
-/// Returns the scene with the given parts only; modes outside of all parts stay. The forces are
-/// those of the whole scene if no other part is near, except in ticks that end at the sub-step
-/// limit. For an instance, the names of volumes, fields and modes end in its number, "rock[7]".
-/// Other volumes with instances stand at one place only.
+/// Returns the scene with the modes that are in no part and with the given parts. The result has
+/// the same forces as the whole scene if no other part is near, except in ticks that end at the
+/// sub-step limit. In parts that are instances, names of volumes, fields and modes end in the
+/// number of the instance, such as "rock[7]". Volumes with instances that belong to no given part
+/// are at their first place.
 ///
 /// @param spec   Description from which `built` was built.
 /// @param parts  Indices into Scene::parts.
 ///
-/// Throws SceneError if a name of this form is already taken. buildScene() of the result throws if
+/// Throws SceneError if the scene already uses such a name. buildScene() of the result throws if
 /// one graph cannot hold it: 64 volumes, 64 properties, 256 modes.
 [[nodiscard]] SceneSpec nearby(const SceneSpec& spec, const BuiltScene& built,
                                const std::set<std::size_t>& parts);

@@ -1,4 +1,4 @@
-/// Output files that only this process opens.
+/// Creates output files that no other process can have prepared.
 #pragma once
 
 #include <fcntl.h>
@@ -9,7 +9,8 @@
 
 namespace palpate {
 
-/// Returns an unpredictable name beside `file`. The caller renames the finished output to `file`.
+/// Returns a path in the folder of `file` with an unpredictable name. The caller renames the
+/// complete output to `file`.
 [[nodiscard]] inline std::filesystem::path partialOf(const std::filesystem::path& file) {
   std::random_device random;
   std::filesystem::path partial = file;
@@ -17,17 +18,18 @@ namespace palpate {
   return partial;
 }
 
-/// Creates and opens a file. It never opens an existing file or link: an attacker with access to
-/// the folder could have planted a link to the user's file.
+/// Creates and opens a file. Never opens an existing file or follows a link. Otherwise another user
+/// who can write to the folder could place a link there, and this program would overwrite the
+/// link's target.
 ///
 /// @return  The descriptor; -1 with errno if the name exists or the file cannot be created.
 [[nodiscard]] inline int createNewFile(const std::filesystem::path& path) noexcept {
   return ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
-/// Returns a name in /proc of an open file, for libraries that open by name. It leads to that file
-/// even if another file now has the name `created`. Returns `created` if the kernel forbids this,
-/// as in a program with file capabilities.
+/// Returns a path in /proc of an open file, for libraries that open files by name. The path leads
+/// to that file even if another file now has the name `created`. Returns `created` if the kernel
+/// forbids this path, as in a program with file capabilities.
 [[nodiscard]] inline std::filesystem::path nameOfOpen(int descriptor,
                                                       const std::filesystem::path& created) {
   const std::filesystem::path open = "/proc/self/fd/" + std::to_string(descriptor);

@@ -13,7 +13,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kSmallestVoxel = 1e-9;  // [m]: a hand cannot press smaller ones
+constexpr double kSmallestVoxel = 1e-9;  // [m]: smaller voxels are of no use for a hand
 
 }  // namespace
 
@@ -48,7 +48,7 @@ Placement Placer::placementOf(const std::string& name) {
 Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                           const std::string& path) {
   Placement placed = computeAny(name, place, path);
-  // Also check a volume placed like another: it may be larger.
+  // Also checks a volume that is placed like another one, because it may be larger.
   const GridInfo& info = *volumes_.at(name);
   const double voxel = placed.scale * info.voxel.minCoeff();
   const double reach = placed.translate.norm() +

@@ -1,4 +1,4 @@
-/// Places of a scene's volumes and guides in W.
+/// Places the volumes and guides of a scene in W.
 #pragma once
 
 #include <cstddef>
@@ -10,20 +10,24 @@
 
 namespace palpate {
 
-/// Largest distance of any place from the origin of W [m].
+/// Largest distance of a volume or guide from the origin of W [m].
 inline constexpr double kFarthestPlace = 1e6;
 
-/// Resolves the places of all volumes. A volume with "like" takes the place of the named volume.
+/// Computes the placements of all volumes. A volume with "like" has the placement of the named
+/// volume.
 class Placer {
  public:
-  /// Both arguments have to outlive the placer. `volumes` holds the grid of each volume, by name.
+  /// @param volumes  Grid of each volume, by name.
+  ///
+  /// The placer refers to both arguments, which must outlive it.
   Placer(const SceneSpec& spec, const std::map<std::string, const GridInfo*>& volumes)
       : spec_(spec), volumes_(volumes) {}
 
-  /// Returns an instance's placement, for the volume with the instances and those placed like it.
-  /// Throws SceneError.
+  /// Returns the placement of an instance, for the volume `leader` that has the instances and for
+  /// the volumes placed like it. Throws SceneError.
   Placement placementOf(const std::string& leader, std::size_t instance);
-  /// Returns the placement of a volume, or of its first instance. Throws SceneError.
+  /// Returns the placement of a volume; if it has instances, that of the first one. Throws
+  /// SceneError.
   Placement placementOf(const std::string& name);
 
  private:
@@ -33,10 +37,13 @@ class Placer {
   const SceneSpec& spec_;
   const std::map<std::string, const GridInfo*>& volumes_;
   std::map<std::string, Placement> done_;
-  std::set<std::string> open_;  ///< Volumes whose placement was requested; finds circles of "like".
+  /// Volumes whose placement was requested. A second request before the first is complete means
+  /// that "like" forms a circle.
+  std::set<std::string> open_;
 };
 
-/// Transforms guides from a volume's units to W; the guides move with the volume.
+/// Converts guides from the units and the place of a volume to W. The guides then move with that
+/// volume.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph);
 
 }  // namespace palpate

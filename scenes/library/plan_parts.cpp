@@ -28,7 +28,7 @@ class Together {
   std::map<std::string, std::string> above_;
 };
 
-/// Returns every name that a mode reads, with its key.
+/// Returns each name that a mode reads, with the JSON key under which the mode has it.
 std::vector<std::pair<std::string, std::string>> keyedNamesOf(const ModeSpec& mode) {
   std::vector<std::pair<std::string, std::string>> names;
   const auto add = [&](const std::string& key, const std::string& name) {
@@ -59,7 +59,7 @@ std::vector<std::string> namesOf(const ModeSpec& mode) {
   return names;
 }
 
-/// Throws if a mode or a field reads an unknown name.
+/// Throws SceneError if a mode or a field reads an unknown name.
 void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
   const auto check = [&](const std::string& path, const std::string& name) {
     if (volumes.count(name) != 0 || graph.fields.count(name) != 0) return;
@@ -80,8 +80,8 @@ void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   for (const auto& [name, derived] : graph.fields) check("/fields/" + name, derived.of);
 }
 
-/// Returns the first of a part's modes that reads both a volume placed with the leader and one that
-/// is not.
+/// Returns the first mode of a part that reads volumes with the leader's instances together with
+/// other volumes.
 std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
                        const std::map<std::string, PlanVolume>& volumes) {
   const auto with_leader = [&](std::string name) {
@@ -102,19 +102,20 @@ std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
   return part.graph.mode_numbers.front();
 }
 
-/// A division in progress.
+/// Intermediate result of dividing a scene.
 struct Division {
   Together together;
-  std::set<std::string> base;              ///< Groups (from find) that cannot be parts.
-  std::map<std::string, PartPlan> things;  ///< Keys: their groups.
-  std::vector<std::size_t> stay;           ///< Modes outside of the parts.
+  std::set<std::string> base;  ///< Groups, named as by find(), that cannot become parts.
+  std::map<std::string, PartPlan> things;  ///< The things, by the names of their groups.
+  std::vector<std::size_t> stay;           ///< Modes that do not belong to a part.
 
   void keepInBase(const std::string& name) {
     if (together.knows(name)) base.insert(together.find(name));
   }
 };
 
-/// Joins the volumes and fields that depend on each other or are read together.
+/// Joins volumes and fields to one group if they depend on each other, or if a mode reads them
+/// together.
 Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
   Together together;
   for (const auto& [name, volume] : volumes) together.add(name);
@@ -130,7 +131,8 @@ Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolum
   return together;
 }
 
-/// Gives each mode to the thing that it reads, or keeps it in the base.
+/// Assigns each mode to the thing that it reads. A mode that reads no thing stays outside of the
+/// parts.
 void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
   for (std::size_t i = 0; i < modes.size(); ++i) {
     const ModeSpec& mode = modes[i];
@@ -150,7 +152,7 @@ void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
   }
 }
 
-/// Gives each volume and each field to its thing.
+/// Assigns each volume and each field to its thing.
 void divideFields(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes,
                   Division& division) {
   for (const auto& [name, volume] : volumes) {
@@ -180,7 +182,8 @@ Division divide(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   return division;
 }
 
-/// Throws SceneError if a thing with instances includes a volume that these instances do not place.
+/// Throws SceneError if a thing with instances includes a volume that does not have these
+/// instances.
 void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
                     const std::map<std::string, PlanVolume>& volumes) {
   const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
@@ -198,7 +201,8 @@ void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
   }
 }
 
-/// Moves out the things that become parts, in the scene's order; the modes of the others stay.
+/// Returns the things that become parts, in the order of the scene. The modes of the other things
+/// stay outside of the parts.
 std::vector<PartPlan> takeParts(const GraphSpec& graph,
                                 const std::map<std::string, PlanVolume>& volumes,
                                 Division& division) {

@@ -1,4 +1,4 @@
-/// Division of a scene into parts: independent groups of volumes and modes.
+/// Divides a scene into parts: groups of volumes and modes that are independent of each other.
 #pragma once
 
 #include <map>
@@ -9,34 +9,35 @@
 
 namespace palpate {
 
-/// Volumes that modes read together, and those modes: a thing.
+/// A thing: volumes that modes read together, and these modes. It may become a part of the scene.
 struct PartPlan {
-  GraphSpec graph;                   ///< At rest; its modes have the names of the scene.
-  std::vector<std::string> volumes;  ///< Volumes that it reads.
-  std::string leader;  ///< The volume with the instances at which the part stands; empty: it stands
-                       ///< once.
+  GraphSpec graph;  ///< Graph of the thing. Its modes have the names that the scene has for them.
+  std::vector<std::string> volumes;  ///< Names of its volumes.
+  /// Name of the volume whose instances the thing has; empty: it has no instances.
+  std::string leader;
 };
 
-/// Result of planParts: each mode is in one of its graphs.
+/// Result of planParts(). Each mode is in one of the graphs.
 struct ScenePlan {
-  GraphSpec base;               ///< The graph outside of the parts.
-  std::vector<PartPlan> parts;  ///< In the order of their first modes; may be empty.
+  GraphSpec base;               ///< Graph of the modes outside the parts.
+  std::vector<PartPlan> parts;  ///< Parts in the order of their first modes; may be empty.
 };
 
-/// Placement of a volume, as planParts needs it.
+/// Facts about the place of a volume that planParts() needs.
 struct PlanVolume {
-  std::string leader;       ///< The volume whose instances place this one; empty: no instances.
-  bool may_be_part = true;  ///< Static, and its place is known.
+  std::string leader;       ///< Name of the volume whose instances this volume has; empty: none.
+  bool may_be_part = true;  ///< False if the volume moves, or if its place is unknown.
 };
 
-/// Divides a scene into parts. Things without instances stay in one graph if the scene has few
-/// things (kFewThings). Else each thing that may be a part becomes one. A thing with instances
-/// always becomes a part. Throws SceneError (/modes/0) if a mode reads a volume with instances
-/// together with something else, or in a scene with parts, if a mode reads an unknown name.
+/// Divides a scene into parts. A thing with instances always becomes a part. If the scene has at
+/// most kFewThings things, those without instances stay in one graph; otherwise each of them that
+/// can be a part becomes one. Throws SceneError (/modes/0) if a mode reads a volume with instances
+/// together with another volume. Also throws it if the scene has parts and a mode reads an unknown
+/// name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 
-/// Up to this many things without instances are one graph.
+/// If a scene has at most this many things, those without instances stay in one graph.
 inline constexpr std::size_t kFewThings = 8;
 
 }  // namespace palpate

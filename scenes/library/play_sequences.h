@@ -1,4 +1,4 @@
-/// Sequences of a scene, and how they are played.
+/// Opens the sequences of a scene, and determines their playback.
 #pragma once
 
 #include <memory>
@@ -9,19 +9,20 @@
 
 namespace palpate {
 
-/// Throws SceneError if a sequence has a setting that sequences cannot have.
+/// Throws SceneError if a sequence has a setting that is not allowed for sequences.
 void checkSequence(const SceneSpec& spec, const std::string& name);
 
-/// Opens a placed sequence. Throws VolumeError.
+/// Opens a sequence at its place. Throws VolumeError.
 [[nodiscard]] std::shared_ptr<const FrameSequence> openSequence(const SceneSpec& spec,
                                                                 const std::string& name,
                                                                 const Placement& placement,
                                                                 SceneCache& cache);
 
-/// Returns how the scene's sequences are played. Throws SceneError.
+/// Returns the playback of the scene's sequences. Throws SceneError.
 [[nodiscard]] PlayParams playOf(const SceneSpec& spec, const BuiltScene& built);
 
-/// Notes sequences of one frame, and sequences whose budget is too small for the speed of play.
+/// Adds notes about sequences with one frame, and about sequences whose memory is too small for the
+/// playback speed.
 void noteSequences(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

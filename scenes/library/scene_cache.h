@@ -1,4 +1,4 @@
-/// Cache of scene components, so that the next scene reuses unchanged ones.
+/// Keeps the components of a scene, so that the next scene can reuse those that are unchanged.
 #pragma once
 
 #include <algorithm>
@@ -21,17 +21,18 @@
 
 namespace palpate {
 
-/// Returns earlier results for the same inputs. For a hand, a scene built of the same fields is an
-/// edit of the previous scene (Scene::shape). One thread.
+/// Calls functions that load or build components, and returns earlier results if the inputs are the
+/// same. If a new scene has the same fields as the previous scene, it is an edit of that scene, and
+/// hands keep their contacts (Scene::shape). Only one thread may use a cache.
 class SceneCache {
  public:
-  /// Like loadVolumes. Loads a file again if it was written to since.
+  /// Calls loadVolumes. Loads a file again if it was written since.
   [[nodiscard]] std::vector<LoadResult> load(const std::vector<VolumeRequest>& requests,
                                              const std::function<void(double)>& progress);
-  /// Like deriveVolume.
+  /// Calls deriveVolume.
   [[nodiscard]] std::shared_ptr<const Volume> derive(const std::shared_ptr<const Volume>& volume,
                                                      Derivation what);
-  /// Like makeVdbField.
+  /// Calls makeVdbField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const Volume>& volume,
                                const Placement& placement, const Sampling& sampling);
   /// A brick window and its coarsest level.
@@ -39,13 +40,13 @@ class SceneCache {
     std::shared_ptr<const BrickWindow> window;  ///< Not null.
     std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
   };
-  /// Like openBricks and the constructor of BrickWindow. Opens rewritten bricks again. Throws
-  /// VolumeError.
+  /// Calls openBricks and the constructor of BrickWindow. Opens bricks again if they were
+  /// rewritten. Throws VolumeError.
   [[nodiscard]] Bricks bricks(const std::filesystem::path& place, const WindowParams& params);
-  /// Like makeBrickField.
+  /// Calls makeBrickField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
                                const Placement& placement, double slope_reach);
-  /// Frames of a sequence with their times, placement and sampling.
+  /// A sequence: its frames with their times, its place and its sampling.
   struct Played {
     std::vector<VolumeRequest> frames;  ///< One or more.
     FrameTimes when;                    ///< Times of `frames`.
@@ -53,38 +54,41 @@ class SceneCache {
     Sampling sampling;                  ///< Interpolation between voxels.
     SequenceParams params;              ///< Memory limit, and whether readers wait.
 
-    [[nodiscard]] bool operator==(const Played&) const = default;  ///< True for the same sequence.
+    /// True if both describe the same sequence.
+    [[nodiscard]] bool operator==(const Played&) const = default;
   };
-  /// Like the constructor of FrameSequence. Loads rewritten frames again.
+  /// Calls the constructor of FrameSequence. Loads frames again if they were rewritten.
   [[nodiscard]] std::shared_ptr<const FrameSequence> sequence(const Played& wanted);
-  /// Like makeSequenceField.
+  /// Calls makeSequenceField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const FrameSequence>& sequence);
-  /// A placed volume and its sampling.
+  /// A volume with its place and its sampling.
   struct Placed {
     std::shared_ptr<const Volume> volume;  ///< Not null.
     Placement placement;                   ///< Placement in W.
     Sampling sampling;                     ///< Interpolation between voxels.
 
-    [[nodiscard]] bool operator==(const Placed&) const = default;  ///< Compares the volume's
-                                                                   ///< address.
+    /// Compares the addresses of the volumes, not their content.
+    [[nodiscard]] bool operator==(const Placed&) const = default;
   };
-  /// Like makeWarp of displacementsOf.
+  /// Calls makeWarp with displacementsOf.
   [[nodiscard]] WarpPtr warp(const std::vector<std::shared_ptr<const Volume>>& frames,
                              const Placement& placement, const WarpTimes& when,
                              const std::string& path);
-  /// Like makeVdbField for each entry, in parallel.
+  /// Calls makeVdbField for each entry, in parallel.
   [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
-  /// Scope in which one scene is built. done() frees the entries that the scene did not request. If
-  /// the scope ends without done(), it frees the entries that this scene was the first to request.
+  /// Scope in which one scene is built. done() removes the entries that this scene has not
+  /// requested. If the scope ends without done(), the entries of the previous scene remain and new
+  /// entries are removed.
   class Building {
    public:
-    explicit Building(SceneCache& of) noexcept : of_(of) {}  ///< One scope at a time.
+    explicit Building(SceneCache& of) noexcept
+        : of_(of) {}  ///< Only one scope may exist at a time.
     Building(const Building&) = delete;
     Building& operator=(const Building&) = delete;
     ~Building() {
       if (!done_) of_.forget(&Mark::kept);
     }
-    /// The scene is complete.
+    /// Ends the scope successfully: the scene is complete.
     void done() {
       done_ = true;
       of_.forget(&Mark::used);
@@ -94,7 +98,7 @@ class SceneCache {
     SceneCache& of_;
     bool done_ = false;
   };
-  /// Returns the number of entries.
+  /// Returns the number of all entries.
   [[nodiscard]] std::size_t size() const noexcept {
     return volumes_.size() + derived_.size() + fields_.size() + warps_.size() + bricks_.size() +
            windowed_.size() + sequences_.size() + sequenced_.size();
@@ -102,16 +106,16 @@ class SceneCache {
 
  private:
   struct Mark {
-    bool used = true;   ///< The scene that is being built requested the entry.
-    bool kept = false;  ///< The previous scene requested the entry.
+    bool used = true;   ///< The scene that is being built has requested the entry.
+    bool kept = false;  ///< The previous scene has requested the entry.
   };
-  /// Frees entries without this mark.
+  /// Removes the entries for which this member of their mark is false.
   void forget(bool Mark::*unless);
 
   template <class Key, class Value>
   class Shelf {
    public:
-    /// Returns null if the key is unknown.
+    /// Returns the value of a key; null if there is none.
     [[nodiscard]] Value* find(const Key& key) {
       const auto [begin, end] = entries_.equal_range(hashOf(key));
       const auto entry =

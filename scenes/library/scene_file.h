@@ -1,4 +1,4 @@
-/// Scene files (JSON), and guessed scenes for plain .vdb files.
+/// Reads scene files (JSON), and makes scene guesses for plain .vdb files.
 #pragma once
 
 #include <filesystem>
@@ -10,32 +10,35 @@
 
 namespace palpate {
 
-/// Reads a scene file and checks it against the project's JSON Schema. Relative paths start at its
-/// folder. If `text` is not null, it receives the file's text. Throws SceneError.
+/// Reads a scene file and checks it against the JSON Schema of the project. Relative paths in the
+/// file start at the folder of the file. If `text` is not null, it receives the text of the file.
+/// Throws SceneError.
 [[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file,
                                       std::string* text = nullptr);
 
-/// Like readSceneFile, from text. Errors name `source`; relative paths start at `folder`.
+/// Reads a scene from text, as readSceneFile() does. Errors name `source`. Relative paths start at
+/// `folder`.
 [[nodiscard]] SceneSpec parseScene(const std::string& text, const std::string& source,
                                    const std::filesystem::path& folder);
 
-/// Returns the scene guess (guess.h) for a .vdb file, or for each .vdb of a folder. The first
-/// volume fits into 0.1 m at the workspace's centre; the others are placed like it.
-/// SceneSpec::notes names unusable grids and items that the guess left out. Throws VolumeError if
-/// no usable grid remains.
+/// Returns the scene guess (guess.h) for a .vdb file, or for all .vdb files of a folder. The first
+/// volume is scaled to 0.1 m and centred in the workspace; the others are placed like it.
+/// SceneSpec::notes names grids that are not usable and items that the guess has left out. Throws
+/// VolumeError if no grid is usable.
 [[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path,
                                      const Progress& progress = nullptr);
 
-/// Returns the same guess for one file as text, with its reasons. The text names the path as given.
+/// Returns the scene guess for one file as JSON text, with its reasons. The text contains the path
+/// as given.
 [[nodiscard]] Guess guessVdb(const std::filesystem::path& file, GuessFor what = GuessFor::kAnything,
                              const Progress& progress = nullptr);
 
-/// Opens any of the above, depending on the path. If `text` is not null, it receives the text of a
-/// scene file; it is empty for volumes.
+/// Opens a scene file, or makes the scene guess for volumes, depending on the path. If `text` is
+/// not null, it receives the text of the scene file; for volumes it becomes empty.
 [[nodiscard]] SceneSpec openScene(const std::filesystem::path& path,
                                   const Progress& progress = nullptr, std::string* text = nullptr);
 
-/// Returns the JSON Schema of scene files.
+/// Returns the JSON Schema of scene files as text.
 [[nodiscard]] const std::string& sceneSchema();
 
 }  // namespace palpate

@@ -15,7 +15,7 @@ JsonType<Vec3> vectorType() {
   return jsonNumbers<3>().as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); });
 }
 
-// Transfer functions (section 2 of the paper).
+// Transfer functions (section 2 of the paper of Lundin et al.).
 
 struct Window {
   double level = 0.0;
@@ -46,7 +46,7 @@ JsonType<Curve> piecewiseType() {
       .as<Curve>([](std::vector<Curve::Knot> knots) { return Curve::piecewise(std::move(knots)); });
 }
 
-/// Returns the curves with their inputs: products of one factor.
+/// Returns the keys of all kinds of curves. Each kind gives a product with one factor.
 std::vector<JsonObject<TransferSpec>> curves(JsonSchema& definitions) {
   const auto rows = [&](const char* key, const JsonType<Curve>& type) {
     return JsonObject<TransferSpec>()
@@ -62,7 +62,7 @@ JsonType<TransferSpec> constantType() {
   return jsonNotNegative().as<TransferSpec>([](double number) { return TransferSpec(number); });
 }
 
-/// A transfer function of a scalar, or a product of several.
+/// Returns the type of a transfer function: a curve of one scalar, or a product of several curves.
 JsonType<TransferSpec> curveType(JsonSchema& definitions) {
   std::vector<JsonObject<TransferSpec>> kinds = curves(definitions);
   const JsonType<TransferSpec> factor =
@@ -84,7 +84,7 @@ JsonType<TransferSpec> curveType(JsonSchema& definitions) {
       .defined("curve", definitions);
 }
 
-// Places.
+// Places of volumes.
 
 JsonType<double> unitType() {
   return jsonWord<double>({{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}});
@@ -135,7 +135,7 @@ JsonObject<PlaceSpec> motionRows() {
       .needs("repeat", "keyframes", "\"repeat\" needs keyframes", "add \"keyframes\"");
 }
 
-/// The three kinds of place that need no other volume.
+/// Returns the three kinds of place that do not refer to another volume.
 std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motion) {
   const auto put = [](PlaceSpec::Kind kind) {
     return [kind](PlaceSpec& place, double size) {
@@ -195,7 +195,7 @@ JsonType<PlaceSpec> instanceType() {
       .type();
 }
 
-// Volumes and fields.
+// Volumes and derived fields.
 
 JsonType<FramesSpec> framesType() {
   const auto common =
@@ -320,7 +320,7 @@ JsonType<DerivedSpec> fieldType() {
 
 // Modes.
 
-/// A mode, and the volume that sets a guide's units.
+/// A mode, and the name of the volume whose units a guide has.
 struct NamedMode {
   ModeSpec mode;
   std::string in;
@@ -328,7 +328,7 @@ struct NamedMode {
 
 using ModeRows = JsonObject<NamedMode>;
 
-/// Returns the setter of a key for a NamedMode.
+/// Returns a function that sets a member of the mode in a NamedMode.
 template <class Member>
 auto to(Member ModeSpec::*member) {
   return [member](NamedMode& named, auto value) { named.mode.*member = std::move(value); };
@@ -365,7 +365,8 @@ ModeRows guideRows() {
        {wordFor(PrimitiveKind::kPlane), directed(PrimitiveKind::kPlane)}});
 }
 
-/// One row for each mode: its keys other than name, strength and by.
+/// Returns the type of a mode. For each kind of mode there is a row with its keys, except for name,
+/// strength and by.
 JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
   const auto of = [] { return ModeRows().need("of", jsonName(), to(&ModeSpec::of)); };
   const auto solid = [&] {
@@ -424,7 +425,7 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
       .type();
 }
 
-// The whole table.
+// The table of a whole scene file.
 
 struct Table {
   JsonSchema definitions;

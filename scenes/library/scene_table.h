@@ -1,4 +1,4 @@
-/// Private to scenes: the keys of a scene file as a table (devices/json/json_table.h).
+/// Private to scenes: describes all keys of a scene file as a table (devices/json/json_table.h).
 #pragma once
 
 #include "palpate/devices/json/json_table.h"
@@ -6,10 +6,11 @@
 
 namespace palpate {
 
-/// Table that reads a scene file and prints its schema. File names stay as in the scene file.
+/// Returns the table from which scene files are read and their schema is printed. It does not
+/// change file names.
 [[nodiscard]] const JsonObject<SceneSpec>& sceneTable();
 
-/// Returns the whole schema: title, table and definitions.
+/// Returns the whole schema: its title, the table and the definitions.
 [[nodiscard]] JsonSchema sceneTableSchema();
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// Look-ups in a scene's description that the steps of buildScene share.
+/// Finds items in the description of a scene. Several steps of buildScene() use these functions.
 #pragma once
 
 #include <string>
@@ -10,11 +10,11 @@
 
 namespace palpate {
 
-/// Returns a JSON path as errors name it: after the scene file, if there is one.
+/// Returns a JSON path as errors show it, preceded by the name of the scene file if there is one.
 [[nodiscard]] std::string pathIn(const SceneSpec& spec, const std::string& path);
 
-/// Returns the error for a volume's name that is not in `names`; its remedy suggests the nearest
-/// name.
+/// Returns the error for a volume's name that is not in `names`. Its remedy suggests the most
+/// similar name.
 [[nodiscard]] SceneError unknownVolume(const std::string& path, const std::string& name,
                                        const std::vector<std::string>& names);
 
@@ -29,7 +29,7 @@ namespace palpate {
 /// Returns true if the volume is a sequence.
 [[nodiscard]] bool isSequence(const VolumeSpec& volume);
 
-/// Returns the sampling of a volume, with the scene's reach of slopes.
+/// Returns the sampling of a volume, with the slope_reach of the scene.
 [[nodiscard]] Sampling samplingOf(const SceneSpec& spec, const std::string& name);
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// Private to scenes: writing of a .vdb with detection of a full disk.
+/// Private to scenes: writes a .vdb, and detects a full disk.
 #pragma once
 
 #include <cerrno>
@@ -14,8 +14,8 @@
 
 namespace palpate {
 
-/// Writes grids with Blosc. Throws Error if the file is incomplete: openvdb::io::File never checks
-/// the state of its stream.
+/// Writes grids with Blosc compression. Throws Error if the file is incomplete. openvdb::io::File
+/// does not report this, because it never checks the state of its stream.
 inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
   struct Archive final : openvdb::io::Archive {
     void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {
@@ -32,9 +32,9 @@ inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPt
     if (out) return;
     why = errno == 0 ? "" : std::string(" (") + std::strerror(errno) + ")";
   } catch (const std::exception&) {
-    // The error below is the same.
+    // the error is reported below
   }
-  // If the name is in /proc (new_file.h), the error names the file that the user knows.
+  // If the path is in /proc (new_file.h), the error names the file that the path leads to.
   std::error_code no_link;
   const std::filesystem::path real = std::filesystem::read_symlink(file, no_link);
   throw Error((no_link ? file : real).string(), "it cannot be written" + why,

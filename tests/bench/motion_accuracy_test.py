@@ -75,7 +75,7 @@ class MotionAccuracy(unittest.TestCase):
         coarse_first = sorted(OURS, key=lambda m: -float(m[1]))
         for case in SPHERES:
             errors = [self.row("surfaces", case, *m)["off"] for m in coarse_first]
-            # If one reading is enough for several tolerances, their errors are equal except for rounding.
+            # If a single reading suffices for several tolerances, their errors are equal except for rounding.
             for wide, narrow in zip(errors, errors[1:]):
                 self.assertLessEqual(narrow, 1.05 * wide, case)
 
@@ -84,7 +84,7 @@ class MotionAccuracy(unittest.TestCase):
         one = self.row("surfaces", "sphere, radius 40", "plane", "1")
         self.assertEqual(one["lost"], 0)
         self.assertGreater(one["off"], 100 * ours["off"])
-        # The engine reads the field no more often.
+        # The engine does not read the field more often than the methods it is compared with.
         self.assertLessEqual(ours["reads"], 1.1 * one["reads"])
 
     def test_no_number_of_steps_makes_up_for_memory_in_fog(self):

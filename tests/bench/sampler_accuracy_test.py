@@ -36,13 +36,13 @@ class SamplerAccuracy(unittest.TestCase):
         cls.holder.cleanup()
 
     def errors(self, field, method, quantity="value", which="rms"):
-        """Returns the errors by voxels in a wavelength, coarse to fine."""
+        """Returns the errors for each number of voxels per wavelength, from coarse to fine."""
         found = {r["voxels"]: r[quantity][which] for r in self.data["errors"]
                  if r["field"] == field and r["method"] == method}
         return [found[voxels] for voxels in VOXELS]
 
     def falls(self, method, quantity, factor, field="waves"):
-        _, *fine = self.errors(field, method, quantity)  # four voxels are too few to show an order
+        _, *fine = self.errors(field, method, quantity)  # four voxels per wavelength are too few to show the order
         for coarse, half in zip(fine, fine[1:]):
             self.assertGreaterEqual(coarse / half, factor, (method, field, quantity, fine))
 

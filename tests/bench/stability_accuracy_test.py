@@ -44,8 +44,8 @@ class StabilityAccuracy(unittest.TestCase):
             none = self.of(contact, "force function")
             self.assertGreater(none["force_error"], 1.0)
             self.assertEqual([at["stiffness"] for at in none["stable"]], [0, 0])
-        # The planes are not orthogonal: the constraint approach adds the load that one plane carries to the other
-        # plane's.
+        # The planes are not orthogonal, so the constraint approach adds to each plane's load the load that the other
+        # plane carries.
         self.assertGreater(self.of("two planes", "constraint approach")["force_error"], 0.1)
         self.assertLess(self.of("a wall", "constraint approach")["force_error"], 1e-9)
 

@@ -15,7 +15,7 @@ using Catch::Contains;
 
 namespace {
 
-/// Returns the reports of the test. Ignores writes.
+/// Returns the reports that the test gives. Ignores writes.
 class Says final : public ReportPort {
  public:
   [[nodiscard]] ReadStatus read(std::span<std::byte> to, std::size_t& size) noexcept override {
@@ -43,7 +43,8 @@ class Says final : public ReportPort {
   int sent = 0;
 };
 
-/// Returns a profile with two kinds of reports: three counters of 10 um, and a switch.
+/// Returns a profile with two kinds of reports: one with three counters of 10 um per count, one
+/// with a switch.
 HidProfile arm(const char* home) {
   return parseHidProfile(std::string(R"({
     "palpate_arm": 1, "name": "mine", "firmware": "f",
@@ -87,7 +88,8 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
   CHECK_THAT(silent, Contains("flag homed (switch is 1): not known"));
   CHECK_THAT(silent, Contains("some firmware only answers, and this command sends no reports"));
 
-  // 500 ms at 1 kHz; the switch at 10 Hz; once a report that the profile does not have.
+  // 500 ms of positions at 1 kHz, the switch at 10 Hz, and once a report that the profile does not
+  // have.
   for (int i = 1; i <= 500; ++i) {
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
     if (i % 100 == 0) port.say({2, 0x01});
@@ -103,12 +105,12 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
                       "profile\n  09 ab cd\n"));
   CHECK_THAT(shown, Contains("  a                        1000           0.01\n"));
   CHECK_THAT(shown, Contains("  b                       -1000           0.02\n"));
-  // b's gear is 2; x of the arm is y of the world.
+  // Joint b has the ratio 2; x of the arm is y of the world.
   CHECK_THAT(shown, Contains("joint 2 of b                          0.01\n"));
   CHECK_THAT(shown, Contains("tip at (-0.01000, 0.01000, 0.00000) m in the hand's world\n"));
   CHECK_THAT(shown, Contains("flag homed (switch is 1): yes\n"));
 
-  // Positions continue while the switch has stopped; then positions stop too.
+  // First the switch stops while positions continue; then positions stop too.
   for (int i = 1; i <= 500; ++i) {
     port.say({1, 0xE8, 0x03, 0x18, 0xFC, 0x00, 0x00});
     (void)watch.take(port, ms(1600 + i));
@@ -119,8 +121,8 @@ TEST_CASE("the watch shows an arm's report bytes, rates, fields, joints, tip and
   CHECK_THAT(stopped, Contains("report 1, 6 bytes: STOPPED, last received 2.50 s ago"));
   CHECK_THAT(stopped, Contains("m in the hand's world, 2.50 s ago\n"));
 
-  // A report too short for a field; an empty report; more kinds of reports than the watch shows; an
-  // unplugged arm.
+  // Four special cases: a report too short for a field, an empty report, more kinds of reports than
+  // the watch shows, an unplugged arm.
   port.say({1, 0x10, 0x00, 0x00});
   port.say({});
   for (int id = 10; id < 40; ++id) port.say({id});

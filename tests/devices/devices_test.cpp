@@ -60,7 +60,7 @@ TEST_CASE("a path is followed exactly, linear between rows, to its end", "[path]
 }
 
 TEST_CASE("a path that cannot be read to its end is refused", "[path]") {
-  // Two rows, then the disk fails.
+  // A stream that gives two rows and then fails, like a disk.
   class Failing final : public std::streambuf {
    public:
     Failing() { setg(text_.data(), text_.data(), text_.data() + text_.size()); }
@@ -78,7 +78,7 @@ TEST_CASE("a path in a pipe or a device is refused before it is read", "[path][s
   const auto place =
       std::filesystem::temp_directory_path() / ("palpate_pipe_" + std::to_string(getpid()));
   REQUIRE(mkfifo(place.c_str(), 0600) == 0);
-  // With a writer, so that opening the pipe does not wait.
+  // Opens a writer too, so that opening the pipe does not block.
   const int writer = open(place.c_str(), O_RDWR | O_CLOEXEC);
   for (const std::string& file : {std::string("/dev/zero"), place.string()}) {
     std::ifstream holder;
@@ -109,7 +109,8 @@ TEST_CASE("a malformed path file is refused with its reason", "[path]") {
 }
 
 TEST_CASE("a released arm with viscous friction slows as the closed form says", "[simulated]") {
-  // Released, without Coulomb friction and encoder: v = v0 exp(-b t/m) after a push of one tick.
+  // A released arm without Coulomb friction and encoder steps. After a push of one tick, v = v0
+  // exp(-b t/m).
   ArmParams arm;
   arm.coulomb = 0.0;
   arm.encoder = 0.0;
@@ -149,13 +150,14 @@ TEST_CASE("a force acts after a delay of whole or fractional ticks", "[simulated
   arm.encoder = 0.0;
   arm.delay = ticks * 1e-3;
   SimulatedDevice device(arm, {0.0, 0.0}, hold(Vec3::Zero(), 1.0), 1000.0);
-  // One newton held on: v = (t - delay)/m.
+  // A constant force of one newton: v = (t - delay)/m.
   for (int i = 0; i < 10; ++i) device.write({1, 0, 0});
   CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
 }
 
 TEST_CASE("a hand's target is evaluated once a tick, in rising time", "[simulated]") {
-  // So the target may have memory: here each call moves it by a millimetre, 1 m/s at 1 kHz.
+  // A target may keep state, because it is called once per tick: here each call moves it by a
+  // millimetre, 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
     asked.push_back(t);
@@ -169,7 +171,7 @@ TEST_CASE("a hand's target is evaluated once a tick, in rising time", "[simulate
   REQUIRE(asked.size() == 1001);
   CHECK(std::is_sorted(asked.begin(), asked.end()));
   CHECK(asked.back() == 0.999);
-  // The hand's damper pulls the arm along. Without friction the arm is half a tick behind.
+  // The hand's damper pulls the arm along. The arm has no friction, and lags by half a tick.
   CHECK(device.velocity().x() == Approx(1.0).epsilon(2e-3));
   CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }
@@ -236,7 +238,7 @@ TEST_CASE("the exploration path starts and ends outside the box and passes near 
     for (int i = 0; i <= 1000; ++i) {
       const Vec3 p = target.at(seconds * i / 1000.0);
       REQUIRE(p.allFinite());
-      // The path does not jump: at most 1 m/s in the given time.
+      // The path has no jumps: its speed is at most 1 m/s.
       if (seconds >= 5.0 && i > 0) {
         REQUIRE((p - target.at(seconds * (i - 1) / 1000.0)).norm() < seconds / 1000.0);
       }

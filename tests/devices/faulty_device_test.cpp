@@ -1,6 +1,6 @@
-/// Checks a loop's reaction to a faulty device: why the loop cuts the force, how soon, and for how
-/// long. Prints the table of docs/loop.md, in ticks. The durations of hanging reads and writes are
-/// the clock's.
+/// Checks how a loop reacts to a faulty device: why the loop cuts the force, how soon, and for how
+/// long. Prints the table of docs/loop.md, in ticks. Only reads and writes that hang are measured
+/// with the real clock.
 #include "palpate/devices/simulated/faulty_device.h"
 
 #include <algorithm>
@@ -29,8 +29,8 @@ constexpr double kEnd = 3.5;
 constexpr double kClear = 4.5;
 constexpr double kSeconds = 7.0;
 
-/// Presses until the trouble is over, and again before and after the fault is cleared. A proxy that
-/// begins inside has to come out first.
+/// Returns a hand that presses until the trouble is over, and again before and after the fault is
+/// cleared. In between it comes out, because a proxy that starts inside must come out first.
 std::unique_ptr<Device> pressing() {
   ArmParams arm;
   arm.hand = true;
@@ -46,7 +46,7 @@ std::unique_ptr<Device> pressing() {
   return std::make_unique<SimulatedDevice>(arm, GripParams{}, alongPath(path), kRate);
 }
 
-/// Keeps the force that arrives at an arm.
+/// Stores the force that arrives at an arm.
 struct Arrived final : Device {
   explicit Arrived(Vec3& force) : inner(pressing()), last(force) {}
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner->info(); }
@@ -59,8 +59,8 @@ struct Arrived final : Device {
   Vec3& last;
 };
 
-/// Ticks a hand that presses on a ball. Checks that the force on the device stays within its
-/// limits.
+/// Runs the ticks of a hand that presses on a ball. Checks that the force on the device stays
+/// within its limits.
 class Pressed {
  public:
   explicit Pressed(std::unique_ptr<Device> device)
@@ -98,9 +98,9 @@ class Pressed {
 
 struct Expected {
   Trouble trouble;
-  Fault fault;      ///< kNone: no fault.
+  Fault fault;      ///< kNone: no fault is expected.
   double zero;      ///< Time until the force is zero [s]; infinity: it stays.
-  const char* why;  ///< Name of the limit.
+  const char* why;  ///< Name of the limit that applies.
 };
 constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr double kTick = 1.0 / kRate;
@@ -133,21 +133,24 @@ TEST_CASE("each injected trouble gives its expected fault in time, and the fault
     CAPTURE(wordFor(expected.trouble));
     CHECK(troubleOf(wordFor(expected.trouble)) == expected.trouble);
     Vec3 arrived = Vec3::Zero();
-    // Troubles that hang do so by the clock, so they last ten ticks.
+    // Reads and writes that hang take real time, so this trouble lasts only ten ticks.
     const double end = needsClock(expected.trouble) ? kBegin + 0.01 : kEnd;
     Pressed pressed(std::make_unique<FaultyDevice>(std::make_unique<Arrived>(arrived),
                                                    expected.trouble, kRate, kBegin, end));
-    // If no write arrives any more, the guardian has a descriptor of its own.
+    // If no write arrives any more, only the guardian can set the force to zero, through its own
+    // descriptor.
     const bool lost = expected.trouble == Trouble::kUnwritten || expected.trouble == Trouble::kGone;
     const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
     double before = 0.0;
     Fault fault = Fault::kNone;
-    double latest = -1.0;  // [s] from the trouble's begin: one tick after the last with force
+    // [s] from the trouble's start to one tick after the last tick with a force.
+    double latest = -1.0;
     double back = 0.0;
     for (long i = 0; i < ticks(kSeconds); ++i) {
       if (i == ticks(kClear)) pressed.loop().clear();
       const double t = static_cast<double>(i) / kRate;
-      // Only if the trouble needs a clock: on a busy machine other ticks are late as well.
+      // Uses the real clock only for troubles that need it, because on a busy machine other ticks
+      // would be late too.
       pressed.tick(0.0, needsClock(expected.trouble) && t >= kBegin && t < end);
       const double force = pressed.force.norm();
       if (i == ticks(kBegin) - 1) before = force;
@@ -157,7 +160,7 @@ TEST_CASE("each injected trouble gives its expected fault in time, and the fault
         if (lost) REQUIRE(arrived.norm() == Approx(before));
         if (!lost) REQUIRE(arrived.norm() == force);
       }
-      // The fault is latched, also when its cause is gone.
+      // The fault stays latched after its cause has ended.
       if (expected.fault != Fault::kNone && t >= end && t < kClear) {
         REQUIRE(force == 0.0);
         REQUIRE(pressed.told.fault == expected.fault);
@@ -200,8 +203,8 @@ TEST_CASE("a forward clock jump cuts the force, a backward jump adds at most 0.2
     for (int i = 0; i < 2000; ++i) pressed.tick();
     REQUIRE(pressed.force.norm() > 1.0);
     const double before = pressed.force.norm();
-    // A forward leap makes a tick late. After a backward leap no tick is late, and its time is
-    // negative.
+    // A forward leap of the clock makes a tick late. After a backward leap the tick's time is
+    // negative, and no tick counts as late.
     pressed.tick(leap);
     CHECK(pressed.told.fault == (leap > 0.0 ? Fault::kLate : Fault::kNone));
     if (leap > 0.0) CHECK(pressed.force.norm() == 0.0);
@@ -220,7 +223,7 @@ TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   REQUIRE(before > 1.0);
   double least = before;
   double most = before;
-  // Every tick has another scene: first with other numbers, then with other volumes. Each new
+  // Every tick gets another scene: first with changed numbers, then with changed volumes. Each new
   // volume engages from zero.
   for (int i = 0; i < 2000; ++i) {
     const bool edit = i < 1400;
@@ -234,10 +237,10 @@ TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   CHECK(pressed.within);
   CHECK(least > 0.9 * before);
   CHECK(most < 1.1 * before);
-  // If every scene is another object, no force is felt: each engagement starts again.
+  // If every scene is a new object, the engagement restarts each time, so there is almost no force.
   CHECK(pressed.force.norm() < 0.1);
   for (int i = 0; i < 2000; ++i) pressed.tick();
-  // The last scene is felt.
+  // The force of the last scene has returned.
   CHECK(std::abs(pressed.force.norm() - before) < 0.1 * before);
 }
 

@@ -1,4 +1,4 @@
-/// Arms that are heavier than their friction: the device measures and carries their weight.
+/// Tests arms whose weight exceeds their friction: the device measures the weight and carries it.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -26,7 +26,7 @@ namespace {
 
 constexpr double kRate = 1000.0;
 constexpr double kCount = 2e-5;   // [rad]
-constexpr double kTorque = 1e-5;  // [N m] a count
+constexpr double kTorque = 1e-5;  // [N m] per count
 constexpr double kG = 9.80665;
 
 std::atomic<std::int64_t> virtual_now{1000000000};
@@ -42,7 +42,8 @@ ReportField int32(const char* name, std::size_t i) {
   return field;
 }
 
-/// Returns a profile with three links as the WoodenHaptics', of 32 bits each way.
+/// Returns a profile with three links like the WoodenHaptics', with 32-bit fields for input and
+/// output.
 HidProfile woody() {
   HidProfile profile;
   profile.name = "heavy";
@@ -70,15 +71,15 @@ HidProfile woody() {
   profile.joints[1].home = 0.3;
   profile.input = {input};
   profile.output = output;
-  profile.output_rate = 1e9;  // its time is virtual
+  profile.output_rate = 1e9;  // so high that no force waits in virtual time
   profile.kinematics = makeCapstanArm(0.08, 0.2, 0.2);
   profile.origin_D = profile.kinematics->at({0.0, 0.3, M_PI / 2}).position_D;
   profile.limits = {5.0, 2000.0, 1000.0, 5.0, 0.1, 0.05, 3.0, 0.0, 0.0};
   return profile;
 }
 
-/// Simulates the arm behind the bytes: a tip that moves as SimulatedDevice, weights of links at the
-/// tip, torques of motors.
+/// Simulates the arm behind the reports: a tip that moves like SimulatedDevice, the links' weight
+/// at the tip, and the motors' torques.
 class HeavyArm {
  public:
   HeavyArm(const HidProfile& profile, const ArmParams& params, std::vector<HidMass> masses)
@@ -87,7 +88,7 @@ class HeavyArm {
     profile_.masses = std::move(masses);
     for (std::size_t i = 0; i < 3; ++i) joints_[i] = profile_.joints[i].home;
   }
-  /// Returns its weight at the tip, at the current pose.
+  /// Returns the weight at the tip in the current pose.
   [[nodiscard]] Vec3 weight() const {
     return -forceOf(profile_, profile_.kinematics->at(joints_), carryingTorques(profile_, joints_));
   }
@@ -100,7 +101,7 @@ class HeavyArm {
     const ArmPose pose = profile_.kinematics->at(joints_);
     const Vec3 motors = forceOf(profile_, pose, torques);
     tip_.write(motors + weight());
-    // Solves for the joints of the current tip.
+    // Finds the joints that belong to the tip's present place.
     for (int i = 0; i < 4; ++i) {
       const ArmPose here = profile_.kinematics->at(joints_);
       Mat3 jacobian;
@@ -128,7 +129,7 @@ class HeavyArm {
     const std::lock_guard lock(mutex_);
     return {sent_[0], sent_[1], sent_[2]};
   }
-  std::atomic<bool> waits{true};  ///< A report waits.
+  std::atomic<bool> waits{true};  ///< A report is waiting to be read.
 
  private:
   HidProfile profile_;
@@ -169,7 +170,7 @@ void awaitWrites(const HidDevice& device, std::int64_t count) {
 struct Run {
   SelfTestResult result;
   std::string words;
-  Vec3 weight = Vec3::Zero();  ///< At the beginning [N].
+  Vec3 weight = Vec3::Zero();  ///< Weight at the start [N].
   double farthest = 0.0;       ///< [m]
 };
 
@@ -180,14 +181,14 @@ HidHost inVirtualTime() {
   return host;
 }
 
-/// Runs the self-test as palpate devices --test, with a hand that holds the arm for the first
+/// Runs the self-test like `palpate devices --test`, with a hand that holds the arm for the first
 /// second.
 Run tried(const HidProfile& profile, const std::vector<HidMass>& masses) {
   ArmParams params;
   params.mass = 0.15;
   params.viscous = 0.5;
   params.coulomb = 0.05;
-  params.encoder = 0.0;  // the joints have counts
+  params.encoder = 0.0;  // the joints' counts are the encoder steps
   params.delay = 1e-3;
   HeavyArm arm(profile, params, masses);
   HidDevice device(profile, std::make_unique<Port>(arm), false, inVirtualTime());
@@ -223,7 +224,7 @@ TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensatio
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());
 
-  // 0.3 N at the tip, which the test's 0.5 N hold; 1.5 N, which they do not.
+  // 0.3 N at the tip, which the test's 0.5 N can hold, and 1.5 N, which they cannot hold.
   for (const double scale : {1.0, 5.0}) {
     CAPTURE(scale);
     const std::vector<HidMass> masses{{0.02 * scale, std::nullopt, Vec3::Zero()},
@@ -234,7 +235,7 @@ TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensatio
     CHECK(falls.farthest < 0.06);
     CHECK(falls.result.held == (scale == 1.0));
     const double weight = falls.weight.norm();
-    // If the arm could not be held, the measured weight is the true weight less its friction.
+    // If the test could not hold the arm, it measures the weight less the friction.
     CHECK(falls.result.weight + (falls.result.held ? 0.0 : 0.05) == Approx(weight).epsilon(0.1));
     WARN("weight " << weight << " N, found " << falls.result.weight
                    << (falls.result.held ? "" : " and what friction holds"));
@@ -290,7 +291,7 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   const Vec3 whole(all[0], all[1], all[2]);
   CHECK(whole.norm() > 0.1 * kG * 0.19);
   CHECK(after(1, false).norm() == 0.0);
-  // The weight's torques grow evenly over half a second, and go to zero at once.
+  // The torques for the weight grow evenly over half a second, and end at once.
   Vec3 last = after(1, true);
   for (int i = 0; i < 499; ++i) {
     const Vec3 now = after(1, true);
@@ -301,7 +302,7 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(after(1, false).norm() == 0.0);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
-  // A force adds to the weight. If a motor cannot give both, the force is reduced.
+  // A force is added to the weight's torques. If a motor cannot give both, the force is reduced.
   const Vec3 push(0.0, 0.0, 2.0);
   const ArmPose pose = profile.kinematics->at(home);
   const auto torquesOf = [&](const Vec3& force) {
@@ -314,8 +315,8 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(device->given() < 0.5);
   CHECK(most.cwiseAbs().maxCoeff() <= 1.0 + kTorque);
   CHECK((most - whole - device->given() * torquesOf(10.0 * push)).norm() < 5.0 * kTorque);
-  // If reports stop, or the program stops reading, the weight drops to zero. It then grows gently
-  // again.
+  // If reports stop, or the program stops reading, the motors stop carrying the weight at once.
+  // Then they take it up gradually.
   (void)after(10, true);
   for (int i = 0; i < 60; ++i) {
     virtual_now += 1000000;
@@ -327,13 +328,13 @@ TEST_CASE("gravity is compensated while the arm may be driven, within its motors
   CHECK(arm.motors().norm() == 0.0);
   CHECK(after(2, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
-  // If carrying is forbidden and allowed between two readings, the weight also starts from zero.
+  // If carrying is forbidden and permitted again between two readings, it also starts from zero.
   device->carry(false);
   CHECK(after(1, true).norm() < 0.01 * whole.norm());
   (void)after(500, true);
   device.reset();
   CHECK(arm.motors().norm() == 0.0);
-  // An untested arm carries no more than its limit.
+  // The motors of an untested arm carry at most its limit.
   tested = false;
   profile.masses[0].mass = 1.0;
   device = open();
@@ -351,7 +352,7 @@ TEST_CASE("gravity compensation with an additional force never overheats a motor
   const ArmPose pose = profile.kinematics->at({0.0, 0.3, M_PI / 2});
   const Joints weight = carryingTorques(profile, {0.0, 0.3, M_PI / 2});
   test::Random random(17);
-  for (const double holds : {0.35, 0.1}) {  // more than its weight needs, and less
+  for (const double holds : {0.35, 0.1}) {  // more and less than the weight needs
     CAPTURE(holds);
     for (HidJoint& joint : profile.joints) {
       joint.continuous = holds;
@@ -360,11 +361,11 @@ TEST_CASE("gravity compensation with an additional force never overheats a motor
     HeavyArm arm(profile, ArmParams{}, {});
     HidDevice device(profile, std::make_unique<Port>(arm), true, inVirtualTime());
     std::int64_t count = 0;
-    Vec3 heat = Vec3::Constant(holds * holds);  // from an earlier program
+    Vec3 heat = Vec3::Constant(holds * holds);  // heat that an earlier program left
     Vec3 told = Vec3::Zero();
     double hottest = 0.0;
-    double off = 0.0;  // error of the force beside the weight
-    long whole = 0;    // times that the weight was fully carried
+    double off = 0.0;  // error of the force that is added to the weight
+    long whole = 0;    // number of times that the whole weight was carried
     const long cases = test::cases(20000);
     for (long i = 0; i < cases; ++i) {
       const double dt = random.uniform(0.0, MotorHeat::kHold);
@@ -379,7 +380,8 @@ TEST_CASE("gravity compensation with an additional force never overheats a motor
       awaitWrites(device, ++count);
       told = kTorque * arm.motors();
       REQUIRE(told.cwiseAbs().maxCoeff() <= 1.0 + 1e-9);
-      // The torques are those of the weight's share, smaller at first, and those of the force.
+      // The torques are the sum of those for the weight's share, which grows, and those for the
+      // force.
       Vec3 carried = told;
       for (std::size_t j = 0; j < 3; ++j) {
         carried[static_cast<Eigen::Index>(j)] -= device.given() * pose.jacobian[j].dot(force);

@@ -1,4 +1,4 @@
-/// Reports of descriptors, and profiles that contradict them.
+/// Tests the parsing of report descriptors, and profiles that contradict a descriptor.
 #include "palpate/devices/hid/hid_descriptor.h"
 
 #include <cstdint>
@@ -40,7 +40,7 @@ std::vector<std::byte> virtualArm() {
   return {all.begin(), all.end()};
 }
 
-/// PJRC's RawHID: 64 bytes each way, no numbers.
+/// PJRC's RawHID: reports of 64 bytes in both directions, without numbers.
 const std::vector<int> kRawHid{0x06, 0xAB, 0xFF, 0x0A, 0x00, 0x02, 0xA1, 0x01, 0x75, 0x08,
                                0x15, 0x00, 0x26, 0xFF, 0x00, 0x95, 64,   0x09, 0x01, 0x81,
                                0x02, 0x95, 64,   0x09, 0x02, 0x91, 0x02, 0xC0};
@@ -71,14 +71,15 @@ std::string complaint(const HidProfile& profile, const std::vector<std::byte>& d
 TEST_CASE("a descriptor gives each report's direction, number and size", "[hid]") {
   CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
   CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
-  // A keyboard's lights: 5 bits and 3 of padding; a report in two parts; a size that is pushed.
+  // A keyboard's lights (5 bits and 3 bits of padding), a report in two parts, and a size that is
+  // pushed and popped.
   CHECK(text(bytes({0x75, 1, 0x95, 5, 0x91, 2, 0x75, 3, 0x95, 1, 0x91, 1})) == " out0:1");
   CHECK(text(bytes({0x75, 1, 0x95, 9, 0x81, 2})) == " in0:2");
   CHECK(text(bytes({0x75, 8, 0x95, 2, 0xA4, 0x95, 4, 0x81, 2, 0xB4, 0x81, 2})) == " in0:6");
   CHECK(text(bytes({0x85, 9, 0x75, 8, 0x95, 1, 0x81, 2, 0x85, 7, 0x81, 2, 0x85, 9, 0x81, 2})) ==
         "# in9:2 in7:1");
-  // Numbers of four bytes; a long item is skipped; a report without a number beside numbered ones
-  // is left out.
+  // Items with values of four bytes; a long item, which is skipped; a report without a number
+  // beside numbered ones, which is ignored.
   CHECK(text(bytes({0x77, 8, 0, 0, 0, 0x96, 0x2C, 0x01, 0x81, 2})) == " in0:300");
   CHECK(text(bytes({0xFE, 2, 0x10, 0x85, 0, 0x75, 8, 0x95, 1, 0xB1, 2})) == " feature0:1");
   CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
@@ -93,12 +94,12 @@ TEST_CASE("a malformed descriptor is refused", "[hid]") {
            {0xFE},                                               //
            {0x06, 0, 0xFF, 0xC0},                                // no report
            {0x75, 8, 0x95, 0, 0x81, 2},                          // an empty report
-           {0xB4, 0x75, 8, 0x95, 1, 0x81, 2},                    // popped, never pushed
+           {0xB4, 0x75, 8, 0x95, 1, 0x81, 2},                    // a pop without a push
            {0x85, 0, 0x75, 8, 0x95, 1, 0x81, 2},                 // the number 0
            {0x86, 0, 1, 0x75, 8, 0x95, 1, 0x81, 2},              // the number 256
            {0x77, 255, 255, 255, 255, 0x97, 255, 255, 255, 255,  //
             0x81, 2},                                            // of 2 EB
-           {0x75, 8, 0x96, 0, 0x40, 0x81, 2, 0x95, 1, 0x81, 2},  // 16 kB and 1 byte
+           {0x75, 8, 0x96, 0, 0x40, 0x81, 2, 0x95, 1, 0x81, 2},  // a report of 16 kB and 1 byte
        }) {
     CAPTURE(none);
     CHECK(text(bytes(none)) == "none");
@@ -113,8 +114,8 @@ TEST_CASE("a descriptor gives each field's bits, range, usages and collections",
     REQUIRE_FALSE(descriptor->fields.empty());
     return descriptor->fields;
   };
-  // Two fields of 8 bits, then one of 16 bits with its maximum before its minimum. A usage page
-  // follows a usage.
+  // Two fields of 8 bits, then a field of 16 bits whose maximum comes before its minimum. A usage
+  // page comes after a usage.
   const auto fields =
       read({0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x05, 0x0F, 0x0B, 0x31, 0,
             1,    0,    0x15, 0,    0x25, 0xFF, 0x75, 8,    0x95, 2,    0x81, 2,    0x09,
@@ -123,7 +124,7 @@ TEST_CASE("a descriptor gives each field's bits, range, usages and collections",
   REQUIRE(fields.size() == 4);
   CHECK(fields[0].usage(0) == 0x0F0030);
   CHECK(fields[0].usage(1) == 0x010031);
-  CHECK(fields[0].usage(2) == 0x010031);  // beyond the usages the last one continues
+  CHECK(fields[0].usage(2) == 0x010031);  // the last usage holds for all further fields
   CHECK(fields[0].most == 255);
   CHECK(fields[0].inside == std::vector<std::uint32_t>{0x010004});
   CHECK_FALSE(fields[0].array);
@@ -136,7 +137,7 @@ TEST_CASE("a descriptor gives each field's bits, range, usages and collections",
   CHECK(fields[1].relative);
   CHECK(fields[1].physical_most == 32767.0);
   CHECK(fields[2].array);
-  CHECK(fields[2].usages.empty());  // they belonged to the field before
+  CHECK(fields[2].usages.empty());  // usages belong to the previous field only
   CHECK(fields[3].constant);
   CHECK(fields[3].bit == 16);
   CHECK(fields[3].inside.empty());
@@ -207,7 +208,7 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   arm.open = {feature(bytes({3, 0, 1})), feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8}))};
   CHECK(complaint(arm, virtualArm()) == "none");
 
-  // A forgotten number shifts every field by a byte.
+  // Without its number, every field of a report would be off by a byte.
   arm.input[0].id.reset();
   CHECK(complaint(arm, virtualArm()) ==
         "/input/0: the device has input report 1 of 40 bytes, and this report has no number: write "
@@ -234,7 +235,7 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   CHECK_THAT(complaint(arm, virtualArm()),
              Contains("8 bytes after its number, not 9: send at most 8 bytes"));
 
-  // A profile with a number too many.
+  // The profile gives a number to a report that has none.
   arm.open.clear();
   CHECK(complaint(arm, bytes(kRawHid)) ==
         "/input/0: the device does not number its reports: remove every \"id\"");
@@ -255,7 +256,7 @@ TEST_CASE("a mismatch of profile and descriptor is reported with its correction"
   CHECK(complaint(puck, virtualArm()) == "none");
   puck.input = {report(1, 41)};
   CHECK(complaint(puck, virtualArm()) != "none");
-  // The message lists the first few of many reports.
+  // The message lists only the first few of many reports.
   std::vector<int> many{0x75, 8, 0x95, 1};
   for (int id = 1; id <= 200; ++id) many.insert(many.end(), {0x85, id, 0x81, 2});
   puck.input = {report(std::nullopt, 1)};

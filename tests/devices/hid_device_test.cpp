@@ -33,14 +33,15 @@ namespace {
 
 constexpr std::size_t kRing = 63;
 
-/// The other end of the device: a ring that keeps the oldest reports, and the sent reports.
+/// The simulated device: a ring that keeps the oldest reports, and the reports that were sent to
+/// the device.
 class FakeArm {
  public:
   void give(const std::vector<std::byte>& report) {
     const std::lock_guard lock(mutex_);
     if (ring_.size() < kRing) ring_.push_back(report);
   }
-  /// Adds a report of three signed counts and a state.
+  /// Adds a report with three signed counts and a state.
   void giveCounts(int a, int b, int c, int state = 1) {
     std::vector<std::byte> report(8);
     int k = 0;
@@ -50,13 +51,13 @@ class FakeArm {
     }
     give(report);
   }
-  /// Returns how many writes were done; each force is one write.
+  /// Returns the number of writes; each force is one write.
   [[nodiscard]] long written() const { return written_; }
   std::vector<std::vector<std::byte>> sent() {
     const std::lock_guard lock(mutex_);
     return sent_;
   }
-  /// Returns the last force, in raw units.
+  /// Returns the last force in raw units.
   std::array<int, 3> driven() {
     const std::lock_guard lock(mutex_);
     std::array<int, 3> out{};
@@ -69,11 +70,11 @@ class FakeArm {
   }
 
   std::atomic<bool> there{true};
-  std::atomic<bool> holds{false};    ///< A write does not return ...
-  std::atomic<bool> holding{false};  ///< ... and has begun.
-  std::atomic<int> fails{0};         ///< Number of next writes that fail.
+  std::atomic<bool> holds{false};    ///< A write does not return.
+  std::atomic<bool> holding{false};  ///< Such a write has begun.
+  std::atomic<int> fails{0};         ///< Number of following writes that fail.
   std::atomic<bool> answers{false};  ///< Adds a report after every write.
-  std::vector<int> again;            ///< Counts and state of a report at every second read.
+  std::vector<int> again;            ///< Counts and state of a report that every second read finds.
 
  private:
   friend class FakePort;
@@ -83,8 +84,8 @@ class FakeArm {
   std::atomic<long> written_{0};
 };
 
-/// Blocks the writes of an arm while this object lives. Declare it after the device, which waits
-/// for its writer.
+/// Blocks the writes of an arm during this object's life. Declare it after the device, so that the
+/// writes continue before the device waits for its writer.
 class Held {
  public:
   explicit Held(FakeArm& arm) : arm_(arm) { arm_.holds = true; }
@@ -134,7 +135,7 @@ class FakePort final : public ReportPort {
 
  private:
   FakeArm& arm_;
-  bool asked_ = false;  ///< Every second read finds a report.
+  bool asked_ = false;  ///< True in every second read, which finds a report.
 };
 
 ReportField counts(const char* name, std::uint32_t bit) {
@@ -146,7 +147,8 @@ ReportField counts(const char* name, std::uint32_t bit) {
   return field;
 }
 
-/// Returns a profile with three slides of 10 um a count, three motors of 1 mN.
+/// Returns a profile with three sliding joints of 10 um per count and three motors of 1 mN per
+/// count.
 HidProfile slides() {
   HidProfile profile;
   profile.name = "slides";
@@ -179,7 +181,7 @@ HidProfile slides() {
   return profile;
 }
 
-/// Returns the same with unsigned counters of 12 bits: 4 cm of a workspace of 20.
+/// Returns slides() with unsigned counters of 12 bits, which cover 4 cm of a workspace of 20 cm.
 HidProfile narrowSlides() {
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) {
@@ -189,7 +191,7 @@ HidProfile narrowSlides() {
   return profile;
 }
 
-/// Returns a step of a sequence of slides: waits until the state has a value.
+/// Returns a step of a sequence of slides() that waits until the state has a value.
 HidStep waitForState(double equals, double seconds, const char* words = "") {
   HidStep wait;
   wait.kind = HidStep::Kind::kWait;
@@ -200,8 +202,8 @@ HidStep waitForState(double equals, double seconds, const char* words = "") {
   return wait;
 }
 
-/// The clock by which reports grow old. The clock stands still until a test lets time pass,
-/// independent of the machine.
+/// The clock from which the age of reports is computed. It stands still until a test advances it,
+/// so the machine's speed has no effect.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -231,7 +233,7 @@ void await(What what) {
   }
 }
 
-/// Ticks a loop in virtual time. Its force has gone out before more time passes.
+/// Runs a tick in virtual time and waits until its force has been sent.
 void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
   const std::int64_t before = device.writes().count;
   pass(time.dt);
@@ -243,7 +245,7 @@ void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
     std::this_thread::yield();
   }
 }
-/// A rate of forces so high that tests in virtual time never wait for it.
+/// A rate of forces so high that no force waits in virtual time.
 constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
@@ -261,7 +263,7 @@ TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hi
   roll.home = 0.25;
   profile.handle.orientation = {yaw, roll};
   profile.handle.gripper = roll;
-  // A quarter turn about z: the arm stands on its side.
+  // A quarter turn about z, because the arm stands on its side.
   profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   const auto device = open(arm, profile);
   const HandleInfo& info = device->info().handle;
@@ -288,7 +290,7 @@ TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hi
 TEST_CASE("a NaN in a report leaves the handle's last value", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
-  // Its state is the upper half of a float, including the exponent.
+  // The state is the upper half of a float, including its exponent.
   ReportField odd = profile.input[0].fields[3];
   odd.name = "odd";
   odd.type = ReportField::Type::kFloat;
@@ -322,12 +324,12 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
   CHECK(hand.age == 0.0);
   device->write({1.0, 2.0, -3.0});
   await([&] { return arm.driven() == std::array<int, 3>{2000, -1000, -3000}; });
-  // The resolution does not depend on the sense of joints, home and gears.
+  // The resolution does not depend on the joints' signs, home positions and ratios.
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
 }
 
 TEST_CASE("forces are scaled, with their direction kept, so that no motor overheats", "[hid]") {
-  // Two motors that hold 1 and 0.5 for ever, and give at most 4.
+  // Two motors that can hold 1 and 0.5 forever, and give at most 4.
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
   const std::array<double, 2> holds{1.0, 0.5};
@@ -338,8 +340,8 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
   }
   FakeArm arm;
   const auto device = open(arm, profile);
-  // The windings' heat follows from the sent forces, each held until the next. Another program has
-  // driven them before.
+  // Computes the windings' heat from the sent forces, each of which is held until the next. The
+  // motors are hot at the start.
   std::array<double, 2> heat{holds[0] * holds[0], holds[1] * holds[1]};
   std::array<double, 2> hottest{};
   std::array<int, 3> driven{};
@@ -361,14 +363,16 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
     }
   };
 
-  // A motor that is hot from before gives its continuous force; a rested motor gives its peak.
+  // A motor that was hot at the start gives its continuous force, a motor that has rested its peak
+  // force.
   step({2.5, 0.0, 2.0}, 0.0);
   CHECK(2.5 * share == Approx(1.0));
   step({0.4, 0.2, 0.0}, 1e-3);
   for (int i = 0; i < 40; ++i) step(Vec3::Zero(), 0.5);
   CHECK(heat[0] < 1e-3);
 
-  // Pushed without an end: full force at first, then gradually less, at last the continuous force.
+  // Under a constant load the motor first gives the full force, then gradually less, finally the
+  // continuous force.
   double last = 1.0;
   double steepest = 0.0;
   for (int i = 0; i < 12000; ++i) {
@@ -378,13 +382,13 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
     last = share;
     if (i == 150) REQUIRE(share == 1.0);
   }
-  CHECK(steepest < 0.02);  // for a motor that gets six times its heat
+  CHECK(steepest < 0.02);  // for a motor whose command heats it to six times its limit
   CHECK(2.5 * share == Approx(1.0).epsilon(1e-3));
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[0] > 0.99);
   CHECK(device->writes().weakened > 0);
 
-  // If the hot motor has no load, the others return to full force, as gently as a force comes in.
+  // If the hot motor has no load, the force of the others returns, as gradually as after a start.
   double quickest = 0.0;
   for (int i = 0; i < 600; ++i) {
     step({0.0, 0.1, 2.0}, 1e-3);
@@ -403,7 +407,7 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
   }
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[1] <= 1.0);
-  // A NaN adds no heat and is not a force.
+  // A NaN neither adds heat nor gives a force.
   device->write({NAN, 0.0, 0.0});
   CHECK(device->given() == 0.0);
 }
@@ -415,12 +419,13 @@ TEST_CASE("the newest report is used, and an overflowed report ring is discarded
   for (int i = 1; i <= 40; ++i) arm.giveCounts(10 * i, 0, 0);
   CHECK(device->read().position.x() == Approx(0.004));
   CHECK(device->reads().passed_by >= 39);
-  // No new report: the same position, older.
+  // Without a new report, the position stays the same and grows older.
   pass(0.02);
   const HandState again = device->read();
   CHECK(again.position.x() == Approx(0.004));
   CHECK(again.age == Approx(0.02));
-  // 300 reports arrive in a pause. The ring holds the first 63, and the hand has moved on since.
+  // 300 reports arrive in a pause. The ring holds only the first 63, and the hand has moved on
+  // since.
   for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
@@ -431,8 +436,8 @@ TEST_CASE("the newest report is used, and an overflowed report ring is discarded
   const HandState fresh = device->read();
   CHECK(fresh.position.x() == Approx(0.015));
   CHECK(fresh.age == 0.0);
-  // If the program did not read for longer than a position may be old, the arm is not ready until
-  // its next report. Without a report the arm is stale.
+  // If the program has not read for longer than the largest age of a position, the arm is not ready
+  // until its next report. If no report comes, the position is stale.
   pass(0.06);
   for (int i = 0; i < 100; ++i) arm.giveCounts(9 * i, 0, 0);
   const HandState back = device->read();
@@ -470,7 +475,7 @@ TEST_CASE("reports that are too short are counted and ignored", "[hid]") {
   arm.give({std::byte{1}, std::byte{2}, std::byte{3}});
   CHECK(device->read().position.x() == Approx(1e-3));
   CHECK(device->reads().strange == 2);
-  // Longer reports are read for the fields that they have.
+  // Of a longer report, only the fields that the profile has are read.
   arm.give(std::vector<std::byte>(4096, std::byte{0}));
   CHECK(device->read().position.x() == 0.0);
 }
@@ -496,7 +501,7 @@ TEST_CASE("reports are distinguished by their numbers", "[hid]") {
   CHECK(device.read().fault == Fault::kTemperature);
   arm.give({std::byte{8}, std::byte{0}});
   CHECK(device.read().fault == Fault::kTemperature);
-  // A report of the arm's state has no position: the position grows old.
+  // A report of the arm's state has no position, so the position grows older.
   pass(0.03);
   arm.give({std::byte{9}, std::byte{1}});
   CHECK(device.read().age == Approx(0.03));
@@ -527,11 +532,11 @@ TEST_CASE("flags set the arm's ready state and its faults", "[hid]") {
 TEST_CASE("a motor's limit scales the force and keeps its direction", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
-  device->write({2.0, -8.0, 1.0});  // 8 N from a motor of 4
+  device->write({2.0, -8.0, 1.0});  // 8 N, for a motor that gives at most 4 N
   await([&] { return arm.driven() == std::array<int, 3>{1000, -4000, 500}; });
   CHECK(device->writes().weakened == 1);
   CHECK(device->given() == Approx(0.5));
-  // Rounding adds no force.
+  // Values are rounded towards zero.
   device->write({0.0019, -0.0019, 0.0});
   await([&] { return arm.driven() == std::array<int, 3>{1, -1, 0}; });
   CHECK(device->given() == 1.0);
@@ -580,7 +585,7 @@ TEST_CASE("no force is given along directions without a motor", "[hid]") {
     arm.giveCounts(0, 0, 0);
     const HandState hand = device->read();
     CHECK((hand.drives - Vec3(1, 1, 0).asDiagonal().toDenseMatrix()).norm() < 1e-9);
-    // A tank cannot rely on friction that the self-test did not measure.
+    // The tank must not rely on friction that the self-test did not measure.
     CHECK((device->info().limits.tank.use != TankUse::kOff) == planar);
     device->write({1, 0, 0});
     await([&] { return arm.driven()[0] != 0; });
@@ -589,8 +594,8 @@ TEST_CASE("no force is given along directions without a motor", "[hid]") {
     device->write({1, 0, 4});
     await([&] { return device->writes().count >= 2 && arm.driven() == without; });
     CHECK(device->given() == 1.0);
-    // The loop counts and limits the force, and reports the given share. The ball's surface lies
-    // across z.
+    // The loop counts and limits the force, and reports the share that was given. The ball's
+    // surface is perpendicular to z.
     struct Held final : public Device {
       HidDevice& inner;
       DeviceInfo about;
@@ -631,7 +636,7 @@ TEST_CASE("each tick sends one report, and a blocked write does not delay ticks"
     await([&] { return device->writes().count == i; });
   }
   CHECK(arm.sent().size() == before + 50);
-  // A write that does not return: ticks continue, and the newest force is next.
+  // A write does not return: ticks continue, and then the newest force is sent.
   Held held(arm);
   device->write({0, 0, 0.5});
   await([&] { return arm.holding.load(); });
@@ -656,7 +661,8 @@ TEST_CASE("forces are sent at most at the arm's rate, and the newest one is sent
   await([&] { return arm.driven()[0] == 500; });
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
   CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
-  // A report that takes the force off does not wait for the pace, nor does the end of the device.
+  // A report that takes the force off is sent without waiting for its time, also at the device's
+  // end.
   profile.output_rate = 0.01;
   {
     FakeArm cut;
@@ -684,7 +690,7 @@ TEST_CASE("a write that does not return is a fault", "[hid]") {
   Held held(arm);
   device->write({1, 0, 0});
   await([&] { return arm.holding.load(); });
-  pass(0.021);  // 20 ms and a period
+  pass(0.021);  // 20 ms and one period
   CHECK(device->read().fault == Fault::kNone);
   pass(0.001);
   CHECK(device->read().fault == Fault::kWrite);
@@ -693,8 +699,8 @@ TEST_CASE("a write that does not return is a fault", "[hid]") {
 }
 
 TEST_CASE("an unsent force is a fault, also while the writer waits for its pace", "[hid][safety]") {
-  // The writer waits for its pace by the machine's clock, so in the test's time the pace never
-  // comes.
+  // The writer waits by the machine's clock, so in the test's virtual time the next force is never
+  // due.
   HidProfile profile = slides();
   profile.output_rate = 1e-3;
   FakeArm arm;
@@ -710,19 +716,20 @@ TEST_CASE("an unsent force is a fault, also while the writer waits for its pace"
     }
     return hand;
   };
-  // No force is due.
+  // No force is waiting.
   CHECK(readFor(2000.0).fault == Fault::kNone);
   device->write({2, 0, 0});
   CHECK(readFor(1000.0).fault == Fault::kNone);
   CHECK(readFor(0.04).fault == Fault::kWrite);
-  // A program that has not read for a while cannot know.
+  // A program that has not read for a while cannot tell whether a write was blocked.
   pass(0.1);
   CHECK(device->read().fault == Fault::kNone);
 }
 
 TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][passivity]") {
-  // The ticks of a clock, each late by up to one period, some left out. A writer takes the newest
-  // force when the pace allows it. An overtaken force goes out as the newer one.
+  // Ticks of a clock, each late by up to one period, some of them skipped. A writer sends the
+  // newest force when Pace permits it. A force that is replaced by a newer one counts as sent with
+  // it.
   test::Random random(7);
   const long cases = test::cases(2000);
   for (long i = 0; i < cases; ++i) {
@@ -739,7 +746,7 @@ TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][pa
       const double late = typical * (random.integer(20) == 0 ? 0.99 : 0.1 * random.uniform(0, 1));
       asked.push_back(when(k, late));
     }
-    Pace pace(takes, 0);  // begins before the loop
+    Pace pace(takes, 0);  // starts before the loop
     std::int64_t longest = 0;
     long gone = 0;
     for (std::size_t k = 0; k < asked.size(); ++gone) {
@@ -748,7 +755,7 @@ TEST_CASE("pacing delays a force at most as long as the tank assumes", "[hid][pa
       pace.go(goes);
       while (k < asked.size() && asked[k] <= goes) ++k;
     }
-    // The value that HapticLoop passes to the tank.
+    // The period that HapticLoop tells the tank.
     const std::int64_t told = takes < rate ? std::llround(1e9 / takes) : 0;
     REQUIRE(longest <= told);
     const double seconds = 1e-9 * static_cast<double>(asked.back() - asked.front() + longest);
@@ -803,12 +810,12 @@ TEST_CASE("an arm homed by its pose does not reconnect by itself", "[hid]") {
   profile.home_at_open = true;
   profile.joints[2].home = 0.05;
   arm.giveCounts(1234, 50, -9);
-  profile.input[0].fields[2].offset = 0.02;  // the field's offset at home does not count
+  profile.input[0].fields[2].offset = 0.02;  // in the home pose the field's offset has no effect
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
     return std::make_unique<FakePort>(arm);
   };
   const auto device = open(arm, profile, true, {{}, find});
-  // The last report before the opening is home.
+  // The last report before the opening gives the home pose.
   arm.giveCounts(0, 0, 0);
   CHECK((device->read().position - Vec3(0, 0, 0.05)).norm() < 1e-12);
   arm.giveCounts(100, 0, 0);
@@ -856,7 +863,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     arm.giveCounts(0, 0, 0);
     CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(arm), true),
                       Contains("it does not report state = 5") && Contains("press the button"));
-    // The command went out, and no report of the sequence drove a motor.
+    // The sequence's command was sent, and no report of the sequence drove a motor.
     bool commanded = false;
     for (const auto& report : arm.sent()) {
       commanded = commanded || report[7] == std::byte{1};
@@ -865,7 +872,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     CHECK(commanded);
   }
   {
-    // A button that was pressed before the request does not count.
+    // A button that was pressed before the request does not confirm it.
     FakeArm pressed;
     profile.home[1].seconds = 0.2;
     for (int i = 0; i < 3; ++i) pressed.giveCounts(0, 0, 0, 5);
@@ -873,7 +880,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
     CHECK_THROWS_WITH(
         HidDevice(profile, std::make_unique<FakePort>(pressed), true),
         Contains("it reported state = 5 from the start: release it first; then press the button"));
-    // A state that the device sets without the user may hold before the request.
+    // A state that the device sets by itself may hold before the request.
     profile.home[1].words.clear();
     CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
     profile.home[1].words = "press the button";
@@ -923,10 +930,10 @@ TEST_CASE("the closing sequence runs in order, also after a failed opening", "[h
   CHECK_THROWS_AS(HidDevice(profile, std::make_unique<FakePort>(stopped), true,
                             {{nullptr, [&] { return stop.load(); }}}),
                   DeviceError);
-  CHECK(std::chrono::steady_clock::now() - began < 30s);  // of 60
+  CHECK(std::chrono::steady_clock::now() - began < 30s);  // the profile allows 60 s
   user.join();
   CHECK(closed(stopped));
-  // A device that is stopped before its first report does not open.
+  // Opening a device fails if it stops before its first report.
   profile.home.clear();
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
@@ -971,7 +978,7 @@ TEST_CASE("a report with a repeated sequence number is not a new position", "[hi
   const auto device = open(arm, profile);
   arm.giveCounts(100, 0, 0, 2);
   CHECK(device->read().age == 0.0);
-  // Firmware that hangs but still sends.
+  // Firmware that hangs but still sends the same report.
   for (int i = 1; i <= 51; ++i) {
     pass(1e-3);
     arm.giveCounts(100, 0, 0, 2);
@@ -986,7 +993,7 @@ TEST_CASE("a report with a repeated sequence number is not a new position", "[hi
 }
 
 TEST_CASE("a switch state expires when its report stops", "[hid]") {
-  // Positions in report 1, the dead-man switch in report 2, which comes ten times a second.
+  // Report 1 has the positions; report 2, ten times per second, has the dead-man switch.
   HidProfile profile = slides();
   profile.input[0].id = 1;
   HidReportSpec switches;
@@ -1008,7 +1015,7 @@ TEST_CASE("a switch state expires when its report stops", "[hid]") {
   givePlace();
   const HidHost host = inVirtualTime();
   HidDevice device(profile, std::make_unique<FakePort>(arm), true, host);
-  // The state of the switch is not known yet.
+  // The arm is not ready, because the state of the switch is not known yet.
   givePlace();
   CHECK_FALSE(device.read().ready);
   CHECK_THAT(device.whyNotReady(), Contains("dead-man switch"));
@@ -1028,7 +1035,7 @@ TEST_CASE("a switch state expires when its report stops", "[hid]") {
   CHECK_FALSE(device.read().ready);
   giveSwitch(1);
   CHECK(device.read().ready);
-  // The program has not read for a while, so the last state of the switch may be outdated.
+  // After a pause between reads, the last state of the switch may be outdated.
   pass(0.06);
   givePlace();
   (void)device.read();
@@ -1040,8 +1047,8 @@ TEST_CASE("a switch state expires when its report stops", "[hid]") {
 }
 
 TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][safety]") {
-  // Firmware that repeats its last counters, without a number that would show it. To the loop the
-  // hand is in the ball.
+  // The firmware repeats its last counters, and its reports have no number that would show this.
+  // For the loop, the hand stays in the ball.
   FakeArm arm;
   HidProfile profile = slides();
   profile.output_rate = kAtOnce;
@@ -1068,7 +1075,7 @@ TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][s
   CHECK(ticks < 700);
   CHECK(loop.latest().fault == Fault::kNone);
   CHECK(loop.latest().report.moving == 0.0);
-  // The arm moves by one count, and the force comes back, no faster than it went.
+  // The arm moves by one count, and the force returns as gradually as it faded.
   double last = 0.0;
   z -= 1;
   for (int i = 0; i < 600; ++i) {
@@ -1078,7 +1085,7 @@ TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][s
     if (i % 100 == 0) z -= 1;
   }
   CHECK(last > 3.5);
-  // A force below friction does not show that the arm is held.
+  // A force below the friction does not show that a hand holds the arm.
   for (; z < 2990; z += 5) (void)tick();
   for (int i = 0; i < 1500; ++i) (void)tick();
   CHECK(loop.latest().report.force.norm() > 0.02);
@@ -1088,7 +1095,7 @@ TEST_CASE("the force fades while an arm keeps sending the same counts", "[hid][s
 
 namespace {
 
-/// A simulated arm that reports how long its counters have stood still, or does not.
+/// A simulated arm that reports, or does not report, for how long its counters have been constant.
 class Counting final : public Device {
  public:
   Counting(SimulatedDevice& arm, double friction, bool tells)
@@ -1113,15 +1120,15 @@ class Counting final : public Device {
   double still_ = 0.0;
 };
 
-/// A hand that presses on a ball with 3 N and holds.
+/// A hand that presses on a ball with 3 N and then rests.
 struct Holding {
-  bool sways = true;  ///< Changes its force slowly by 1 %, and moves 20 um at 9 Hz.
+  bool sways = true;  ///< The hand changes its force slowly by 1 %, and trembles by 20 um at 9 Hz.
   double step = 1e-5, grip = 300.0, coulomb = 0.02;
 
   struct Held {
-    std::vector<Vec3> places;  ///< Positions of the arm, not rounded.
-    long faded = 0;            ///< Ticks in which the force faded.
-    double force = 0.0;        ///< At the end [N].
+    std::vector<Vec3> places;  ///< Exact positions of the arm.
+    long faded = 0;            ///< Number of ticks in which the force faded.
+    double force = 0.0;        ///< Force at the end [N].
   };
   [[nodiscard]] Held play(const FieldPtr& ball, bool tells) const {
     constexpr double kForce = 3.0;  // [N]
@@ -1157,7 +1164,8 @@ struct Holding {
 }  // namespace
 
 TEST_CASE("a joint that does not move the tip does not count as motion", "[hid][safety]") {
-  // A planar arm with a third joint that is only sensed, as a wrist's. Its last bit trembles.
+  // A planar arm with a third joint without a motor, like a wrist's. The last bit of its counter
+  // trembles.
   HidProfile profile = slides();
   profile.kinematics = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   profile.joints[0].home = M_PI / 2 - 0.3;
@@ -1179,8 +1187,8 @@ TEST_CASE("a joint that does not move the tip does not count as motion", "[hid][
 
 TEST_CASE("a fading force moves a held arm by at most its friction and one encoder count",
           "[hid][safety][release]") {
-  // Friction holds the arm while the force fades, and the hand feels no less. Once the arm moves by
-  // a count the force comes back.
+  // Friction holds the arm while the force fades, so the hand feels no change. When the arm moves
+  // by a count, the force returns.
   const FieldPtr ball = test::ballField();
   test::Thinned combinations(7);
   for (const bool sways : {true, false}) {
@@ -1197,8 +1205,8 @@ TEST_CASE("a fading force moves a held arm by at most its friction and one encod
           }
           CAPTURE(sways, step, grip, coulomb, fading.faded, moved, grip * moved);
           CHECK(grip * moved <= 1.3 * coulomb + grip * step + 0.02);
-          // If the sway moves the arm by a count, or every report has a number, the force never
-          // fades.
+          // If the hand's trembling moves the arm by at least a count, or if every report has a
+          // number, the force never fades.
           if (sways && step <= 1e-5 && coulomb <= 0.02) CHECK(fading.faded == 0);
           if (!sways) CHECK(fading.faded > 0);
         }
@@ -1247,7 +1255,7 @@ TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again
           "[hid][safety]") {
   FakeArm arm;
   HidProfile profile = slides();
-  for (ReportField& field : profile.input[0].fields) field.bits = 12;  // 2 cm to either side
+  for (ReportField& field : profile.input[0].fields) field.bits = 12;  // 2 cm in each direction
   profile.limits.speed = 0.5;
   HidStep home;
   home.seconds = 0.001;
@@ -1268,7 +1276,7 @@ TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again
   CHECK(device->read().position.x() == Approx(0.0204));
   pass(0.1);
   arm.giveCounts(-2000, 0, 0);
-  // Reports that waited in between are not used.
+  // Reports that came in the pause are not used.
   CHECK(device->read().fault == Fault::kNone);
   arm.giveCounts(-2000, 0, 0);
   const HandState hand = device->read();
@@ -1282,7 +1290,7 @@ TEST_CASE("a counter that may have wrapped unseen is a fault, and is homed again
 }
 
 TEST_CASE("after homing, counters are taken in the range nearest to home", "[hid]") {
-  // A count below its home, which is the middle along x, and 5 cm aside along y.
+  // The arm starts one count below its home, which is the middle along x, and 5 cm away along y.
   HidProfile profile = narrowSlides();
   HidStep home;
   home.seconds = 0.001;
@@ -1297,14 +1305,14 @@ TEST_CASE("after homing, counters are taken in the range nearest to home", "[hid
 }
 
 TEST_CASE("the first read trusts the homed flag after any pause", "[hid]") {
-  // A little below zero.
+  // The counters are slightly below zero.
   HidProfile profile = narrowSlides();
   HidFlag homed;
   homed.field = {0, 3};
   profile.flags.push_back(homed);
   FakeArm arm;
   const auto device = open(arm, profile);
-  // A scene is built in between, and the hand moves away.
+  // The program builds a scene and does not read, while the hand moves away.
   pass(3.0);
   arm.giveCounts(-3, 1000, 3000);
   (void)device->read();
@@ -1312,11 +1320,11 @@ TEST_CASE("the first read trusts the homed flag after any pause", "[hid]") {
   const HandState hand = device->read();
   CHECK(hand.fault == Fault::kNone);
   CHECK(hand.ready);
-  // Each counter is in the range that is nearest to the middle.
+  // Each counter is taken to be in the range nearest to the middle.
   CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
   arm.giveCounts(-40, 1000, 3000);
   CHECK(device->read().position.x() == Approx(-4e-4));
-  // From now on the counter is followed.
+  // From then on, the counter is followed.
   pass(0.2);
   CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
@@ -1351,7 +1359,7 @@ TEST_CASE("a miscounted arm gets zero force and its closing command", "[hid][saf
   const bool at_once = GENERATE(false, true);
   if (!at_once) {
     await([&] { return arm.sent().back()[7] == std::byte{9}; });
-    // The message comes after the command was sent.
+    // The message to the user comes after the command was sent.
     await([&] {
       const std::lock_guard lock(mutex);
       return said.find("start the program again") != std::string::npos;
@@ -1391,7 +1399,7 @@ TEST_CASE("a counter is not followed past its end while the arm is not homed", "
   };
   CHECK_FALSE(at(30000, 0).ready);
   CHECK_THAT(device->whyNotReady(), Contains("not homed"));
-  // Homing sets the counter from the pose: the arm did not move by half a range.
+  // Homing sets the counter from the pose. This change does not count as a motion of the arm.
   CHECK(at(-20000, 1).position.x() == Approx(-0.2));
   CHECK(device->whyNotReady().empty());
 }
@@ -1471,14 +1479,14 @@ TEST_CASE("a puck's velocities move the hand within its reach", "[hid]") {
     REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
   }
   CHECK(device.read().position.norm() == Approx(0.1));
-  // The program has not read for a while. The position is not extrapolated over that time.
+  // The program has not read for a while. The position is not extrapolated over that pause.
   arm.giveCounts(-350, 0, 350);
   (void)device.read();
   const Vec3 looked = device.read().position;
   pass(0.3);
   CHECK((device.read().position - looked).norm() < 0.1 * 2 * 0.021);
-  // The arm sends no further report, but did not report rest. The position moves on until the
-  // report is stale, and stays there.
+  // The arm sends no further report, although it has not reported rest. The position continues to
+  // move until the report is stale, then stays.
   arm.giveCounts(0, 350, 0);
   const Vec3 last = device.read().position;
   for (int i = 0; i < 200; ++i) {
@@ -1490,12 +1498,12 @@ TEST_CASE("a puck's velocities move the hand within its reach", "[hid]") {
   CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
   pass(0.3);
   CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
-  // The next report counts from then on.
+  // The next report is valid from its arrival on.
   arm.giveCounts(0, -350, 0);
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.05));
   pass(0.01);
   CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.04));
-  // If unplugged, the position stays.
+  // If the device is unplugged, the position stays.
   arm.there = false;
   const Vec3 left = device.read().position;
   pass(0.05);
@@ -1514,7 +1522,7 @@ TEST_CASE("reading and writing a HID arm does not allocate", "[hid]") {
     device->write({0.001 * i, 0, 0});
     allocations += test::CountScope::counts().allocations;
   }
-  // The deque of the simulated arm frees a block now and then; no block is allocated.
+  // Zero: the deque of the simulated arm frees blocks, but nothing allocates.
   CHECK(allocations == 0);
   CHECK(sum.allFinite());
 }
@@ -1543,7 +1551,7 @@ TEST_CASE("a replugged arm gets force again only after the fault is cleared",
     params.realtime = {0, -1, false, false};
     HapticThread hand(patient, params);
     hand.publish(test::ballScene(test::ballField()));
-    // Waits for ticks, not for time, because a busy machine stops any process.
+    // Waits for a number of ticks instead of a time, because a busy machine may stop any process.
     const auto ticks = [&](std::int64_t count) {
       const std::int64_t last = hand.latest().tick + count;
       await([&] { return hand.latest().tick >= last; });
@@ -1555,12 +1563,12 @@ TEST_CASE("a replugged arm gets force again only after the fault is cleared",
         ticks(2);
       }
     };
-    // If the machine stops the loop in the middle of a write for as long as a blocked write takes,
-    // the loop rightly cuts the force. This test is not about that.
+    // If the machine stops the loop during a write for longer than kWriteTime, the loop correctly
+    // cuts the force. This test ignores that case.
     const auto stopped = [&] { return hand.latest().fault == Fault::kWrite; };
     const auto press = [&] {
       for (;;) {
-        ticks(1000);  // an engagement
+        ticks(1000);  // the length of an engagement
         move(2700);
         await([&] { return arm.driven()[2] > 1000 || stopped(); });
         if (!stopped()) return;
@@ -1580,7 +1588,7 @@ TEST_CASE("a replugged arm gets force again only after the fault is cleared",
     arm.there = true;
     await([&] { return device->pluggings() == 2; });
     ticks(50);
-    // The arm is back, and the force is still off: the program must clear the fault.
+    // The arm has returned, but the force stays off until the program clears the fault.
     CHECK(hand.latest().fault == Fault::kGone);
     CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
     hand.clear();

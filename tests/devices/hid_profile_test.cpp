@@ -1,4 +1,4 @@
-/// Files that describe arms.
+/// Tests profiles, the files that describe arms.
 #include "palpate/devices/hid/hid_profile.h"
 
 #include <array>
@@ -112,7 +112,7 @@ TEST_CASE("a bad profile is refused with the path of its error", "[profile]") {
     const char* pointer;
     Json value;
     const char* says;
-    bool schema;  ///< The schema rejects the file too.
+    bool schema;  ///< True: the JSON Schema also rejects the file.
   };
   const std::vector<Bad> cases{
       {"/palpate_arm", 2, "/palpate_arm: 2 is a version that this program does not support", true},
@@ -272,7 +272,8 @@ TEST_CASE("the shipped profile schema equals the printed one", "[profile]") {
   std::ifstream in(test::sourceDir() + "/devices/hid/hid_profile.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
-  // build/release/bin/palpate schema arm > devices/hid/hid_profile.schema.json
+  // Compares with the output of: build/release/bin/palpate schema arm >
+  // devices/hid/hid_profile.schema.json
   CHECK(shipped.str() == hidProfileSchema());
 }
 
@@ -294,9 +295,9 @@ TEST_CASE("a report's sequence field and stale time are read", "[profile]") {
 TEST_CASE("a counter that is homed only by a flag must span the workspace", "[profile]") {
   Json json = full();
   json.erase("home");
-  REQUIRE(trouble(json) == "none");  // 32 bits of 1 um
-  // 16 bits of 1 um: 66 mm, in a workspace of 200 mm. The counter may mean four places, one of
-  // which would be a guess.
+  REQUIRE(trouble(json) == "none");  // 32 bits of 1 um per count
+  // 16 bits of 1 um per count cover 66 mm of a workspace of 200 mm. So a counter value may mean
+  // four places, and palpate must not guess.
   json["input"][0]["fields"]["a"]["bits"] = 16;
   CHECK_THAT(trouble(json), Contains("/kinematics/joints/0/from: a wraps every 0.0655 m of the "
                                      "tip, and the workspace is 0.2 m wide"));
@@ -314,7 +315,8 @@ TEST_CASE("a counter that is homed only by a flag must span the workspace", "[pr
   at_open["kinematics"]["home_words"] = "in the middle";
   CHECK(trouble(at_open) == "none");
 
-  // A wrist that turns on the spot, and a joint of whole turns, are still unambiguous.
+  // Two joints for which a further turn is not ambiguous: a wrist that turns on the spot, and a
+  // joint whose range is a whole turn.
   Json chain = full();
   chain.erase("home");
   chain["kinematics"] = Json::parse(R"({"model": "chain", "tip": [0.01, 0, 0],
@@ -345,7 +347,7 @@ TEST_CASE("a device is claimed by one program at a time", "[profile]") {
   CHECK_NOTHROW(claim(ours, file));
   const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
   CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") uses it"));
-  // A guardian keeps the device for a killed program until it has written its zero.
+  // After a program was killed, its guardian keeps the device until the guardian has written zero.
   const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
   close(ours);
   CHECK_THROWS_AS(claim(second, file), DeviceError);
@@ -358,8 +360,8 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
   const test::TemporaryFolder folder;
   const std::string file = (folder / "hidraw0").string();
   std::ofstream(file) << "x";
-  // A program with a guardian, which keeps the device for a time after the program was killed. The
-  // program stays a zombie until waitpid().
+  // Starts a program with a guardian that keeps the device for some time after the program was
+  // killed. The program stays a zombie until waitpid().
   const auto killed = [&](unsigned keeps_ms) {
     std::array<int, 2> ready{};
     REQUIRE(pipe(ready.data()) == 0);
@@ -395,7 +397,7 @@ TEST_CASE("a claim waits for a killed program's guardian, and reports it", "[pro
   CHECK(waitpid(short_one, nullptr, 0) == short_one);
   REQUIRE(flock(ours, LOCK_UN) == 0);
 
-  // The wait is limited; the message has no name of a program that has ended.
+  // The wait is limited. The message does not name the program that has ended.
   const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
   CHECK(waitpid(long_one, nullptr, 0) == long_one);
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
@@ -461,7 +463,7 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
     if (joints < 3) json["output"]["fields"].erase("fc");
     CAPTURE(json["kinematics"].dump());
     CHECK(schemaAccepts(json));
-    // The tip must reach the middle of the world.
+    // The tip must be able to reach the middle of the hand's world.
     json["mount"]["origin"] = {0.0, 0.0, 1.9};
     CHECK_THAT(trouble(json), Contains("/mount/origin: the middle of the hand's world is"));
     json["mount"]["origin"] = {middle.x(), middle.y(), middle.z()};
@@ -504,12 +506,12 @@ TEST_CASE("gravity masses are read, and may use at most half of a motor's force"
   CHECK_FALSE(arm.masses[0].link);
   CHECK(arm.masses[1].link == 1U);
   CHECK(arm.masses[1].centre.x() == 0.1);
-  // The second mass hangs on slides that do not go up and down.
+  // The second mass is carried by slides that do not move vertically.
   const ProfileFacts facts = factsOf(arm);
   CHECK((facts.carried_W - Vec3(0, 0, 0.1 * 9.80665)).norm() < 1e-4);
   CHECK(facts.motors[2].carries == Approx(0.1 * 9.80665 / 2.0));
   CHECK(facts.motors[0].carries == 0.0);
-  // At most half of a motor's largest force, or of its continuous force.
+  // The weight may take at most half of a motor's largest or continuous force.
   json["gravity"]["masses"][0]["mass"] = 1.0;
   CHECK_THAT(trouble(json), Contains("/gravity: fc needs 4.9 to carry the arm's masses, more than "
                                      "half of its continuous limit of 5"));
@@ -537,7 +539,7 @@ TEST_CASE("the axes along which an arm moves and is driven are found", "[profile
     return words;
   };
   CHECK(axes(full()) == "xyz|xyz|");
-  // A slide that is only sensed; the mount makes the arm's x the world's y.
+  // A slide without a motor; the mount makes the arm's x the world's y.
   Json sensed = full();
   sensed["kinematics"]["joints"][0].erase("motor");
   sensed["kinematics"]["joints"][0].erase("torque_constant");
@@ -556,13 +558,13 @@ TEST_CASE("the axes along which an arm moves and is driven are found", "[profile
           {"from": "a", "motor": "fa", "torque_constant": 0.1},
           {"from": "b", "motor": "fb", "torque_constant": 0.1}]})";
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}})) == "xy|xy|");
-  // Upright; leaning by 30 degrees.
+  // The arm upright, and leaning by 30 degrees.
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}, {"rotation_wxyz", {1, 1, 0, 0}}})) ==
         "xz|xz|");
   CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}},
                           {"rotation_wxyz", {0.9659258, 0.258819, 0, 0}}})) ==
         "xy (0, 0.866, 0.5)|xy (0, 0.866, 0.5)|");
-  // Three rotary joints, all about the same axis.
+  // Three rotary joints with a common axis.
   CHECK(
       axes(with(R"({"model": "chain", "links": [{"across": 0.2}, {"across": 0.2}, {"across": 0.1}],
           "joints": [{"from": "a", "motor": "fa", "torque_constant": 0.1},
@@ -574,13 +576,14 @@ TEST_CASE("a profile's resolution, home position and motor demands are computed"
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
   CHECK(facts.step == Approx(3e-6));
-  // Joints at home: (0, 0, 0.1), which is the middle.
+  // With the joints at home, the tip is at (0, 0, 0.1), which is the middle.
   CHECK(facts.home_W.norm() < 1e-12);
   REQUIRE(facts.motors.size() == 3);
   CHECK(facts.motors[0].asked == Approx(5.0));
   CHECK(facts.motors[2].asked == Approx(2.5));
   CHECK(facts.motors[0].room == Approx(5.0));
-  // The Polhem: 5 N across the arm, 0.14 m from its axis, by a gear and a motor constant.
+  // The Polhem, with 5 N across the arm at 0.14 m from its axis, converted by gear ratio and torque
+  // constant.
   std::vector<std::string> notes;
   for (const HidProfile& arm : hidProfiles("/nowhere", notes)) {
     if (arm.name != "polhem") continue;
@@ -615,7 +618,8 @@ TEST_CASE("self-test results are stored by serial number and profile", "[profile
   CHECK(testedArms(identityOf(arm, "")) == std::vector<std::string>{"S1"});
   CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
   CHECK(measuredArm(identityOf(arm, "S1")).coulomb == 0.0);
-  // Half a millisecond and three standard errors to either side, never before the reading.
+  // The delay's range is half a millisecond plus three standard errors to each side, but never
+  // before the reading.
   CHECK(measuredArm(identityOf(arm, "S1")).delay == Approx(1e-3));
   CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.8e-3));
   measured.axes[2].delay = 0.3e-3;
@@ -624,13 +628,13 @@ TEST_CASE("self-test results are stored by serial number and profile", "[profile
   CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.9e-3));
   CHECK(measuredArm(identityOf(arm, "S2")).viscous == 0.0);
   CHECK_FALSE(isTested(identityOf(arm, "")));
-  // A changed sign makes another profile.
+  // A profile with a changed sign counts as another profile.
   Json other = full();
   other["kinematics"]["joints"][0]["ratio"] = -1;
   CHECK_FALSE(isTested(identityOf(parseHidProfile(other.dump(), "arm.json"), "S1")));
   rememberTest(identityOf(parseHidProfile(other.dump(), "arm.json"), "S2"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // Invalid contents of the file are not a test, and not an error.
+  // Invalid contents of the file count as no test, not as an error.
   for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
     std::ofstream(testedArmsFile()) << text;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
@@ -642,7 +646,7 @@ TEST_CASE("self-test results are stored by serial number and profile", "[profile
   CHECK_FALSE(isTested(identityOf(arm, "S1")));
   rememberTest(identityOf(arm, "S1"), measured);
   CHECK(isTested(identityOf(arm, "S1")));
-  // The entry of a test that measured no scale, or a scale along one axis only.
+  // Records of tests that measured no scale, or the scale along one axis only.
   for (const Json& scale : {Json(), Json(1.0)}) {
     std::ifstream in(testedArmsFile());
     Json json = Json::parse(in);
@@ -650,7 +654,7 @@ TEST_CASE("self-test results are stored by serial number and profile", "[profile
     std::ofstream(testedArmsFile()) << json;
     CHECK_FALSE(isTested(identityOf(arm, "S1")));
   }
-  // An axis of a planar arm without a motor was not measured, and is not used.
+  // A planar arm was not measured along the axis without a motor, and that axis is not used.
   rememberTest(identityOf(arm, "S1"), measured);
   CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
   measured.axes[1] = {};
@@ -705,7 +709,8 @@ TEST_CASE("an arm's name is split into profile, serial number and file", "[profi
 }
 
 TEST_CASE("an ambiguous profile name is refused with the matching profiles", "[profile]") {
-  // Their motors differ twelvefold: one taken for the other would get twelve times its force.
+  // The motors of the two editions differ twelvefold, so an arm with the wrong edition's profile
+  // would get twelve times its force.
   const std::string editions =
       "hid:woodenhaptics: the name fits woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
       "differ";
@@ -750,7 +755,7 @@ TEST_CASE("the shipped profiles are valid, and every number has a source", "[pro
       }
       CHECK(said);
     }
-    // The system lets a user open the arm.
+    // palpate's udev rules give users the permission to open the arm.
     std::ifstream rules(test::sourceDir() + "/devices/70-palpate-arms.rules");
     const std::string text((std::istreambuf_iterator<char>(rules)), {});
     for (const Json& match : json.at("match")) {
@@ -770,7 +775,7 @@ TEST_CASE("a user's profiles replace shipped ones, and a broken profile is repor
   mine["name"] = "polhem";
   std::ofstream(folder / "a.json") << mine.dump();
   std::ofstream(folder / "b.json") << "{";
-  // If a user has a file for an arm, the numbers of other files do not replace it.
+  // If a user's file for an arm is invalid, palpate's own numbers do not replace it.
   std::ofstream(folder / "teensy-arm.json") << "{";
   Json broken = full();
   broken["name"] = "woodenhaptics-v2015";
@@ -789,7 +794,7 @@ TEST_CASE("a user's profiles replace shipped ones, and a broken profile is repor
   CHECK(notes.size() == 4);
   CHECK_THAT(notes[0], Contains("a.json: /name: this file replaces palpate's own profile polhem"));
   CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
-  // Two files with one name.
+  // Two files of the user give the same name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
   CHECK(hidProfiles(folder.path(), notes).size() == 3);
@@ -810,7 +815,7 @@ TEST_CASE("the known arms have limits and sources", "[profile]") {
 
 TEST_CASE("damaged profiles are read or refused without a crash", "[profile]") {
   const std::string good = full().dump();
-  // At every byte in turn: the byte is replaced or left out, or the text ends there.
+  // At each byte in turn: replaces the byte, removes it, or ends the text there.
   for (std::size_t i = 0; i < good.size(); ++i) {
     for (const char c : {'0', '"', '}', '-', '9'}) {
       std::string bad = good;
@@ -847,15 +852,14 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
   CHECK(arm.pid[0].axis == 0);  // in order
   CHECK(arm.pid[0].way == 0.3);
   CHECK(arm.pid[1].force == 8.0);
-  CHECK(arm.output_rate == 250.0);  // [forces/s]: each is a report an axis
+  CHECK(arm.output_rate == 250.0);  // [forces/s]: one force takes one report per axis
   const ProfileFacts facts = factsOf(arm);
   CHECK(facts.off < 1e-6);
   CHECK(facts.moves.isApprox(Mat3(Vec3(1, 1, 0).asDiagonal())));
   REQUIRE(facts.motors.size() == 2);
-  CHECK(facts.motors[0].asked == Approx(5.0));  // of all that the device gives [N]
+  CHECK(facts.motors[0].asked == Approx(5.0));  // share of everything that the device can give [N]
   CHECK(facts.motors[0].room == Approx(10.0));
 
-  // The profile in docs/profiles.md.
   std::ifstream in(test::sourceDir() + "/docs/profiles.md");
   std::ostringstream page;
   page << in.rdbuf();
@@ -895,7 +899,7 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
     CHECK_THAT(trouble(json), Contains("arm.json") && Contains(bad.says));
     if (bad.schema) CHECK_FALSE(schemaAccepts(json));
   }
-  // A profile without limits, or without a rate, has no force.
+  // A profile without limits or without a rate gets no force.
   for (const char* needed : {"limits", "pid"}) {
     Json json = good;
     json.erase(needed);

@@ -82,7 +82,7 @@ TEST_CASE("a written field reads back, and all other bits stay unchanged", "[hid
                              : std::floor(random.uniform(f.least, f.most + 1.0));
     putRaw(report, f, value);
     REQUIRE(rawOf(report, f) == value);
-    // Another value leaves all other bits unchanged.
+    // Writing another value does not change other bits.
     putRaw(report, f, 0.0);
     double changed = 0.0;
     for (std::uint32_t b = 0; b < 64; ++b) {

@@ -1,4 +1,5 @@
-/// Checks the positions of tips: closed forms against finite differences, round trips, edges.
+/// Checks the positions of tips: closed forms against finite differences, inverse computations,
+/// special poses.
 #include "palpate/devices/hid/kinematics.h"
 
 #include <cmath>
@@ -21,7 +22,7 @@ namespace {
 struct Arm {
   std::string name;
   std::shared_ptr<const Kinematics> model;
-  std::function<Joints(Random&)> joints;  ///< Within reach.
+  std::function<Joints(Random&)> joints;  ///< Random joints within reach.
 };
 
 std::vector<Arm> arms() {
@@ -63,7 +64,7 @@ TEST_CASE("Jacobians are the derivatives of the tip position", "[kinematics]") {
       const ArmPose pose = arm.model->at(q);
       REQUIRE(pose.reachable);
       for (std::size_t i = 0; i < arm.model->joints(); ++i) {
-        // Five points: the error is of the fourth order.
+        // Five points, so the error is of the fourth order.
         const double h = 1e-3;
         const auto at = [&](double d) {
           Joints moved = q;
@@ -96,7 +97,7 @@ TEST_CASE("link points move as their Jacobians say, and include the tip", "[kine
           const auto at = [&](double d) {
             Joints moved = q;
             moved[i] += d;
-            // A link is rigid: its points keep their distances.
+            // A link is rigid, so the distances between its points do not change.
             const Vec3 here = model.on(link, place, moved).position_D;
             const double apart = (model.on(link, other, moved).position_D - here).norm();
             stretch = std::max(stretch, std::abs(apart - (other - place).norm()));
@@ -126,8 +127,8 @@ TEST_CASE("link points move as their Jacobians say, and include the tip", "[kine
 }
 
 TEST_CASE("joint torques reproduce the force at the tip", "[kinematics]") {
-  // Virtual work, both ways: the torques of a force do its work. The force that those torques make
-  // at the tip, solved by the Jacobian's transpose, is the same.
+  // Checks virtual work in both directions: the torques for a force do the force's work, and the
+  // force that these torques make at the tip, from the transposed Jacobian, is the same force.
   Random random(5);
   for (const Arm& arm : arms()) {
     CAPTURE(arm.name);
@@ -148,7 +149,7 @@ TEST_CASE("joint torques reproduce the force at the tip", "[kinematics]") {
                                                   Eigen::ComputeThinU | Eigen::ComputeThinV);
       if (svd.singularValues().tail(1)[0] < 1e-3) continue;
       const Vec3 back = svd.solve(torques);
-      // A planar arm has no force across its plane.
+      // A planar arm cannot make a force across its plane.
       const Vec3 wanted = n == 2 ? Vec3(force.x(), force.y(), 0.0) : force;
       REQUIRE((back - wanted).norm() < 1e-9);
     }
@@ -156,17 +157,17 @@ TEST_CASE("joint torques reproduce the force at the tip", "[kinematics]") {
 }
 
 TEST_CASE("known joint angles give the known tip positions", "[kinematics]") {
-  // WoodenHaptics at home: the upper link upright, the lower one level.
+  // WoodenHaptics in its home pose: the upper link vertical, the lower link horizontal.
   const auto woody = makeCapstanArm(0.08, 0.205, 0.245);
   CHECK((woody->at({0, 0, M_PI / 2}).position_D - Vec3(0.245, 0, 0.285)).norm() < 1e-15);
   CHECK((woody->at({M_PI / 2, 0, M_PI / 2}).position_D - Vec3(0, 0.245, 0.285)).norm() < 1e-15);
-  // The tip of a delta with equal arms is on its axis. With arms level: fore^2 = (base - plate +
-  // upper)^2 + z^2.
+  // The tip of a delta with equal arm angles is on its axis. With horizontal arms: fore^2 = (base -
+  // plate + upper)^2 + z^2.
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.14);
   const Vec3 tip = delta->at({0, 0, 0}).position_D;
   CHECK((tip - Vec3(0, 0, -std::sqrt(0.14 * 0.14 - 0.11 * 0.11))).norm() < 1e-12);
   CHECK(delta->at({0.3, 0.3, 0.3}).position_D.z() < tip.z());
-  // The tip of a symmetric pantograph is in its middle.
+  // The tip of a symmetric pantograph is on its line of symmetry.
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
   const Vec3 middle = panto->at({M_PI / 2 - 0.3, M_PI / 2 + 0.3}).position_D;
   CHECK(middle.x() == Approx(-0.025));
@@ -181,10 +182,12 @@ TEST_CASE("known joint angles give the known tip positions", "[kinematics]") {
 TEST_CASE("unreachable poses give no torque, and all poses give finite numbers", "[kinematics]") {
   const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
   const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
-  // Elbows farther apart than the rods are long; rods in one line, so that the tip is not held.
+  // First elbows that are farther apart than the rods' lengths, then rods in one line, which cannot
+  // hold the tip.
   CHECK_FALSE(makeDelta(0.08, 0.03, 0.06, 0.1)->at({0, 0, 0}).reachable);
   CHECK_FALSE(panto->at({0.0, M_PI}).reachable);
-  const double along = std::acos((0.1 - 0.025) / 0.08);  // elbows 0.2 apart: rods in one line
+  // Elbows 0.2 apart, so the rods are in one line.
+  const double along = std::acos((0.1 - 0.025) / 0.08);
   CHECK_FALSE(panto->at({along, M_PI - along}).reachable);
   CHECK(Kinematics::torque(panto->at({0.0, M_PI}), 0, {1, 1, 0}) == 0.0);
   Random random(7);
@@ -197,7 +200,8 @@ TEST_CASE("unreachable poses give no torque, and all poses give finite numbers",
       REQUIRE(pose.position_D.allFinite());
       for (std::size_t j = 0; j < model->joints(); ++j) REQUIRE(pose.jacobian[j].allFinite());
       lost += pose.reachable ? 0 : 1;
-      // Reachable poses never need torques without bound: 1 N at most at a lever of 12 m.
+      // Torques are bounded in every reachable pose: for 1 N they correspond to a lever of at most
+      // 12 m.
       for (std::size_t j = 0; j < model->joints(); ++j) {
         REQUIRE(std::abs(Kinematics::torque(pose, j, Vec3::UnitX())) < 12.0);
       }

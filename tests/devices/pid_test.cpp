@@ -1,5 +1,5 @@
-/// Simulated arms of USB's PID class: how they are detected, driven, lost and released, and how
-/// their firmware may differ.
+/// Tests simulated arms of USB's PID class: how they are detected, driven, lost and released, and
+/// differences between firmware.
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -29,7 +29,7 @@ using test::PidShape;
 
 namespace {
 
-/// The clock of devices and of their drivers. The clock stands still until a test lets time pass.
+/// The clock of devices and drivers. It stands still until a test advances it.
 std::atomic<std::int64_t> virtual_now{1000000000};
 std::int64_t virtualNow() noexcept {
   return virtual_now;
@@ -64,10 +64,10 @@ class Wire {
 
   std::mutex mutex;
   PidModel model;
-  std::vector<int> raw;  ///< Its position.
+  std::vector<int> raw;  ///< Position that the device reports.
   std::uint32_t buttons = 0;
   std::deque<std::vector<std::byte>> waits;
-  std::vector<std::byte> fixed;  ///< Sent instead of `raw`; takes no memory.
+  std::vector<std::byte> fixed;  ///< Sent instead of `raw`; does not allocate.
   double takes = 0.0;            ///< Duration of a write [s].
   double strongest = 0.0;        ///< Largest force of a motor so far.
   double together = 0.0;         ///< Largest sum of all motors' forces.
@@ -127,10 +127,10 @@ class WirePort final : public ReportPort {
     return true;
   }
   Wire& wire_;
-  bool asked_ = false;  ///< Every second read finds a report.
+  bool asked_ = false;  ///< True in every second read, which finds a report.
 };
 
-/// Returns a profile of 0.2 m and 8 N an axis; y moves and pushes the other way.
+/// Returns a profile with 0.2 m and 8 N per axis; y moves and pushes in the opposite direction.
 HidProfile stick(int axes) {
   HidProfile profile;
   profile.name = "stick";
@@ -166,7 +166,7 @@ void await(What what) {
   }
 }
 
-/// Sends a force. The force has gone out when this returns.
+/// Writes a force and waits until it has been sent.
 void send(PidDevice& device, const Vec3& force) {
   const std::int64_t before = device.traffic().writes;
   device.write(force);
@@ -229,7 +229,7 @@ TEST_CASE("a PID device of either kind with one to three axes is read, driven an
     send(*device, force);
     for (int a = 0; a < shape.axes; ++a) {
       CAPTURE(a);
-      // A direction of 8 bits turns one quarter into another by 0.3 degrees.
+      // With a direction of 8 bits, an angle has an error of up to 0.3 degrees.
       CHECK(wire.share(a) * (a == 1 ? -8.0 : 8.0) == Approx(force[a]).margin(0.02));
     }
     send(*device, Vec3::Zero());
@@ -285,7 +285,7 @@ TEST_CASE("an effect is stopped individually if the device can neither free nor 
 TEST_CASE("an untested PID device opens without force and with a tenth of its gain", "[hid][pid]") {
   PidShape shape;
   shape.rhino = GENERATE(false, true);
-  shape.wakes_with = 4000;  // firmware that oscillates, or remembers
+  shape.wakes_with = 4000;  // firmware that starts an effect with this magnitude by itself
   Wire wire(shape);
   const auto device = open(wire, false);
   CHECK(wire.strongest == 0.0);
@@ -294,11 +294,11 @@ TEST_CASE("an untested PID device opens without force and with a tenth of its ga
   CHECK(device->info().limits.peak == kUntestedForce);
   CHECK(device->info().max_stiffness <= kUntestedStiffness);
   CHECK_THAT(device->info().source, Contains("its gain is a tenth"));
-  // Even firmware that ignores its gain gives at most the requested force.
+  // If the firmware ignores its gain, the force still does not exceed the requested one.
   send(*device, {0.5, 0.0, 0.0});
   CHECK(8.0 * wire.share(0) == Approx(0.5 * wire.model.gainShare()).epsilon(0.03));
   CHECK(8.0 * wire.share(0) / wire.model.gainShare() <= 0.5);
-  // During the self-test the device gives the requested force.
+  // During the self-test the device has its full gain.
   HidHost host;
   host.tests = true;
   Wire other(shape);
@@ -315,7 +315,7 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     shape.load_status = 2;
     Wire wire(shape);
     CHECK_THAT(refusal(wire), Contains("arm stick: it has no memory left for an effect: "));
-    // Earlier commands are undone.
+    // After a failure, earlier commands are undone.
     CHECK_FALSE(wire.model.active());
   }
   {
@@ -344,12 +344,13 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
                Contains("it does not answer the request for the index of the effect"));
   }
   {
-    shape.load_refused = 5;  // a slow device is waited for
+    shape.load_refused = 5;  // the driver waits for a slow device
     Wire wire(shape);
     CHECK(refusal(wire) == "none");
   }
   {
-    // Status reports of the effect before are ignored: a force goes along its own axis.
+    // Outdated status reports, of the previous effect, are ignored. So a force goes along its own
+    // axis.
     PidShape late = shape;
     late.load_refused = 0;
     late.load_stale = 3;
@@ -365,7 +366,7 @@ TEST_CASE("a PID device that cannot create its effects is refused with the reaso
     CHECK_THAT(
         refusal(wire),
         Contains("it plays at most 1 effects at once, and each axis needs one: remove axes"));
-    shape.at_once = 0;  // unknown
+    shape.at_once = 0;  // the device does not report this number
     Wire other(shape);
     CHECK(refusal(other) == "none");
   }
@@ -384,14 +385,14 @@ TEST_CASE("effects have a finite duration and are renewed in time", "[hid][pid]"
     CHECK(raw < (1 << shape.duration_bits) - 1);
     CHECK(raw == (shape.duration_bits == 8 ? 254 : 500));
   }
-  // More than two minutes, with a force all the time.
+  // A force for more than two minutes.
   const Vec3 force(2.0, 1.0, 0.0);
   for (int i = 0; i < 6500; ++i) {
     send(*device, force);
     REQUIRE(wire.share(0) > 0.2);
     pass(0.02);
   }
-  // An effect is renewed four times a duration, not at every force.
+  // An effect is restarted four times per duration, not with every force.
   const double times =
       wire.model.starts() / 2.0 / (130.0 / (shape.duration_bits == 8 ? 0.254 : 0.5));
   CHECK(times > 3.0);
@@ -459,10 +460,10 @@ TEST_CASE("a PID device's power, safety and actuator states cut the force", "[hi
     return device->read();
   };
   (void)device->read();
-  // States that the device never reported have no meaning.
+  // State bits that the device never set have no meaning.
   CHECK(says(true, false, false).fault == Fault::kNone);
   CHECK(device->read().ready);
-  // Power returns: a force would begin at once. The force comes in as at the beginning.
+  // Power returns. The force would be there at once, so it starts from zero as at the opening.
   const HandState powered = says(true, true, false);
   CHECK(powered.fault == Fault::kNone);
   CHECK_FALSE(powered.ready);
@@ -494,7 +495,7 @@ TEST_CASE("actuators that a guardian stopped are enabled again only at zero forc
   CHECK(wire.share(0) == 0.0);
   wire.say(wire.model.state());
   CHECK(device->read().fault == Fault::kPower);
-  // While a force is written, the actuators stay off.
+  // The actuators stay off while a non-zero force is written.
   pass(2.0);
   send(*device, {2.0, 0.0, 0.0});
   CHECK_FALSE(wire.model.active());
@@ -520,7 +521,7 @@ TEST_CASE("one control report stops a PID device of either kind", "[hid][pid]") 
   wire.model.output(zero.bytes, seconds());
   CHECK(wire.share(0) == 0.0);
   CHECK(wire.share(1) == 0.0);
-  CHECK(wire.model.active());  // still switched on
+  CHECK(wire.model.active());  // still enabled
 }
 
 TEST_CASE("a PID device's stiffness limit follows from the time of its reports", "[hid][pid]") {
@@ -530,11 +531,11 @@ TEST_CASE("a PID device's stiffness limit follows from the time of its reports",
   wire.takes = 0.005;
   {
     const auto device = open(wire);
-    CHECK(device->info().output_rate == Approx(100.0));  // of 5 ms, two axes
+    CHECK(device->info().output_rate == Approx(100.0));  // two axes with reports of 5 ms each
     ArmParams arm;
     arm.viscous = PidDevice::kLikelyViscous;
     arm.delay = 0.011;
-    // Half of the friction is the coupling's damping.
+    // The coupling's damping may use half of the friction.
     CHECK(device->info().max_damping == Approx(0.5 * arm.viscous));
     CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 100.0, 0.5 * arm.viscous)));
     CHECK(device->info().max_stiffness < 20.0);
@@ -543,9 +544,9 @@ TEST_CASE("a PID device's stiffness limit follows from the time of its reports",
                Contains("from 100 forces per second, a delay of 11 ms and a guessed friction"));
   }
   wire.takes = 0.0;
-  // The profile's rate, if reports take less time.
+  // If reports take less time, the profile's rate holds.
   CHECK(open(wire, true, {}, 500.0)->info().output_rate == 500.0);
-  // With measured values.
+  // The same with measured values.
   HidHost host;
   host.measured = {2.0, 0.1, 0.003, 0.001, 0.2};
   const auto device = open(wire, true, host, 500.0);
@@ -592,7 +593,7 @@ TEST_CASE("a PID device's buttons are reported", "[hid][pid]") {
   CHECK(device->info().handle.buttons.size() == 32);
   (void)device->read();
   wire.buttons = 0x80000005U;
-  wire.say(wire.model.state());  // another report does not contain them
+  wire.say(wire.model.state());  // a report of another kind, which has no positions
   CHECK(device->read().handle.buttons == 0x80000005U);
   wire.buttons = 0;
   CHECK(device->read().handle.buttons == 0);
@@ -613,7 +614,7 @@ TEST_CASE("reading and writing a PID device does not allocate", "[hid][pid][real
 TEST_CASE("a descriptor without constant force is refused with the missing part", "[hid][pid]") {
   const PidModel model(PidShape{});
   CHECK(mapOf(model).buttons.size() == 32);
-  // Replaces the usage that defines the purpose of a report.
+  // Replaces the usage that shows the purpose of a report.
   const auto without = [&](int usage, int instead) {
     std::vector<std::byte> bytes = model.descriptor();
     for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
@@ -641,7 +642,7 @@ TEST_CASE("a descriptor without constant force is refused with the missing part"
         "this axis");
   CHECK(without(0x99, 0x01) == "none");
 
-  // A magnitude from 0 up could only pull.
+  // A magnitude that starts at 0 could push in one direction only.
   std::vector<std::byte> bytes = model.descriptor();
   for (std::size_t i = 0; i + 4 < bytes.size(); ++i) {
     if (bytes[i] != std::byte{0x70} || bytes[i + 1] != std::byte{0x16}) continue;
@@ -677,7 +678,7 @@ TEST_CASE("mutated PID descriptors and answers are accepted or refused", "[hid][
     if (any(8) == 0) descriptor.resize(any(descriptor.size()));
     if (any(16) == 0)
       descriptor.insert(descriptor.end(), any(300), static_cast<std::byte>(any(256)));
-    // The pool, a block for each axis, then input.
+    // The answers: the pool, a block for each axis, then input.
     std::vector<std::byte> says(any(400));
     for (std::byte& b : says) b = static_cast<std::byte>(any(256));
     if (any(4) != 0) {

@@ -1,5 +1,5 @@
-/// Recordings: written data are read back, a torn end is left out, and a replay gives the same
-/// force to the last bit.
+/// Tests recordings: written data are read back, an incomplete end is ignored, and a replay gives
+/// exactly the same forces.
 #include "palpate/devices/recording/recording.h"
 
 #include <algorithm>
@@ -47,7 +47,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A folder of this test, removed with the object.
+/// A folder for this test; the destructor removes it.
 struct Folder {
   fs::path path = fs::temp_directory_path() / ("palpate-recording-" + std::to_string(::getpid()));
   Folder() { fs::create_directories(path); }
@@ -55,7 +55,7 @@ struct Folder {
   [[nodiscard]] fs::path file(const char* name) const { return path / name; }
 };
 
-/// Returns a tick in which every number is different.
+/// Returns a tick in which all numbers differ.
 Telemetry anyTick(std::int64_t number, Random& random) {
   RecordedTick tick{};
   const auto bits = [&] { return static_cast<std::uint8_t>(random.integer(2)); };
@@ -198,7 +198,7 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   };
   CHECK(ticksOf(whole) == 9);
   CHECK(Recording(file).incomplete().empty());
-  // At any end of the file.
+  // Ends the file at many different places.
   for (std::size_t end = header; end <= whole.size(); end += 7) {
     const auto chunks = std::count_if(ends.begin(), ends.end(), [&](auto e) { return e <= end; });
     CAPTURE(end);
@@ -207,7 +207,7 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
   put(file, whole.substr(0, whole.size() - 1));
   CHECK(Recording(file).torn() == ends[3] - ends[2] - 1);
   CHECK(Recording(file).damaged() == 0);
-  // With any bit wrong: one chunk is lost, and the chunks behind it are read.
+  // With one wrong bit anywhere, one chunk is lost and the chunks after it are read.
   for (long i = 0; i < test::cases(400); ++i) {
     std::string damaged = whole;
     const auto at =
@@ -222,7 +222,7 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
     REQUIRE(recording.size() == (chunk == 0 ? 9 : 6));
     REQUIRE(recording.scenes().size() == (chunk == 0 ? 0 : 1));
     REQUIRE(recording.damaged() + recording.torn() == bytes);
-    // The error may be in the length of the last chunk.
+    // The wrong bit may be in the length of the last chunk, which then looks incomplete.
     if (chunk < 3) REQUIRE(recording.torn() == 0);
     REQUIRE(recording.lost() == (chunk == 2 ? 3 : 0));
     REQUIRE(recording.tick(0).tick == (chunk == 1 ? 4 : 1));
@@ -230,13 +230,13 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
       CHECK_THAT(recording.incomplete(), Contains("are damaged and skipped; 3 ticks"));
     }
   }
-  // Chunks that repeat, or precede, ticks already read are ignored.
+  // Chunks that repeat or precede ticks that were already read are ignored.
   const auto chunk = [&](std::size_t i) { return whole.substr(ends[i], ends[i + 1] - ends[i]); };
   CHECK(ticksOf(whole + chunk(1)) == 9);
   CHECK(Recording(file).damaged() == ends[2] - ends[1]);
   CHECK(ticksOf(whole.substr(0, ends[0]) + chunk(1) + chunk(0) + chunk(2)) == 6);
   CHECK(Recording(file).lost() == 0);
-  // Every mark may begin a chunk. The search in a file full of marks ends soon.
+  // Every mark may begin a chunk, but the search in a file full of marks must end soon.
   const std::size_t record = sizeof(RecordedTick);
   std::string marks;
   for (std::uint64_t left = 8000; left-- > 0;) {
@@ -249,7 +249,7 @@ TEST_CASE("intact chunks of a truncated or damaged file are read", "[record]") {
     CAPTURE(end);
     REQUIRE_THROWS_AS(ticksOf(whole.substr(0, end)), Error);
   }
-  // Cutting the file after it was read has no effect.
+  // Shortening the file after it was read has no effect.
   put(file, whole);
   const Recording before(file);
   std::filesystem::resize_file(file, 0);
@@ -279,12 +279,12 @@ TEST_CASE("a full disk ends the recording, and the file stays readable", "[recor
   const fs::path file = folder.file("full.rec");
   CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
   CHECK_THROWS_WITH(Recorder(folder.path / "no" / "a.rec", setting()), Contains("No such file"));
-  // A recorder that never begins leaves the old file.
+  // A recorder that never begins leaves the existing file.
   put(file, "what was there");
   { const Recorder never(file, setting()); }
   CHECK(fs::file_size(file) == 14);
   CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
-  // Simulates a full disk: no file may be longer than this.
+  // Simulates a full disk: limits the size of files.
   struct rlimit before {};
   REQUIRE(::getrlimit(RLIMIT_FSIZE, &before) == 0);
   const auto handler = std::signal(SIGXFSZ, SIG_IGN);
@@ -299,7 +299,7 @@ TEST_CASE("a full disk ends the recording, and the file stays readable", "[recor
     const auto header = fs::file_size(file);
     for (std::int64_t i = 1; i <= 20000; ++i) {
       recorder.take(anyTick(i, random));
-      // Some of the ticks are written before the disk is full.
+      // Waits until some of the ticks have been written before the disk is full.
       while (i == 50 && fs::file_size(file) == header) std::this_thread::yield();
       if (!recorder.trouble().empty()) break;
     }
@@ -387,20 +387,21 @@ struct Kept final : TickSink {
 
 namespace {
 
-/// The ticks of a troubled hand in scenes that change, and these scenes.
+/// The ticks of a hand with faults in changing scenes, and these scenes.
 struct Troubles {
   DeviceInfo device;
   std::vector<RecordedTick> ticks;
   std::vector<std::shared_ptr<const Scene>> scenes;
 
-  /// `around`: changes the thread's arithmetic before each tick, and restores it after the tick.
+  /// @param around  Changes the thread's floating-point mode before each tick (true), and restores
+  /// it after the tick (false).
   explicit Troubles(std::size_t count, const std::function<void(bool)>& around = {}) {
     Random random(95);
     TroubledDevice hand(96);
     device = hand.info();
     Kept kept(count);
     HapticLoop loop(hand, 1000.0, &kept);
-    // Scenes that differ in numbers and in shape; at first no scene.
+    // No scene at first, then scenes that differ in numbers and in shape.
     for (int i = 0; i < 6; ++i) {
       GraphSpec spec = ballSpec(0.5 + i);
       spec.modes[0].friction = 0.1 * i;
@@ -427,7 +428,7 @@ struct Troubles {
     ticks = std::move(kept.ticks);
   }
 
-  /// Returns the first tick that differs when the ticks are replayed; 0 if all are equal.
+  /// Replays the ticks. Returns the first tick that differs; 0 if all are equal.
   [[nodiscard]] std::int64_t firstOther() const {
     std::map<std::uint64_t, const Scene*> by_id{{0, nullptr}};
     for (const auto& scene : scenes) by_id[scene->id] = scene.get();
@@ -452,7 +453,7 @@ TEST_CASE("a run with many faults replays bit for bit", "[record][replay]") {
   REQUIRE(troubles.ticks.size() == count);
   CHECK(troubles.firstOther() == 0);
   if (count < 200000) return;
-  // The run did contain faults and forces.
+  // The run contained faults and forces.
   std::array<std::int64_t, kFaults> faults{};
   double felt = 0.0;
   for (const RecordedTick& tick : troubles.ticks) {
@@ -471,8 +472,8 @@ TEST_CASE("a run with many faults replays bit for bit", "[record][replay]") {
 TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[record][replay]") {
   const Troubles troubles(20000);
   const unsigned before = _mm_getcsr();
-  constexpr unsigned kFlush = 0x8040;    // denormals are zero
-  constexpr unsigned kUpwards = 0x4000;  // rounding
+  constexpr unsigned kFlush = 0x8040;    // treats denormals as zero
+  constexpr unsigned kUpwards = 0x4000;  // rounds upwards
   constexpr unsigned kMasks = 0x0E80;    // for invalid, zero divide, overflow and underflow
   for (const unsigned host : {before | kFlush, before | kUpwards, before & ~kMasks}) {
     CAPTURE(host);
@@ -481,14 +482,15 @@ TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[re
     const unsigned after = _mm_getcsr();
     _mm_setcsr(before);
     CHECK(other == 0);
-    // The host's own mode is restored.
+    // The host program's floating-point mode is restored.
     CHECK((after & ~0x3FU) == (host & ~0x3FU));
-    // The ticks of a loop are the same too; its watch reads the device's values.
+    // Ticks in a loop are the same too, although its watch on the hand reads the device's values in
+    // the host's mode.
     const Troubles again(troubles.ticks.size(), [&](bool set) { _mm_setcsr(set ? host : before); });
     for (std::size_t i = 0; i < again.ticks.size(); ++i) {
       RecordedTick tick = again.ticks[i];
       tick.tick_ns = troubles.ticks[i].tick_ns;
-      tick.scene = troubles.ticks[i].scene;  // each run has its own ids
+      tick.scene = troubles.ticks[i].scene;  // ids of scenes differ from run to run
       REQUIRE(same(tick, troubles.ticks[i]));
     }
   }

@@ -1,4 +1,4 @@
-/// The self-test on simulated arms, good ones and faulty ones.
+/// Tests the self-test on simulated arms, correct ones and faulty ones.
 #include "palpate/devices/arm/self_test.h"
 
 #include <algorithm>
@@ -22,12 +22,12 @@ constexpr double kRate = 1000.0;
 
 struct Run {
   SelfTestResult result;
-  double largest = 0.0;   ///< Force [N].
-  double farthest = 0.0;  ///< From the start [m].
+  double largest = 0.0;   ///< Largest force [N].
+  double farthest = 0.0;  ///< Largest distance from the start [m].
   bool ended = false;
 };
 
-/// Runs as the program does, with the gate in between.
+/// Runs the self-test as the program does, with limitForce before the arm.
 Run tried(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
           const std::function<Vec3(const Vec3&)>& wires = nullptr,
           const Vec3& gravity = Vec3::Zero(), const SelfTestParams& params = {}) {
@@ -115,7 +115,8 @@ TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
   says(heavy, "released, it moves to (0, 0, -1) by itself, with 0.399 N");
   CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
   CHECK(heavy.result.held);
-  // The remedy is for an arm that falls. An arm that rises carries too much.
+  // The message distinguishes an arm that falls from one that rises because it carries too much
+  // weight.
   for (const double up : {-1.0, 1.0}) {
     SelfTestParams params;
     params.down = Vec3(0, 0, -1);
@@ -129,7 +130,8 @@ TEST_CASE("the self-test describes an arm's faults and their remedy", "[hid]") {
 
 TEST_CASE("wrong force scales and directions are found from implausible motion", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
-  // Motors ten times as strong; one motor six times; a force turned by 35 degrees.
+  // Motors that are ten times too strong, one motor that is six times too strong, and a force that
+  // is turned by 35 degrees.
   expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "moved farther");
   expectWords(tried(good, {0, 0},
                     [](const Vec3& f) {
@@ -141,8 +143,8 @@ TEST_CASE("wrong force scales and directions are found from implausible motion",
   CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
-  // A wrong sign on an axis that the force of another axis pulls along. No motor drives the axis
-  // before its sign is known.
+  // An axis with a wrong sign, which moves with the force along another axis. The test must not
+  // drive an axis whose sign it does not know.
   const Run coupled =
       tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y, it moved the other way");
@@ -152,20 +154,20 @@ TEST_CASE("wrong force scales and directions are found from implausible motion",
 TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[hid]") {
   test::Random random(7);
   const long arms = test::cases(60);
-  std::vector<double> off;  // viscous, relative error
-  double farthest = 0.0;    // of a delay, with steps below 20 um
+  std::vector<double> off;  // relative errors of the viscous friction
+  double farthest = 0.0;    // largest error of a delay, for encoder steps below 20 um
   long told = 0;
   for (long i = 0; i < arms; ++i) {
     ArmParams any = arm(random.logUniform(0.05, 0.4), random.logUniform(0.1, 2.0),
                         random.logUniform(0.01, 0.25));
     any.encoder = random.logUniform(2e-6, 6e-5);
     any.delay = random.uniform(0.0, 6e-3);
-    // A fit sees the lag as a delay.
+    // The fit takes an amplifier lag for a delay.
     if (random.uniform(0.0, 1.0) < 0.3) any.lag = random.logUniform(1e-4, 1e-3);
     const double late = any.delay + any.lag;
     CAPTURE(any.mass, any.viscous, any.coulomb, any.encoder, any.delay, any.lag);
     const Run run = tried(any);
-    if (!run.result.problems.empty()) continue;  // too coarse, too much friction
+    if (!run.result.problems.empty()) continue;  // encoder steps too coarse, or friction too large
     ++told;
     double least = 1.0;
     double most = 0.0;
@@ -174,7 +176,7 @@ TEST_CASE("the delay of an arm's force is measured to a fraction of a tick", "[h
       most = std::max(most, axis.delay + 3.0 * axis.delay_error + 0.5e-3);
       if (any.encoder < 2e-5) farthest = std::max(farthest, std::abs(axis.delay - late));
       off.push_back(std::abs(axis.viscous / any.viscous - 1.0));
-      // The loop relies on these shares of the measured friction.
+      // The loop relies on at least these shares of the measured friction.
       CHECK(0.25 * axis.viscous < any.viscous);
       CHECK(0.5 * axis.coulomb < any.coulomb);
     }
@@ -228,7 +230,7 @@ TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
     const Vec3 across(0, -std::sin(lean), std::cos(lean));
     const Mat3 plane = Mat3::Identity() - across * across.transpose();
     const auto motors = [&](const Vec3& f) { return Vec3(plane * f); };
-    // Without knowledge of the plane the test takes the arm for one with a faulty motor.
+    // If the plane of the motors is unknown, the test reports a faulty motor.
     CHECK_FALSE(tried(good, {0, 0}, motors).result.problems.empty());
     SelfTestParams params;
     params.axes = axesWithin(plane);
@@ -243,14 +245,14 @@ TEST_CASE("an arm that is driven in a plane is tested in that plane", "[hid]") {
       CHECK(run.result.axes[a].viscous == Approx(0.5).margin(0.05));
       CHECK(run.result.axes[a].coulomb == Approx(0.05).margin(0.01));
     }
-    // Within the plane the test judges as usual.
+    // Within the plane, the usual checks apply.
     const Run turned = tried(
         good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
         Vec3::Zero(), params);
     expectWords(turned, "pushed to +y" + std::string(lean > 0.0 ? " (0, 0.878, 0.479)" : "") +
                             ", it moved the other way");
   }
-  // One axis only.
+  // An arm with one axis only.
   SelfTestParams params;
   params.axes = axesWithin(Vec3::UnitY() * Vec3::UnitY().transpose());
   const Run run = tried(
@@ -282,7 +284,7 @@ TEST_CASE("a low position rate and long pauses are reported", "[hid]") {
 }
 
 TEST_CASE("new positions are counted, and their longest pause is measured", "[hid]") {
-  // An arm of 250 Hz under a loop of 1 kHz.
+  // An arm that reports at 250 Hz, in a loop of 1 kHz.
   SelfTest self;
   HandState hand;
   for (int i = 0; i < 400; ++i) {

@@ -1,4 +1,4 @@
-/// palpate in a servo loop of another program.
+/// Tests palpate inside another program's servo loop.
 #include "palpate/devices/arm/servo.h"
 
 #include <cmath>
@@ -19,7 +19,7 @@ constexpr double kDt = 1e-3;
 DeviceInfo arm() {
   DeviceInfo info;
   info.name = "arm";
-  info.watch.late = 1.0;  // independent of the machine's other load
+  info.watch.late = 1.0;  // so long that the machine's load has no effect
   return info;
 }
 
@@ -34,7 +34,7 @@ std::shared_ptr<const Scene> ball() {
   return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
 }
 
-/// Comes down to 2 mm below the surface and stays there like a hand, never quite still. Returns the
+/// Moves the hand to 2 mm below the surface and keeps it there, slightly trembling. Returns the
 /// last force.
 Vec3 press(Servo& servo, int ticks = 2000) {
   Vec3 force = Vec3::Zero();
@@ -53,7 +53,7 @@ TEST_CASE("a servo gives force only after a scene is published", "[servo]") {
   CHECK(press(servo, 100) == Vec3::Zero());
   servo.publish(ball());
   const Vec3 force = press(servo);
-  CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // 500 N/m, 2 mm
+  CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // 500 N/m times 2 mm
   CHECK(servo.latest().report.proxy.z() == Approx(0.04).margin(1e-6));
   CHECK(servo.latest().fault == Fault::kNone);
 }
@@ -68,7 +68,8 @@ TEST_CASE("a servo's force engages slowly after a fault", "[servo]") {
   CHECK(servo.tick(hand, kDt) == Vec3::Zero());
   CHECK(servo.latest().fault == Fault::kStopped);
   servo.clear();
-  // The hand enters again from outside. The bound is the peak's share of the engagement so far.
+  // The hand enters again from outside. The force is at most the peak's share of the engagement so
+  // far.
   const double peak = arm().limits.peak;
   double strongest = 0.0;
   for (int i = 0; i < 400; ++i) {
@@ -89,7 +90,7 @@ TEST_CASE("a servo cuts the force on a late call or an arm fault, and stays cut"
     const Fault fault = servo.latest().fault;
     HandState good;
     good.position = {0.0, 0.0, 0.038};
-    CHECK(servo.tick(good, kDt) == Vec3::Zero());  // latched
+    CHECK(servo.tick(good, kDt) == Vec3::Zero());  // the fault is latched
     return fault;
   };
   HandState hand;
@@ -119,11 +120,11 @@ TEST_CASE("a servo's force fades while a held arm's position is frozen, and then
     same.position = {0.0, 0.0, 0.038};
     Vec3 force;
     for (int i = 0; i < 400; ++i) force = servo.tick(same, kDt);
-    CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // a hand may rest
+    CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // a hand may rest for this time
     for (int i = 0; i < 700; ++i) force = servo.tick(same, kDt);
     CHECK(force.z() == Approx(hand_on_it ? 0.0 : 1.0).margin(1e-6));
     CHECK(servo.latest().fault == Fault::kNone);
-    for (int i = 0; i < 700; ++i) {  // the position moves: the force comes back
+    for (int i = 0; i < 700; ++i) {  // when the position moves, the force returns
       same.position.x() = 1e-9 * (i % 2);
       force = servo.tick(same, kDt);
     }
@@ -139,7 +140,7 @@ TEST_CASE("a servo's force fades if the arm reports that it stands still", "[ser
     HandState hand;
     Vec3 force;
     for (int i = 0; i < 1100; ++i) {
-      // If the hand does not report stillness (NaN), it stands still.
+      // If HandState::still is NaN, the servo's own measurement of stillness holds.
       hand.position = {std::isnan(still) ? 0.0 : 1e-9 * (i % 2), 0.0, 0.038};
       hand.still = still;
       force = servo.tick(hand, kDt);

@@ -1,4 +1,4 @@
-/// Maps of couplings: the engine follows the wall's formula, other methods do not.
+/// Tests maps of couplings: the engine agrees with the formula for a wall, other methods do not.
 #include "palpate/devices/simulated/stability_map.h"
 
 #include <algorithm>
@@ -52,7 +52,7 @@ TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and n
     CHECK(map.tried < kSize * kSize / 2);
     const auto n = static_cast<std::size_t>(kSize);
     for (std::size_t row = 0; row < n; ++row) {
-      // At high damping the encoder matters, which the formula does not contain.
+      // Skips high damping, where encoder steps matter; the formula does not contain them.
       if (map.damping[row] > 5.0) continue;
       const double stable =
           stableStiffness(setting.arm, setting.grip, setting.rate, map.damping[row]);
@@ -61,7 +61,7 @@ TEST_CASE("the engine is stable below 0.8 of the wall formula's stiffness, and n
         CAPTURE(map.stiffness[column], map.damping[row], stable, cell.swing);
         if (map.stiffness[column] < 0.8 * stable) CHECK(cell.outcome == MapOutcome::kRests);
         if (map.stiffness[column] > 1.25 * stable) CHECK(cell.outcome != MapOutcome::kRests);
-        // No energy comes out where no hand could get any.
+        // Below the passive stiffness no energy comes out, whatever the hand does.
         const double passive = passiveStiffness(setting.arm, setting.rate, map.damping[row]);
         if (map.stiffness[column] < passive) CHECK_FALSE(cell.active);
       }
@@ -78,15 +78,15 @@ TEST_CASE("other methods oscillate at couplings where the engine is stable", "[s
     const MapFeel feel = named(methods, name).make(stiffness, damping, 1.0 / setting.rate);
     return tryCoupling(setting, trough, feel).outcome == MapOutcome::kRests;
   };
-  // Without a proxy the force jumps at the wall for any coupling.
+  // A method without a proxy has a force jump at the wall, with any coupling.
   for (const double stiffness : {50.0, 200.0, 1000.0, 3000.0}) {
     for (const double damping : {0.0, 0.5, 5.0}) {
       CHECK_FALSE(rests("force function", stiffness, damping));
       CHECK(rests("palpate", stiffness, damping));
     }
   }
-  // A solver that chatters shakes soft couplings, because their damping reacts to each tick's
-  // error. A solver that is wrong runs away with a stiff coupling.
+  // A solver that chatters makes soft couplings vibrate, because their damping reacts to each
+  // tick's error. A solver with wrong answers runs away with a stiff coupling.
   struct Shaken {
     const char* method;
     std::vector<double> stiffness;

@@ -1,4 +1,4 @@
-/// Tests the boundaries of stability and passivity against independent simulations.
+/// Tests the limits of stability and passivity against independent simulations.
 #include "palpate/devices/simulated/stability.h"
 
 #include <algorithm>
@@ -30,7 +30,7 @@ ArmParams bare(double mass, double viscous, double delay = 0.0) {
 
 constexpr GripParams kReleased{0.0, 0.0};
 
-/// An oscillator between two events, in closed form.
+/// A damped oscillator between two events, in closed form.
 class Oscillator {
  public:
   Oscillator(double m, double b, double k, double t) {
@@ -68,8 +68,8 @@ class Oscillator {
   double xx_, xv_, vx_, vv_, xf_, vf_;
 };
 
-/// Returns the slope of the logarithm of the envelope, by least squares. If it is below 0,
-/// the loop settles. Simulates by events in time, without a matrix.
+/// Returns the slope of the logarithm of the swing's envelope, by least squares. The loop settles
+/// if the slope is below 0. Simulates from event to event, without a matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
                      double damping, int span, int swings) {
   const double ticks = arm.delay / period;
@@ -170,7 +170,7 @@ TEST_CASE("without hand and delay the boundary equals the closed form", "[stabil
     const double expected = fast > 0.0 ? std::min(slow, fast) : slow;
     CAPTURE(m, b, period);
     CHECK(stableStiffness(bare(m, b), kReleased, 1.0 / period) == Approx(expected).epsilon(1e-6));
-    // Without friction except the coupling's.
+    // Without any friction except the coupling's damping.
     const double beta = random.uniform(0.01, 0.8);
     const double damping = 2.0 * m * beta / period;
     CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping, 0.0) ==
@@ -179,8 +179,8 @@ TEST_CASE("without hand and delay the boundary equals the closed form", "[stabil
 }
 
 TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivity]") {
-  // A motion z^k: the port's energy per |x_{k+1} - x_k|^2, with the best motion of the arm between
-  // samples (docs/passivity.md, section 1).
+  // For a motion z^k: returns the energy at the port per |x_{k+1} - x_k|^2, with the motion of the
+  // arm between samples that gains most (docs/passivity.md, section 1).
   const auto gains = [](double k, double b, double period, int whole, double part,
                         double damping = 0.0, int span = 1) {
     double least = 1e9;
@@ -205,8 +205,8 @@ TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivi
     CAPTURE(b, period, whole, part, k);
     CHECK_FALSE(gains(k * (1.0 - 1e-4), b, period, whole, part));
     CHECK(gains(k * (1.0 + 1e-4), b, period, whole, part));
-    // The coupling's damping subtracts as much from the arm's, for any number of periods of its
-    // rate.
+    // The coupling's damping reduces the available friction of the arm by the same amount, however
+    // many periods its velocity is taken over.
     const double damping = 0.3 * b;
     const double damped = passiveStiffness(arm, 1.0 / period, damping);
     CHECK(damped < k);
@@ -216,7 +216,7 @@ TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivi
     }
     CHECK(passiveStiffness(arm, 1.0 / period, b) == 0.0);
   }
-  // Abbott and Okamura: 2 b / T and 2 c / D.
+  // The bounds of Abbott and Okamura: 2 b / T and 2 c / D.
   ArmParams arm = bare(0.1, 0.5);
   arm.coulomb = 0.02;
   arm.encoder = 1e-5;
@@ -228,7 +228,7 @@ TEST_CASE("above the passive stiffness the worst motion gains energy", "[passivi
 
 TEST_CASE("an axis with a lagging amplifier moves as its differential equation says",
           "[stability]") {
-  // Against ten thousand small steps of Runge and Kutta's method.
+  // Compares with ten thousand small Runge-Kutta steps.
   Random random(10);
   for (int i = 0; i < 20; ++i) {
     ArmParams arm = bare(random.logUniform(0.05, 0.5), random.logUniform(0.02, 5.0));
@@ -309,26 +309,28 @@ TEST_CASE("the stability margin gives the rate or friction that makes a coupling
   arm.viscous = room.viscous;
   CHECK(passiveStiffness(arm, 1000.0) == Approx(400.0).epsilon(1e-5));
   arm.viscous = 0.5;
-  // The arm's own delay may be too long for any rate.
+  // The arm's own delay may be too long at any rate.
   CHECK(roomFor(arm, {300.0, 5.0}, 1000.0, 600.0, 0.0).rate == 0.0);
 }
 
 namespace {
 
-/// Returns a flat wall below z = 0 that does not yield, with a coupling of this stiffness.
+/// Returns a scene with a flat wall below z = 0 that does not yield, and a coupling of this
+/// stiffness.
 std::shared_ptr<const Scene> wallScene(double stiffness) {
   const double radius = 100.0;
   return test::ballScene(makeSphere(Vec3(0, 0, -radius), radius), 50.0, {stiffness, 0.0});
 }
 
 struct Pressed {
-  double early = 0.0;    ///< Swing about the rest position soon after the kick [m],
-  double later = 0.0;    ///< and a while after that.
-  double force = 0.0;    ///< Mean of the sent force [N].
-  double drained = 0.0;  ///< Share of ticks in which the tank acted, or would have acted.
+  double early = 0.0;  ///< Swing about the resting position soon after the kick [m].
+  double later = 0.0;  ///< Swing some time after that [m].
+  double force = 0.0;  ///< Mean force that was sent [N].
+  /// Share of ticks in which the tank reduced the force, or would have reduced it.
+  double drained = 0.0;
 };
 
-/// Runs the whole loop: a hand pushes into the wall, gently at first, and is kicked at 2 s.
+/// Runs the whole loop: a hand slowly pushes into the wall, and is kicked at 2 s.
 Pressed press(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
               double load, double kick) {
   const double depth = load / grip.stiffness + load / stiffness;
@@ -398,7 +400,8 @@ TEST_CASE("the tank takes at most one percent of a passive wall's force", "[pass
     if (!rates.runs()) continue;
     for (const double encoder : {1e-7, 1e-6, 1e-5}) {
       ArmParams arm = bare(0.1, 0.5, 1.0 / rate);
-      arm.coulomb = 0.02;  // without it motions below a step are undetermined
+      // Without Coulomb friction, motions below an encoder step would be undetermined.
+      arm.coulomb = 0.02;
       arm.encoder = encoder;
       arm.tank = TankUse::kObserve;
       const double k = 0.95 * passiveStiffness(arm, rate);

@@ -1,4 +1,5 @@
-/// Tests the tree of boxes near a hand: it finds the same boxes as a search through all boxes.
+/// Tests the tree with which boxes near a hand are found: it finds the same boxes as a search
+/// through all boxes.
 #include "palpate/engine/scene/broad_phase.h"
 
 #include <algorithm>
@@ -22,7 +23,7 @@ Box boxAt(const Vec3& centre, const Vec3& half) {
   return {centre - half, centre + half};
 }
 
-/// Returns boxes of many sizes in a space of one metre. Some share one place, some have no
+/// Returns boxes of many sizes in a cube of one metre. Some have the same place, some have no
 /// thickness.
 std::vector<Box> someBoxes(std::size_t count, Random& random) {
   std::vector<Box> boxes;
@@ -47,8 +48,8 @@ std::vector<std::uint32_t> found(const BroadPhase& tree, const Box& query) {
   return all;
 }
 
-/// Requires that every box that meets the query is found, and no box beyond the resolution of
-/// floats.
+/// Requires that the tree finds every box that meets the query. Boxes that it finds in addition
+/// must be within the resolution of floats.
 void compare(const BroadPhase& tree, const std::vector<Box>& boxes, const Box& query) {
   const auto all = found(tree, query);
   REQUIRE(std::adjacent_find(all.begin(), all.end()) == all.end());
@@ -71,7 +72,7 @@ TEST_CASE("the box tree finds the same boxes as a search through all boxes", "[b
     for (int i = 0; i < 200; ++i) {
       compare(tree, boxes, boxAt(random.inCube(0.6), random.logUniform(1e-6, 0.3) * Vec3::Ones()));
     }
-    // The boxes move, the tree keeps its structure.
+    // The boxes move, but the structure of the tree stays.
     for (Box& box : boxes) {
       const Vec3 by = random.inCube(0.2);
       box = {box.lower + by, box.upper + by};
@@ -144,13 +145,13 @@ TEST_CASE("more boxes near the hand than the limit are reported as incomplete", 
   const Box query = boxAt(Vec3::Zero(), Vec3::Constant(1e-3));
   CHECK(near.near(heap, query).size() == NearBoxes::kMost);
   CHECK_FALSE(near.complete());
-  // Only the margin is crowded.
+  // Many boxes are in the query's margin, but not in the query.
   for (std::size_t i = 1; i < boxes.size(); ++i) boxes[i] = boxAt({0.005, 0, 0}, {1e-4, 1, 1});
   heap.refit(boxes);
   near.forget();
   CHECK(near.near(heap, query).size() == 1);
   CHECK(near.complete());
-  // The hand moves into the crowd.
+  // The hand moves to where these boxes are.
   CHECK(near.near(heap, boxAt({0.005, 0, 0}, Vec3::Constant(1e-3))).size() == NearBoxes::kMost);
 }
 

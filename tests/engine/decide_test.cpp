@@ -28,7 +28,7 @@ constexpr bool kYes = true;
 TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a release", "[step]") {
   // All sixteen states.
   constexpr std::array<TrialRow, 16> kRows{{
-      // Before the first reading the engine reads in every other state.
+      // Before the first reading, every other state leads to a reading.
       {{kNo, kNo, kNo, kNo}, Next::kRead},
       {{kNo, kNo, kNo, kYes}, Next::kRead},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
@@ -37,7 +37,8 @@ TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a releas
       {{kNo, kYes, kNo, kYes}, Next::kRead},
       {{kNo, kYes, kYes, kNo}, Next::kRead},
       {{kNo, kYes, kYes, kYes}, Next::kRead},
-      // The rest is within the tolerance: arrive, even at the last reading.
+      // The remaining distance is within the tolerance: the proxy has arrived, even if this was the
+      // last reading.
       {{kYes, kYes, kNo, kNo}, Next::kArrive},
       {{kYes, kYes, kNo, kYes}, Next::kArrive},
       {{kYes, kYes, kYes, kNo}, Next::kArrive},
@@ -58,13 +59,14 @@ TEST_CASE("a trial step is followed by a reading, an arrival, a wait or a releas
 TEST_CASE("a free proxy reads at the first surface and at the new parts that its sweep meets",
           "[step]") {
   constexpr std::array<SweepRow, 8> kRows{{
-      {{kNo, kNo, kNo, kNo}, Next::kRead},      // the first surface
-      {{kNo, kNo, kNo, kYes}, Next::kRelease},  // a second one: the path is not searched further
+      {{kNo, kNo, kNo, kNo}, Next::kRead},  // the first surface on the path
+      // A second surface: the path is not searched further.
+      {{kNo, kNo, kNo, kYes}, Next::kRelease},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
       {{kNo, kYes, kNo, kNo}, Next::kRead},  // new parts, also after a surface
       {{kNo, kYes, kNo, kYes}, Next::kRead},
-      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // no choice of parts is left
-      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the hand is reached
+      {{kNo, kYes, kYes, kNo}, Next::kRelease},  // no further choice of parts is allowed
+      {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the path reaches the hand
       {{kYes, kYes, kNo, kYes}, Next::kRelease},
   }};
   for (const SweepRow& row : kRows) {

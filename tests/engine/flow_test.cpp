@@ -19,7 +19,7 @@ struct Reference {
   double lambda2;
 };
 
-/// Computes the reference from the definitions, with Eigen's general solver.
+/// Computes the expected values from their definitions, with Eigen's general eigenvalue solver.
 Reference referenceOf(const Mat3& J) {
   const Mat3 S = 0.5 * (J + J.transpose());
   const Mat3 O = 0.5 * (J - J.transpose());
@@ -67,8 +67,8 @@ TEST_CASE("Q and lambda2 agree with the definitions for any Jacobian", "[flow]")
   double worst_lambda2 = 0.0;
   for (int i = 0; i < 100000; ++i) {
     Mat3 J = randomMatrix(random);
-    // The Jacobians have nearly equal eigenvalues, are nearly singular, are free of divergence, or
-    // have any size.
+    // Some Jacobians have nearly equal eigenvalues, are nearly singular or are free of divergence;
+    // others have any magnitude.
     if (i % 5 == 1) J = Mat3::Identity() * random.uniform(-1, 1) + 1e-9 * J;
     if (i % 5 == 2) {
       const Mat3 R = Eigen::AngleAxisd(random.uniform(0, 3), random.direction()).matrix();

@@ -31,7 +31,7 @@ struct Balance {
   SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
     return solveWithFriction(probe, kStiffness, set, proxy, params, warm, start, forces);
   }
-  /// Forgets the last balance. Constructing another Balance takes a millisecond.
+  /// Forgets the last balance. Constructing another Balance instead would take a millisecond.
   void restart() {
     set.clear();
     warm.forget();
@@ -61,7 +61,7 @@ TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction
     const double mu = random.uniform(0.05, 1.5);
     const double depth = random.uniform(1e-4, 3e-3);
     CAPTURE(i, q, mu, depth);
-    // The field's plane passes through a random point, which is not a round number.
+    // The plane passes through a random point, whose coordinates are not round numbers.
     const Vec3 corner = random.inCube(0.01);
     ModeSpec wall;
     wall.kind = i % 2 == 0 ? ModeKind::kIsosurface : ModeKind::kSurface;
@@ -100,7 +100,7 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
     b.restart();
     const Vec3 q = random.direction();
     const Vec3 grip = random.inCube(1e-3);
-    // In some cases the plane has moved away from the grip.
+    // In some cases the plane has moved since the proxy gripped it.
     const double height = i % 4 == 0 ? 0.0 : random.uniform(-2e-4, 2e-4);
     const double strength = random.uniform(0.5, 4.0);
     const double mu = random.uniform(0.0, 1.5);
@@ -123,8 +123,8 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
     const SolveResult result = b.solve(probe, grip);
     const std::vector<Primitive> items(b.set.items().begin(), b.set.items().end());
     CAPTURE(i, height, mu, test::describe(probe, kStiffness, items));
-    // Skips planes that might yield to the drags: Newton's method solves those. Drags that hold in
-    // front of the plane do not count.
+    // Skips planes that the drags might cause to yield; Newton's method solves those cases. Drags
+    // that hold in front of the plane do not count.
     const double pressed = q.dot(anchor - probe) * kStiffness - q.dot(push);
     if (std::max(pressed, 0.0) + (height > 0.0 ? 0.0 : drags) > strength) continue;
     REQUIRE(result.status == SolveStatus::kConverged);
@@ -138,7 +138,6 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
     Vec3 sum = -kStiffness * result.offset;
     for (std::size_t j = 0; j < items.size(); ++j) sum += b.forces[j];
     REQUIRE(sum.norm() <= kForce);
-    // The plane.
     const FrictionLink& link = b.set.links()[0];
     const double load = b.load(link);
     const double above = q.dot(result.proxy - anchor);
@@ -146,7 +145,7 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
     REQUIRE(load <= strength * (1.0 + 1e-15));
     if (load > kForce) REQUIRE(above <= kRounding);
     if (load < strength - kForce) REQUIRE(above >= -kRounding);
-    // Coulomb.
+    // Checks Coulomb's law.
     const Vec3 went = result.proxy - grip;
     const Vec3 slip = went - q.dot(went) * q;
     const Vec3 friction = b.forces[link.line];
@@ -155,7 +154,7 @@ TEST_CASE("a plane with friction and drags at its grip balances without the gene
     if (slip.norm() > 1e-9) {
       REQUIRE((friction + mu * load * slip.normalized()).norm() <= 1e-5 * mu * load + kForce);
     }
-    // The drags, on the plane if the plane is pressed.
+    // Checks the drags, along the plane if the plane is pressed.
     double work = friction.dot(went);
     for (std::size_t j = 0; j < items.size(); ++j) {
       if (items[j].kind != PrimitiveKind::kPoint) continue;
@@ -194,8 +193,8 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
     const double mu = random.uniform(0.1, 1.5);
     const Vec3 way = random.inCube(2e-6);
     Vec3 probe = random.inCube(3e-3);
-    // The plane lies micrometres from the old proxy, like a plane read at the new proxy on a round
-    // surface.
+    // The plane is micrometres away from the old proxy, like a plane that was read at the new proxy
+    // on a round surface.
     const double height = random.uniform(-2e-5, 2e-5);
     const auto offset = [&] {
       b.restart();
@@ -216,7 +215,7 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
 }
 
 TEST_CASE("behind a yielding surface a drag holds the proxy in place", "[modes][friction]") {
-  // A skin that yields at 0.8 N has a drag under it. The hand moves in to 3.2 mm, then repeatedly
+  // A skin that yields at 0.8 N, and a drag below it. The hand moves in to 3.2 mm, then repeatedly
   // part of the way out and in again.
   ModeSpec skin;
   skin.kind = ModeKind::kIsosurface;
@@ -255,7 +254,7 @@ TEST_CASE("behind a yielding surface a drag holds the proxy in place", "[modes][
     go(-3.2e-3, 100);
   }
   CHECK(injected < 1e-12);
-  // If the hand rests, the proxy rests.
+  // If the hand rests, the proxy must rest.
   for (const double depth : {1.2e-3, 1.7e-3, 2.2e-3, 2.6e-3}) {
     go(-depth, 50);
     go(-depth, 10);
@@ -291,7 +290,8 @@ TEST_CASE("Coulomb's law holds among other primitives in the same balance", "[mo
     REQUIRE(result.error_bound <= 1e-6);
     const FrictionLink& link = b.set.links()[0];
     REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-9 * strength);
-    // The final friction strengths balance like fixed ones, and the error bound covers them.
+    // With its final strengths, friction balances like fixed primitives, and the error bound covers
+    // the difference.
     const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
     REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
     if (i % 100 == 0) {
@@ -327,7 +327,7 @@ TEST_CASE("several rough planes each obey Coulomb's law, or the error bound cove
     for (const FrictionLink& link : b.set.links()) {
       excess += std::abs(b.strength(link) - link.coefficient * b.load(link));
     }
-    // The laws are met, or the error bound reports by how much they are not.
+    // Either the laws are met, or the error bound shows by how much they are missed.
     if (result.status == SolveStatus::kConverged) {
       REQUIRE(excess <= 1e-8);
     } else {
@@ -346,7 +346,7 @@ TEST_CASE("rough walls about a point balance, and a failed search weakens no hel
   const long cases = test::cases(3000);
   long limited = 0;
   long stopped = 0;
-  long weaker = 0;  // frictions with a best trial below the strength they held
+  long weaker = 0;  // number of frictions whose best trial is below the strength that they held
   Balance b;
   for (long i = 0; i < cases; ++i) {
     b.restart();
@@ -360,7 +360,7 @@ TEST_CASE("rough walls about a point balance, and a failed search weakens no hel
       const std::vector<double> held = b.start.held;
       const bool remembered = b.start.count > 0;
       const Vec3 probe = random.inCube(5e-3);
-      // Every second solve has too few iterations to find a balance.
+      // Every second solve gets too few iterations to find a balance.
       b.params.max_iterations = at % 2 == 0 ? SolverParams{}.max_iterations : 6;
       const SolveResult result = b.solve(probe);
       if (result.status != SolveStatus::kIterationLimit) continue;
@@ -371,7 +371,7 @@ TEST_CASE("rough walls about a point balance, and a failed search weakens no hel
       }
       REQUIRE(result.error_bound >= excess / kStiffness);
       ++(at % 2 == 0 ? limited : stopped);
-      // The law may be met while only its bound is wide.
+      // The laws may be met even if the error bound is large.
       for (std::size_t l = 0; remembered && excess > 1e-9 && l < links.size(); ++l) {
         const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
         CAPTURE(i, at, l, held[l], most);
@@ -381,14 +381,14 @@ TEST_CASE("rough walls about a point balance, and a failed search weakens no hel
     }
   }
   CAPTURE(limited, stopped, weaker);
-  CHECK(limited <= cases / 10000);  // of three times as many solves
+  CHECK(limited <= cases / 10000);  // there are three times as many solves as cases
   CHECK(stopped > cases / 10);
   CHECK(weaker > cases / 10);
 }
 
 TEST_CASE("the solver finds the next balance where one ends at a fold", "[modes][friction]") {
-  // A rough wall, a cloud's plane and a drag, from two ticks in which no balance was found:
-  // Newton's method led back from beyond a fold.
+  // A rough wall, a cloud's plane and a drag, from two recorded ticks in which no balance was
+  // found, because Newton's method returned from beyond a fold.
   struct Tick {
     double stiffness;
     Vec3 probe;
@@ -452,9 +452,9 @@ TEST_CASE("the solver finds the next balance where one ends at a fold", "[modes]
 
 TEST_CASE("a converged tick at a yielding skin over bone has an error bound of at most 3 um",
           "[modes][friction][release]") {
-  // A skin that yields, a drag under the skin, and bone behind. With the state kept from the last
-  // tick, a place was once reported as balanced. Without that state, the place missed the balance
-  // by up to 2.5 N (33 of 1,000,000 ticks).
+  // A skin that yields, a drag below the skin, and bone behind. Earlier, with the state of the last
+  // tick, a wrong place was reported as balanced. Without that state, the place missed the balance
+  // by up to 2.5 N (in 33 of 1,000,000 ticks).
   const auto rough = [](const char* of, double strength, double friction) {
     ModeSpec mode;
     mode.kind = ModeKind::kIsosurface;
@@ -497,9 +497,9 @@ TEST_CASE("a converged tick at a yielding skin over bone has an error bound of a
 
 TEST_CASE("in a groove a failed friction search does not make the proxy slip",
           "[modes][friction]") {
-  // Two walls with friction share a load that passes from one to the other during a slow push along
-  // the groove. If Coulomb's law is not met, the walls must continue to hold. k times the hand's
-  // step is 4 mN a tick.
+  // Two walls with friction share a load, which passes from one wall to the other during a slow
+  // push along the groove. Even where Coulomb's law is not met, the walls must hold. k times the
+  // hand's step is 4 mN per tick.
   for (const double degrees : {30.0, 60.0, 80.0}) {
     for (const double mu : {0.2, 0.8}) {
       CAPTURE(degrees, mu);
@@ -599,8 +599,8 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   Reader reader;
   ProxyState state(ForceLimits{100.0, 1e9});
   (void)hapticStep(*scene, reader, {Vec3(0.0501, 0, 0)}, state, 1e-3);
-  // The proxy sticks where its path met the ball, apart from the effect of the ball's curvature in
-  // one tick.
+  // The proxy sticks where its path met the ball, up to the effect of the ball's curvature in one
+  // tick.
   const double met = 0.0009 * 0.1 / 2.1;
   StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
   CHECK(first.proxy.y() == Approx(met).epsilon(0.01));
@@ -642,7 +642,7 @@ TEST_CASE("primitives that meet share a load, and an unloaded plane carries no f
     const double drag = random.uniform(0.2, 0.5);
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), q, wall}));
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), drag}));
-    // Along the wall the drag carries the whole load. Into the wall, plane and drag share the load
+    // Along the wall, the drag carries the whole load. Into the wall, plane and drag share the load
     // in proportion to their strengths.
     const double along = random.uniform(0.0, 1e-4);
     const double into = random.uniform(1e-7, 1e-4);
@@ -652,7 +652,7 @@ TEST_CASE("primitives that meet share a load, and an unloaded plane carries no f
     REQUIRE(b.solve(along * t - into * q).status == SolveStatus::kConverged);
     const double share = wall / (wall + drag) * kStiffness * into;
     CHECK(q.dot(b.forces[0]) == Approx(share).epsilon(1e-6));
-    // Three walls that meet in a point can share the load in only one way.
+    // Three walls that meet in a point can share the load in one way only.
     b.set.clear();
     for (const Vec3& n : {q, t, Vec3(q.cross(t))}) {
       const Vec3 tilted = (n + 0.1 * random.direction()).normalized();

@@ -1,5 +1,5 @@
-/// Tests the published methods in bench/methods: they are right where their sources claim it, and
-/// wrong by the expected numbers where they must be.
+/// Tests the published methods in bench/methods: they give correct answers where their sources
+/// claim this, and the expected wrong numbers elsewhere.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -41,7 +41,7 @@ std::vector<Primitive> onePlane(double strength) {
   return {{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), strength}};
 }
 
-/// A problem of any family, and a reference answer with a small bound.
+/// A problem of any family, with a reference answer whose error bound is small.
 struct Known {
   BalanceProblem problem;
   Vec3 offset;
@@ -59,7 +59,7 @@ std::vector<Known> knownProblems(int primitives, long per_family) {
       known.push_back({p, r.offset, r.error_bound, reachOf(p)});
     }
   }
-  // If too many problems were dropped, the shares below would describe another set.
+  // If many problems were dropped, the shares computed below would describe a different set.
   REQUIRE(static_cast<double>(known.size()) >=
           0.9 * static_cast<double>(kFamilies.size()) * static_cast<double>(per_family));
   return known;
@@ -67,7 +67,7 @@ std::vector<Known> knownProblems(int primitives, long per_family) {
 
 /// The score of a method on known problems.
 struct Score {
-  double reached = 0.0;  ///< Share within 1e-3 S/k of the answer.
+  double reached = 0.0;  ///< Share of problems solved to within 1e-3 S/k.
   double settled = 0.0;
   double mean_iterations = 0.0;
   int median_iterations = 0;
@@ -129,11 +129,11 @@ TEST_CASE("a force function pushes with all its strength where a plane would onl
     return kStiffness *
            solveReference(Vec3(0, 0, -depth), kStiffness, onePlane(strength)).offset.z();
   };
-  // If the depth exceeds s/k, proxy and probe are behind the plane, and both methods give s.
+  // Deeper than s/k, proxy and probe are both behind the plane, and both methods give s.
   CHECK(force(3e-3, 1.0) == Approx(balance(3e-3, 1.0)));
   CHECK(force(-1e-3, 1.0) == 0.0);
-  // Within s/k the plane holds 0.5 N, and no force at the plane itself. The force function jumps to
-  // 1 N.
+  // Within s/k, the plane holds the proxy: at 1 mm with 0.5 N, at the plane itself without force.
+  // The force function jumps to 1 N.
   CHECK(balance(1e-3, 1.0) == Approx(0.5));
   CHECK(force(1e-3, 1.0) == Approx(1.0));
   CHECK(balance(1e-9, 1.0) < 1e-6);
@@ -157,22 +157,23 @@ TEST_CASE("eq. 2 gives the balance of orthogonal primitives at any positions", "
 
 TEST_CASE("eq. 2 gives forces of newtons for weak primitives that are not orthogonal",
           "[methods][eq2][eq7]") {
-  // Two planes 45 degrees apart have almost no strength. The hand is 4 mm behind both along the
-  // first.
+  // Two planes, 45 degrees apart, with almost no strength. The hand is 4 mm behind the first plane,
+  // along its normal.
   const Vec3 slanted = Vec3(1, 0, 1).normalized();
   const std::vector<Primitive> set{{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 1e-9},
                                    {PrimitiveKind::kPlane, Vec3::Zero(), slanted, 1e-9}};
   const Vec3 probe(0, 0, -4e-3);
   const Reference r = solveReference(probe, kStiffness, set);
   CHECK(kStiffness * r.offset.norm() < 2.1e-9);
-  // Eq. (5): (0, 0, -4) + (-2, 0, -2) mm instead of (0, 0, -4) mm.
+  // By eq. (5) the result is (0, 0, -4) + (-2, 0, -2) mm; correct is (0, 0, -4) mm.
   const Balance b = constraintApproach(probe, kStiffness, set, Vec3::Zero());
   CHECK((b.offset - Vec3(-2e-3, 0, -2e-3)).norm() < 1e-9);
   CHECK(kStiffness * b.offset.norm() == Approx(std::sqrt(2.0)));
 }
 
 TEST_CASE("Euler: a residual force within the tolerance bounds the error", "[methods][eq15]") {
-  // The potential is k-strongly convex and eq. (14) is always one of its slopes.
+  // The potential is strongly convex with constant k, and eq. (14) always gives one of its
+  // subgradients.
   const int count = GENERATE(1, 2, 5);
   int settled = 0;
   for (const Known& k : knownProblems(count, 4)) {
@@ -190,7 +191,7 @@ TEST_CASE("Euler: a residual force within the tolerance bounds the error", "[met
 TEST_CASE("Euler with a fixed step chatters about a holding plane by at most its step",
           "[methods][eq14]") {
   const double s = 2.0;
-  const Vec3 probe(0, 0, -1e-3);  // s/k is 4 mm: the answer is on the plane.
+  const Vec3 probe(0, 0, -1e-3);  // s/k is 4 mm, so the answer is on the plane
   for (const double step : {0.5, 0.1, 1e-2}) {
     const EulerFixedParams params{step, 1e-4, 5000};
     const Balance b = eulerFixed(probe, kStiffness, onePlane(s), Vec3(0, 0, 1e-3), params);
@@ -205,7 +206,7 @@ TEST_CASE("Euler with a fixed step chatters about a holding plane by at most its
   const Balance b = eulerFixed(probe, kStiffness, onePlane(s), Vec3(0, 0, 1e-3));
   CHECK(std::abs(b.offset.z() - 1e-3) <= 1e-3 * s / kStiffness);
   CHECK(b.iterations == 20000);
-  // If the depth exceeds s/k, the force is smooth at the answer, and the method settles.
+  // Deeper than s/k, the force is smooth at the answer, so the method settles.
   const Balance deep = eulerFixed(Vec3(0, 0, -8e-3), kStiffness, onePlane(s), Vec3::Zero());
   CHECK(deep.settled);
   CHECK(deep.offset.z() == Approx(4e-3).epsilon(1e-3));
@@ -221,8 +222,8 @@ TEST_CASE("Euler with an adaptive step finds the plane of fig. 6 though |f_res| 
     CAPTURE(depth);
     CHECK(b.settled);
     CHECK((b.offset - Vec3(0, 0, held)).norm() <= 1e-3 * s / kStiffness);
-    // If a plane holds, the residual is the spring above the plane and the rest of the strength
-    // below.
+    // If a plane holds the proxy, the residual is the spring's force above the plane, and the rest
+    // of the strength below it.
     const double pull = kStiffness * held;
     const double left = residualForce(b.offset, probe, kStiffness, onePlane(s)).norm();
     if (depth < s / kStiffness) CHECK(left > 0.9 * std::min(pull, s - pull));
@@ -236,7 +237,7 @@ TEST_CASE("Euler with an adaptive step never settles at a plane loaded to 0.999 
   const Balance b = eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero());
   CHECK_FALSE(b.settled);
   CHECK(b.iterations == EulerAdaptiveParams{}.max_iterations);
-  // A step that only shrinks settles.
+  // With a step that only shrinks, the method settles.
   CHECK(
       eulerAdaptive(probe, kStiffness, onePlane(s), Vec3::Zero(), {1.0, 0.75, 3e-5, 2000}).settled);
 }
@@ -247,7 +248,7 @@ TEST_CASE("section 4.3: Euler with an adaptive step takes tens of iterations and
   const Score two = scoreOf(method, knownProblems(2, 20));
   CHECK(two.reached > 0.88);
   CHECK(two.reached < 0.99);
-  CHECK(two.settled > 0.97);  // The method still stops by its own rule.
+  CHECK(two.settled > 0.97);  // the method still stops by its own rule
   CHECK(two.median_iterations <= 40);
   CHECK(two.mean_iterations < 100.0);
   const Score eight = scoreOf(method, knownProblems(8, 4));
@@ -303,12 +304,12 @@ TEST_CASE("section 4.2: |f_res| can be smallest off the balance, and the start d
   };
   const Reference r = solveReference(probe, kStiffness, planes);
 
-  // From the probe the method finds the balance. The other minimum is the tip of a narrow wedge.
+  // A search from the probe finds the balance. The other minimum is the tip of a narrow wedge.
   const Balance from_probe = smallestResidual(probe, kStiffness, planes, probe);
   CHECK((from_probe.offset - r.offset).norm() < 1e-6);
 
-  // A start in that wedge, with steps that do not leave it, gives a smaller |f_res| and a proxy
-  // more than a millimetre off.
+  // A search that starts in that wedge with small steps stays there. It gives a smaller |f_res|,
+  // but a proxy that is off by more than a millimetre.
   SmallestResidualParams fine;
   fine.size = 1e-3;
   const Vec3 tip(0.0030742, -0.00644263, 0);

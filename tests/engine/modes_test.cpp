@@ -28,7 +28,8 @@ constexpr long kPaths = palpate::test::kSanitized ? 50 : 1000;
 constexpr double kStiffness = 500.0;
 const ForceLimits kOpen{1e3, 1e12};
 
-/// Returns a dented ball: the distance to 5 cm plus a wave of 2 mm, data to 9 cm, moved rigidly.
+/// Returns a dented ball: the distance to a sphere of 5 cm plus a wave of 2 mm, with data up to 9
+/// cm, moved by `pose`.
 FieldPtr dentedBall(const Eigen::Isometry3d& pose) {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 1.0};
   return makeScalarField(frame, [pose](const Vec3& p_W) {
@@ -46,7 +47,7 @@ FieldPtr dentedBall(const Eigen::Isometry3d& pose) {
   });
 }
 
-/// Returns a vortex about a slanted axis, with a flow along the axis and a shear, moved rigidly.
+/// Returns a vortex about an oblique axis, with a flow along the axis and a shear, moved by `pose`.
 FieldPtr slantedFlow(const Eigen::Isometry3d& pose) {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 0.0};
   Mat3 J;
@@ -64,7 +65,7 @@ std::map<std::string, FieldPtr> fields(
   return {{"ball", dentedBall(pose)}, {"flow", slantedFlow(pose)}};
 }
 
-/// Adds a point that pulls to the proxy's own place, as a user's mode may do.
+/// Adds a point at the proxy's own place, as a user's mode may do.
 bool placeDrag(void* state, const ModeInput& input, PrimitiveSet& set) noexcept {
   ++*static_cast<int*>(state);
   const Properties::Scalar& height =
@@ -76,7 +77,7 @@ bool placeDrag(void* state, const ModeInput& input, PrimitiveSet& set) noexcept 
 struct Named {
   const char* name;
   ModeSpec mode;
-  bool anchored;  ///< Anchored at the old proxy: adds no energy.
+  bool anchored;  ///< True: anchored at the old proxy, so that it adds no energy.
 };
 
 Named named(const char* name, ModeKind kind, const char* of, double strength, bool anchored) {
@@ -88,7 +89,7 @@ Named named(const char* name, ModeKind kind, const char* of, double strength, bo
   return out;
 }
 
-/// Returns every mode, in the variants that place different primitives. Guides move with the scene.
+/// Returns every mode, in variants that place different primitives. Guides move with `pose`.
 std::vector<Named> allModes(const Eigen::Isometry3d& pose = Eigen::Isometry3d::Identity()) {
   std::vector<Named> modes;
   modes.push_back(named("viscosity", ModeKind::kViscosity, "ball", 0.3, true));
@@ -129,7 +130,7 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, at, coupling);
 }
 
-/// Returns a motion that turns and shifts, there and back in 0.4 s, at less than half a voxel a
+/// Returns a motion that turns and shifts to and fro in 0.4 s, by less than half a voxel per
 /// millisecond.
 MotionPtr tumbling(double slower = 1.0) {
   std::vector<Keyframe> keys(5);
@@ -145,7 +146,7 @@ MotionPtr tumbling(double slower = 1.0) {
   return std::make_shared<const Motion>(keys, true);
 }
 
-/// A wave that shears space: 0.04 m long, 2 mm high, ten times a second.
+/// A wave that shears space: 0.04 m long and 2 mm high, with ten periods per second.
 class Bend final : public Warp {
  public:
   explicit Bend(double slower) : slower_(slower) {}
@@ -171,7 +172,7 @@ class Bend final : public Warp {
   double slower_;
 };
 
-/// Returns a motion that shifts there and back in 0.4 s, and bends.
+/// Returns a motion that shifts to and fro in 0.4 s, and bends.
 MotionPtr bending(double slower = 1.0) {
   std::vector<Keyframe> keys(3);
   keys[1].time = 0.2 * slower;
@@ -180,15 +181,15 @@ MotionPtr bending(double slower = 1.0) {
   return std::make_shared<const Motion>(keys, true, "/keyframes", std::make_shared<Bend>(slower));
 }
 
-/// Removes the guides, because they do not follow volumes that deform.
+/// Removes guides, because they do not follow volumes that deform.
 std::vector<ModeSpec> guidelessOf(std::vector<ModeSpec> modes) {
   std::erase_if(modes, [](const ModeSpec& mode) { return mode.kind == ModeKind::kGuide; });
   if (modes.empty()) modes.push_back(allModes()[2].mode);
   return modes;
 }
 
-/// Builds a scene with a ball that moves. Guides move with the ball, and the flow does unless it
-/// has a motion of its own.
+/// Builds a scene with a ball that moves. Guides move with it. The flow also moves with it, unless
+/// the flow has its own motion.
 std::unique_ptr<const Scene> movingScene(std::vector<ModeSpec> modes, const MotionPtr& motion,
                                          const MotionPtr& of_flow = nullptr) {
   GraphSpec spec;
@@ -200,7 +201,7 @@ std::unique_ptr<const Scene> movingScene(std::vector<ModeSpec> modes, const Moti
   return makeScene(spec, fields(), {kStiffness, 0.0});
 }
 
-/// A closed path through the data with three harmonics on each axis. Its centre is 5 cm from the
+/// A closed path through the data, with three harmonics per axis. Its centre is 5 cm from the
 /// origin, near the ball's surface.
 class ClosedPath {
  public:
@@ -227,7 +228,7 @@ class ClosedPath {
   std::array<Vec3, 3> phase_;
 };
 
-/// Runs one hand over a path and calls `after` after every tick.
+/// Runs one hand along a path, and calls `after` after every tick.
 template <class After>
 void feel(const Scene& scene, const ClosedPath& path, After after) {
   static test::FreshHand fresh(kOpen);
@@ -239,7 +240,7 @@ void feel(const Scene& scene, const ClosedPath& path, After after) {
   }
 }
 
-/// Returns the primitives that a mode places with both proxy and probe at p.
+/// Returns the primitives that a mode places if proxy and probe are both at p.
 std::vector<Primitive> placed(const ModeSpec& mode, const Vec3& p) {
   const auto scene = sceneOf({mode});
   Reader reader;
@@ -296,13 +297,13 @@ TEST_CASE("each mode places the primitives of its row", "[modes]") {
   CHECK(isA(rough[1], PrimitiveKind::kLine, p, rough[0].direction, 0.0));
   CHECK(isA(rough[2], PrimitiveKind::kPoint, p, {}, 0.1));
 
-  // Inside the solid an isosurface holds only by its viscosity.
+  // Inside the solid, an isosurface acts only by its viscosity.
   const auto inside = of("isosurface with friction");
   REQUIRE(inside.size() == 1);
   CHECK(isA(inside[0], PrimitiveKind::kPoint, p, {}, 0.2));
 
   const auto guide = of("guide point");
-  REQUIRE(guide.empty());  // 3.3 cm away, farther than its snap distance
+  REQUIRE(guide.empty());  // 3.3 cm away, which exceeds its snap distance
   ModeSpec near;
   near.kind = ModeKind::kGuide;
   near.guide = {PrimitiveKind::kLine, p + Vec3(0.0, 3e-3, 0.0), Vec3(0.0, 0.0, 2.0), 4e-3};
@@ -315,8 +316,8 @@ TEST_CASE("each mode places the primitives of its row", "[modes]") {
   REQUIRE(placed(near, p).size() == 1);
   CHECK(placed(near, p)[0].strength == Approx(1.2));
   near.guide.metres_per_unit = 1.0;
-  // A plane guide stays at any distance before it, and releases a proxy at its snap distance behind
-  // it.
+  // In front of a plane guide, the proxy is held at any distance. Behind it, the guide releases the
+  // proxy at its snap distance.
   near.guide.shape = PrimitiveKind::kPlane;
   near.guide.direction = Vec3::UnitY();
   const auto wall = placed(near, p);
@@ -361,8 +362,8 @@ TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the 
   const auto step = [&](const Vec3& hand) {
     return hapticStep(*scene, reader, {hand}, state, kDt);
   };
-  // The proxy rides at 2 cm. A pull of 1 mm outwards is held. Motion along and round the tube is
-  // free.
+  // The proxy moves at a radius of 2 cm. A pull of 1 mm outwards is held; motion along and around
+  // the tube is free.
   const Vec3 start = 0.02 * out + 0.01 * axis;
   (void)step(start);
   CHECK((step(start + 1e-3 * out).wanted + 0.5 * out).norm() < 1e-9);
@@ -371,18 +372,18 @@ TEST_CASE("a line holds the proxy on a vortex core, and a tube holds it off the 
     const double angle = 2.0 * std::numbers::pi * i / 400.0;
     step(0.021 * (std::cos(angle) * out + std::sin(angle) * round) + 0.0105 * axis);
   }
-  // The plane is tangent, so each step drifts outwards by the square of its length: 2 um for a step
-  // of 0.3 mm.
+  // The plane is tangent to the tube, so each step drifts outwards by about the square of its
+  // length: 2 um for 0.3 mm.
   const double radius = (state.proxy() - state.proxy().dot(axis) * axis).norm();
   CHECK(radius > 0.0199);
   CHECK(radius < 0.0211);
-  // The proxy is on the core.
+  // The proxy starts on the core.
   state.clearFault();
   (void)step(0.02 * axis);
   REQUIRE(state.primitives().size() == 1);
   CHECK(state.primitives().items()[0].kind == PrimitiveKind::kLine);
   CHECK((step(0.02 * axis + 1e-3 * round + 1e-3 * axis).wanted + 0.5 * round).norm() < 1e-9);
-  // At 1.25 voxels from the core the line has three quarters of the strength.
+  // At 1.25 voxels from the core, the line has three quarters of its strength.
   state.clearFault();
   (void)step(0.02 * axis + 1.25e-3 * out);
   REQUIRE(state.primitives().size() == 3);
@@ -404,7 +405,7 @@ TEST_CASE("the force does not jump between core and tube, and rounding makes no 
   double worst = 0.0;
   constexpr double kStep = 5e-5;
   for (int i = 0; i <= 2000; ++i) {
-    // The hand moves outwards from the core on a spiral, and pulls at its proxy all the time.
+    // The hand moves outwards from the core on a spiral, and always pulls at its proxy.
     const double r = 6e-3 * i / 2000.0;
     const Vec3 hand(r * std::cos(kStep * i / std::max(r, 1e-3)),
                     r * std::sin(kStep * i / std::max(r, 1e-3)), 0.01);
@@ -414,7 +415,7 @@ TEST_CASE("the force does not jump between core and tube, and rounding makes no 
   }
   CHECK(worst < 4.0 * kStiffness * kStep);
 
-  // The flow is uniform, apart from the last digits of a float.
+  // The flow is uniform, except for rounding to floats.
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
   const std::map<std::string, FieldPtr> noise{{"flow", makeVectorField(frame, [](const Vec3& p) {
                                                  Mat3 J = Mat3::Zero();
@@ -459,7 +460,7 @@ TEST_CASE("snap-drag puts fronts at even distances both ways, and without it the
     return where;
   };
   CHECK(drops(0.0).empty());
-  // A front holds up to 2 mm (s/k) of pull, then for 4 voxels more. Then the next front starts to
+  // A front holds for 2 mm (s/k) of pull, and then for 4 voxels. Then the next front starts to
   // pull.
   const std::vector<double> fronts = drops(4.0);
   REQUIRE(fronts.size() == 4);  // on a path of 30 mm
@@ -469,7 +470,7 @@ TEST_CASE("snap-drag puts fronts at even distances both ways, and without it the
 }
 
 TEST_CASE("an isosurface with viscosity but no strength drags throughout its solid", "[modes]") {
-  // The plate is 2 mm thick, so its surface is within range everywhere.
+  // The plate is 2 mm thick, so its surface is within range at every place.
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 1.0};
   const std::map<std::string, FieldPtr> at{
       {"plate", makeScalarField(frame, [](const Vec3& p) {
@@ -506,13 +507,13 @@ TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps
   const StepReport first = hapticStep(*scene, reader, {p}, state, kDt);
   const int before = *count;
   const StepReport pulled = hapticStep(*scene, reader, {p + Vec3(0, 0, 1.2e-3)}, state, kDt);
-  // The first tick reads at the proxy, then where the balance led. Each tick balances once from the
-  // known primitives and once for each reading.
+  // The first tick reads at the proxy and then where the balance led. Each tick balances once with
+  // the known primitives, and once per reading.
   CHECK(first.samples == 4);
   CHECK(pulled.samples == 2 * pulled.substeps);
   CHECK(*count - before == 1 + pulled.substeps);
-  // At 5 cm the wave's height is 2 mm sin(3). The pull is 0.4 N plus that height, and a little more
-  // where the wave was read.
+  // At 5 cm the height of the wave is 2 mm sin(3). The pull is 0.4 N plus k times that height,
+  // slightly changed by where the wave was read.
   CHECK(pulled.wanted.norm() == Approx(0.4 + 2e-3 * std::sin(3.0)).epsilon(1e-5));
   own.user.place = nullptr;
   CHECK_THROWS_WITH(sceneOf({own}), Catch::Contains("/modes/0"));
@@ -549,8 +550,8 @@ TEST_CASE("pairs and triples of modes balance like the reference solver",
            const test::Reference reference =
                test::solveReference(hand + report.waiting, kStiffness, items);
            const Vec3 offset = report.wanted / kStiffness - report.waiting;
-           // For planes alone the answer is Newton's target, up to this far from the balance that
-           // was read.
+           // For planes alone, the answer is Newton's target, up to this distance from the balance
+           // of the last reading.
            const bool planes = std::all_of(items.begin(), items.end(), [](const Primitive& one) {
              return one.kind == PrimitiveKind::kPlane;
            });
@@ -572,9 +573,9 @@ TEST_CASE("pairs and triples of modes balance like the reference solver",
       }
     }
   }
-  // There are 455 sets (182 with sanitizers). Some sets never have a primitive.
+  // There are 455 sets (182 with sanitizers), some of which never have a primitive.
   CHECK(compared > (test::kSanitized ? 150 : 400));
-  // If two frictions are on planes that coincide, the load of each plane is hardly determined.
+  // If two planes with friction coincide, the load on each plane is nearly undetermined.
   CAPTURE(ticks, limited);
   CHECK(limited <= 20);  // measured: 4 of 182,455
 }
@@ -603,7 +604,7 @@ TEST_CASE("a mode of zero strength leaves the result the same bit for bit", "[mo
     const auto alone = forces({base});
     CHECK(forces({base, zero}) == alone);
     CHECK(forces({zero, base}) == alone);
-    // The strength is a curve that is zero here, over the field that is read anyway.
+    // Adds a strength curve that is zero at these places. It uses the field that is read anyway.
     if (mode.mode.of == base.of) {
       zero.strength = TransferFunction::piecewise({{10.0, 0.0}, {20.0, 1.0}});
       CHECK(forces({base, zero}) == alone);
@@ -617,13 +618,13 @@ TEST_CASE("rotating and moving scene and hand together rotates the force with th
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.linear() = Eigen::AngleAxisd(random.uniform(0.1, 3.0), random.direction()).matrix();
     pose.translation() = random.inCube(0.5);
-    // Each mode has a surface beside it, so that the balance has more than one primitive.
+    // Beside each mode there is a surface, so that a balance has more than one primitive.
     const std::vector<Named> still = allModes();
     const std::vector<Named> moved = allModes(pose);
     CAPTURE(still[i].name);
     Scene scene = *sceneOf({still[i].mode, still[1].mode});
     Scene turned = *sceneOf({moved[i].mode, moved[1].mode}, fields(pose));
-    // The shares of a common load, and so the friction, are only as exact as the balance.
+    // How primitives share a common load, and so the friction, is only as precise as the balance.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     if (rough) scene.solver.tolerance = turned.solver.tolerance = 1e-9;
     const ClosedPath path(random, 400);
@@ -650,8 +651,9 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     const std::vector<Named> still = allModes();
     CAPTURE(still[i].name);
-    // The path of a moving volume is cut at other places. If two surfaces coincide, micrometres
-    // decide which surface bears a load and its friction. So a rough surface has a front beside it.
+    // The path through a moving volume is cut at different places. If two surfaces coincide,
+    // micrometres decide which of them bears a load and its friction. So a rough surface is
+    // combined with a front instead.
     const bool rough = still[i].mode.friction.highest() > 0.0;
     const ModeSpec& beside = still[rough ? 5 : 1].mode;
     Scene scene = *sceneOf({still[i].mode, beside});
@@ -674,7 +676,8 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
       worst = std::max(worst, (pose.linear * force - other).norm());
       largest = std::max(largest, force.norm());
     }
-    // If two planes coincide, the share of each decides the friction, to the tolerance.
+    // If two planes coincide, the share of each is determined only to the tolerance, and it decides
+    // the friction.
     CHECK(worst <= (rough ? 1e-8 : 1e-9) * largest);
   }
 }
@@ -728,7 +731,8 @@ TEST_CASE("work from moving volumes is at most the injected and held energy, wit
         for (int tick = 0; tick <= path.ticks(); ++tick) {
           const Vec3 hand = path(tick);
           const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
-          // The last force was held on the path to here, which alone adds up to k/2 |dh|^2.
+          // The last force was held along the hand's path to here. This alone adds up to k/2
+          // |dh|^2.
           work += force.dot(hand - last) - 0.5 * kStiffness * (hand - last).squaredNorm();
           force = r.wanted;
           injected += r.injected;
@@ -767,11 +771,11 @@ TEST_CASE("the work on a closed path is at most the counted injection",
     CAPTURE(names);
     const auto scene = sceneOf(specs);
     Random random(74);
-    // Enough paths that each set that may inject energy gets its chance. Sanitizers run fewer.
+    // Enough paths that each set that could inject energy would do so. Sanitizers run fewer paths.
     const long paths = std::max(test::cases(kPaths), test::kSanitized ? 10L : 50L);
     double injected_sum = 0.0;
     for (long i = 0; i < paths; ++i) {
-      // The top speed is about 0.05 to 2 m/s.
+      // The top speed is between about 0.05 and 2 m/s.
       const ClosedPath path(random, static_cast<int>(random.logUniform(150.0, 3000.0)));
       double work = 0.0;
       double injected = 0.0;
@@ -782,7 +786,7 @@ TEST_CASE("the work on a closed path is at most the counted injection",
       feel(*scene, path, [&](int, const Vec3& hand, const StepReport& r, const ProxyState&) {
         work += r.wanted.dot(hand - last);
         injected += r.injected;
-        // The proxy reaches a hand that is farther than a voxel away in several moves.
+        // If the hand is more than a voxel away, the proxy reaches it in several moves.
         double& most = (hand - proxy).norm() > kVoxel ? most_of_several : most_of_one;
         proxy = r.proxy;
         most = std::max(most, r.injected);
@@ -807,7 +811,7 @@ TEST_CASE("a released hand ends at zero force", "[modes][passivity]") {
     CAPTURE(mode.name);
     const auto scene = sceneOf({mode.mode});
     for (int i = 0; i < hands; ++i) {
-      // The hand is moved about, then released: a mass with the arm's own friction.
+      // The hand is moved about, then released. It is a mass with the arm's own friction.
       const ClosedPath path(random, 300);
       fresh.restart();
       Vec3 x = path(0);
@@ -879,7 +883,8 @@ TEST_CASE("unneeded volumes are not read, and orthogonal sets are solved in clos
   CHECK(countAt({0.08, 0, 0.03}) == 1);   // b
   CHECK(countAt({1, 0, 0.03}) == 1);      // far
   CHECK(countAt({0.5, 0, 0}) == 0);
-  // A weight is not read where its mode has no data: without wind, pressure is not read.
+  // A weight is not read where its mode has no data. So pressure is not read where there is no
+  // wind.
   GraphSpec weighted = spec;
   weighted.modes = {spec.modes[2]};
   std::map<std::string, FieldPtr> apart = at;
@@ -969,7 +974,7 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   CHECK(high > 600.0);
   CHECK(high <= 900.0);
 
-  // Pressed against a hard surface, the stiffness waits. After release, it follows.
+  // While the hand presses on a hard surface, the stiffness waits. After the release it changes.
   const Vec3 offset(0, 0, 3e-3);
   VaryingStiffness k{300.0, 0.0};
   k = nextStiffness(k, 800.0, offset, 0.0, kDt);
@@ -980,7 +985,8 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   CHECK(k.value == Approx(295.0 + 2e-6 / 9e-6));
   CHECK(k.tank == Approx(0.5 * 5.0 * 9e-6));
   k = nextStiffness(k, 800.0, offset, 0.0, kDt);
-  CHECK(k.value == Approx(300.0 + 2e-6 / 9e-6));  // stiffening takes the energy that softening gave
+  // Stiffening may use the energy that softening has freed.
+  CHECK(k.value == Approx(300.0 + 2e-6 / 9e-6));
   k = nextStiffness(k, 800.0, Vec3::Zero(), 0.0, kDt);
   CHECK(k.value == Approx(305.0 + 2e-6 / 9e-6));
   CHECK(nextStiffness({300.0, 0.0}, 800.0, Vec3(1e-17, 0, 0), 0.0, kDt).value ==

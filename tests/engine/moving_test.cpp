@@ -33,12 +33,12 @@ MotionPtr motion(const std::vector<Keyframe>& keys, bool repeat = false) {
   return std::make_shared<const Motion>(keys, repeat);
 }
 
-/// Returns a motion from start to end at a speed [m/s], beginning at time `from`.
+/// Returns a motion from start to end with a speed [m/s], which begins at time `from`.
 MotionPtr straight(const Vec3& start, const Vec3& end, double speed, double from = 0.0) {
   return motion({keyAt(from, start), keyAt(from + (end - start).norm() / speed, end)});
 }
 
-/// Returns a motion that turns about an axis through W's origin [rad/s], for ever.
+/// Returns an endless rotation about an axis through W's origin, at `rate` [rad/s].
 MotionPtr spinning(const Vec3& axis, double rate) {
   std::vector<Keyframe> keys;
   for (int i = 0; i <= 4; ++i) {
@@ -78,7 +78,8 @@ struct Hand {
   StepReport at(const Vec3& hand) { return hapticStep(scene, reader, {hand}, state, kDt); }
 };
 
-/// Returns the proxy's height above the surface of a ball that rests at W's origin [voxels].
+/// Returns the height of the proxy above the surface of a ball that is at rest at W's origin
+/// [voxels].
 double offSurface(const Hand& hand, double radius) {
   return ((hand.state.bodies()[0].pose.toRest(hand.state.proxy())).norm() - radius) / kVoxel;
 }
@@ -113,7 +114,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
   check(once.poseAt(3.0), 2.0, {0.2, 0, 0});
   check(once.poseAt(3.5), 1.25, {0.2, 0, 0.05});
   check(once.poseAt(99.0), 0.5, {0.2, 0, 0.1});
-  CHECK(once.poseAt(99.0) == once.poseAt(100.0));  // the last pose is held, to the bit
+  CHECK(once.poseAt(99.0) == once.poseAt(100.0));  // after its end, the last pose is held exactly
   std::vector<Keyframe> closed = keys;
   closed.back().translate.setZero();
   const Motion again(closed, true);
@@ -188,7 +189,7 @@ TEST_CASE("invalid keyframes are refused with their JSON path", "[modes][moving]
 }
 
 TEST_CASE("a ball that moves past a still hand keeps the proxy on its surface", "[modes][moving]") {
-  // MOTION.md, section 5: the ball orbits at 0.2 m/s, and a hand held still is 2.56 voxels deep.
+  // The ball orbits at 0.2 m/s, and a hand at rest is 2.56 voxels deep in it.
   constexpr double kRadius = 40.0 * kVoxel;
   constexpr double kDeep = 2.56 * kVoxel;
   constexpr double kSpeed = 0.2;
@@ -245,7 +246,7 @@ TEST_CASE("a ball that moves past a still hand keeps the proxy on its surface", 
         worst = std::max(worst, std::abs(offSurface(hand, kRadius)));
       }
       CHECK(held > ticks / 5);
-      CHECK(more <= 5);       // where hand and ball meet
+      CHECK(more <= 5);       // ticks in which hand and ball first meet
       CHECK(worst <= 0.001);  // measured 5e-6, with one or two readings
     }
   }
@@ -277,8 +278,8 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
           const double load = r.wanted.dot(q);
           const Vec3 along = r.wanted - load * q;
           const Vec3 now = hand.state.bodies()[0].pose.toRest(hand.state.proxy());
-          // While stuck, the drag is the arc that the ball has turned. While slipping, it is mu
-          // times the load.
+          // While the hand sticks, the drag is the arc by which the ball has turned. While it
+          // slips, the drag is mu times the load.
           REQUIRE(along.norm() <= mu * load * (1.0 + 1e-6));
           slipped = slipped || along.norm() > 0.999 * mu * load;
           if (!slipped) {
@@ -290,7 +291,7 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
         const double load = r.wanted.dot(q);
         const Vec3 along = r.wanted - load * q;
         CHECK(slipped);
-        // The ball turns by 0.047 mm a tick, against a slack of 2 mm times mu.
+        // The ball turns by 0.047 mm per tick. The hand starts to slip after 2 mm times mu.
         CHECK(stuck == Approx(mu * 2e-3 / (kRadius * kRate * kDt)).margin(3.0 + 10.0 * mu));
         CHECK(creep <= 1e-9 * kVoxel);
         CHECK(along.norm() == Approx(mu * load).epsilon(1e-6));
@@ -302,7 +303,7 @@ TEST_CASE("friction carries the proxy along with a spinning ball until it slips"
 }
 
 TEST_CASE("two bodies with different motions are felt together and in turn", "[modes][moving]") {
-  // A ball comes from the left, a spinning one from the front, and a floor stands still.
+  // One ball comes from the left, a spinning ball from the front, and a floor stands still.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{
       {"left", makeSphere(Vec3::Zero(), kRadius, kVoxel)},
@@ -332,7 +333,7 @@ TEST_CASE("two bodies with different motions are felt together and in turn", "[m
     }
   }
   CHECK(worst <= 0.01);
-  // Each ball pushes p out by about 1.03 mm, because the balls are round.
+  // Each ball pushes p out by about 1.03 mm instead of 1 mm, because the balls are round.
   CHECK((r.wanted / kStiffness - Vec3(deep, deep, deep)).norm() < 0.05 * deep);
 
   // The two balls pass the hand one after the other, and each is felt in turn.
@@ -371,7 +372,7 @@ TEST_CASE("a volume that passes a hand in free space is not felt", "[modes][movi
 }
 
 TEST_CASE("a fast body does not pass through the proxy", "[modes][moving]") {
-  // At 3 m/s a tick is 3.84 voxels: eight sub-steps of half a voxel.
+  // At 3 m/s, a tick moves the surface by 3.84 voxels, which takes eight sub-steps of half a voxel.
   constexpr double kRadius = 0.03;
   const std::map<std::string, FieldPtr> fields{{"ball", makeSphere(Vec3::Zero(), kRadius, kVoxel)}};
   const double deep = 2.0 * kVoxel;
@@ -386,7 +387,7 @@ TEST_CASE("a fast body does not pass through the proxy", "[modes][moving]") {
       REQUIRE(sideOf(hand.state.memory(0)) == Side::kOutside);
     }
     CHECK(std::abs(offSurface(hand, kRadius)) < 1e-9);
-    CHECK(limited == (speed > 3.0));  // the status reports a tick that is not sure
+    CHECK(limited == (speed > 3.0));  // the status shows that the tick may have missed a surface
   }
 }
 
@@ -400,11 +401,11 @@ TEST_CASE("a moving medium drags along a hand inside it", "[modes][moving]") {
     StepReport r;
     for (int i = 0; i < 300; ++i) {
       r = hand.at(Vec3(0.01, 0, 0));
-      // At 0.1 m/s the force grows by 0.05 N a tick.
+      // At 0.1 m/s the force grows by 0.05 N per tick.
       const double expected = std::min(0.4, kStiffness * 1e-4 * i);
       REQUIRE((r.wanted - expected * way).norm() < 1e-9);
     }
-    CHECK(r.injected < 1e-12);  // in a steady motion the drag adds no energy
+    CHECK(r.injected < 1e-12);  // in a steady motion, the drag adds no energy
   }
   SECTION("a held hand in a stream is dragged only across it") {
     const auto scene = sceneOf({mode(ModeKind::kFollow, "air", 0.4)}, fields, moving);

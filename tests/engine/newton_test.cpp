@@ -17,8 +17,8 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// V = 0 is a surface. Its planes lie across the slope of another quadric, as the planes of a
-/// trilinear volume lie across its continuous gradient.
+/// A surface V = 0. Its planes are perpendicular to the slope of another quadric, as the planes of
+/// a trilinear volume are perpendicular to its continuous gradient.
 struct Quadric {
   double value = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -35,7 +35,7 @@ struct Surface {
   double strength = 0.0;
 };
 
-/// The balance of the surfaces' primitives as read at x, and Newton's step from x.
+/// The balance of the surfaces' primitives that were read at x, and Newton's step from x.
 struct Reading {
   Vec3 residual;
   Vec3 step;
@@ -67,8 +67,8 @@ Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& sur
   return out;
 }
 
-/// Returns a surface near the origin, bent by up to `bend` [1/mm]. The normals of its planes are
-/// tilted and bend by as much.
+/// Returns a surface near the origin with a curvature of up to `bend` [1/mm]. The normals of its
+/// planes are tilted and curved by similar amounts.
 Surface anySurface(test::Random& random, const Vec3& outwards, double bend, double strength) {
   const auto symmetric = [&] {
     Mat3 m;
@@ -82,7 +82,7 @@ Surface anySurface(test::Random& random, const Vec3& outwards, double bend, doub
   return surface;
 }
 
-/// Newton's method from x: |residual| at each step, and the last reading.
+/// A run of Newton's method from x: |residual| in each step, and the last reading.
 struct Course {
   std::vector<double> residuals;
   Reading last;
@@ -145,9 +145,10 @@ TEST_CASE("Newton's step converges quadratically on one, two and three surfaces 
     const bool all =
         std::all_of(course.last.loads.begin() + static_cast<std::ptrdiff_t>(others.size()),
                     course.last.loads.end(), [](Load load) { return load == Load::kHeld; });
-    if (!all || course.residuals[8] > 1e-9) continue;  // another regime, or a ridge
+    // The loads change between steps, or the hand is at a ridge.
+    if (!all || course.residuals[8] > 1e-9) continue;
     ++held;
-    // The residual falls quadratically from step to step, down to rounding.
+    // The residual falls quadratically from step to step, until rounding limits it.
     for (std::size_t i = 3; i + 1 < course.residuals.size(); ++i) {
       const double e = course.residuals[i];
       const double next = course.residuals[i + 1];
@@ -159,36 +160,37 @@ TEST_CASE("Newton's step converges quadratically on one, two and three surfaces 
 }
 
 TEST_CASE("Newton's step converges where a yielding surface turns the balance", "[newton]") {
-  // The surface gives its whole strength along n: x = h + s/k n(x).
+  // The surface has yielded, so it pulls with its strength along n: x = h + s/k n(x).
   test::Random random(4);
   const long count = test::cases(2000);
   long gave = 0;
   long converged = 0;
   for (long n = 0; n < count; ++n) {
     Surface surface = anySurface(random, random.direction(), 0.5, 0.3);
-    surface.value.value = 5e-3;  // the probe is far behind
+    surface.value.value = 5e-3;  // the probe is far behind the surface
     const Vec3 out = surface.value.slope;
     const Vec3 probe = -1e-2 * out;
     const Course course = converge(probe + 5e-4 * out, probe, {surface});
-    if (course.last.loads[0] != Load::kYielding) continue;  // the quadric curves back
+    // The quadric curves back, so it does not yield.
+    if (course.last.loads[0] != Load::kYielding) continue;
     ++gave;
     converged += course.residuals[8] < 1e-11 ? 1 : 0;
   }
   CHECK(gave > count / 2);
-  CHECK(converged >= gave - gave / 50);  // the others turn over
+  CHECK(converged >= gave - gave / 50);  // the method fails only where the surface turns over
 }
 
 TEST_CASE("on a ridge the step leads downhill, and fixed primitives leave it unchanged",
           "[newton]") {
-  // A cylinder of 1 mm, with the hand 3 mm deep and slightly aside. The nearest point is on that
-  // side.
+  // A cylinder of radius 1 mm, with the hand 3 mm deep and slightly to one side. The nearest point
+  // is on that side.
   Surface edge;
   edge.strength = 10.0;
   edge.value = {0.0, Vec3::UnitZ(), Vec3(1.0, 0.0, 0.0).asDiagonal().toDenseMatrix() / 1e-3};
   edge.normal = edge.value;
   const Vec3 probe(1e-5, 0, -3e-3);
   const Reading top = readAt(Vec3(2e-6, 0, 0), probe, {edge});
-  // The hand is beyond the centre of curvature. So the balance and the probe are on opposite sides
+  // The hand is beyond the centre of curvature, so the balance and the probe are on opposite sides
   // of the ridge.
   CHECK(top.step.x() * top.residual.x() > 0.0);
   CHECK(std::abs(top.step.x()) < 30.0 * std::abs(top.residual.x()));

@@ -60,7 +60,7 @@ ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
   return spec;
 }
 
-/// Returns the smallest |f_res| at x and on a tiny circle about x.
+/// Returns the smallest |f_res| at x and on a very small circle about x.
 double smallestResidualNear(const Vec3& x, const Vec3& probe,
                             const std::vector<Primitive>& planes) {
   double least = residualForce(x - probe, probe, kStiffness, planes).norm();
@@ -76,7 +76,7 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy, then pulls",
           "[paper][fig1][eq3]") {
-  // The mode of the ground is a surface with a drag. The field records where it is read.
+  // The ground's mode is a surface with a drag. Its field records where it is read.
   std::vector<Vec3> read;
   const FieldPtr ground = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {
@@ -99,16 +99,17 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     CAPTURE(tick);
     // 1: local properties. The paper reads them at the old proxy. palpate reads them where the
-    // constraints of the last tick lead, so that they hold where the proxy is going to be. A tick
-    // reads the ground once.
+    // constraints of the last tick lead the proxy, because they must hold there. Each tick reads
+    // the ground once.
     REQUIRE(r.samples == (tick == 0 ? 2 : 1));
     if (tick > 0) {
       for (Primitive& p : known) p.position = before;
       const test::Reference foreseen = solveReference(hand, kStiffness, known);
-      // The field is evaluated first at that place, then around it to find how its normal turns.
+      // The field is read first at that place, then at points around it, which show how its normal
+      // turns.
       REQUIRE((read.front() - hand - foreseen.offset).norm() < 1e-9);
     }
-    // 2: constraints, anchored at the old proxy, and the proxy where they balance the spring.
+    // 2: constraints, anchored at the old proxy. The proxy moves to where they balance the spring.
     const auto items = state.primitives().items();
     known.assign(items.begin(), items.end());
     REQUIRE(known.size() == 2);
@@ -117,7 +118,7 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
     const test::Reference reference = solveReference(hand, kStiffness, known);
     const Vec3 offset = r.proxy - hand;
     REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
-    // 3: the force comes from the new proxy by eq. (3) alone.
+    // 3: the force follows from the new proxy by eq. (3) alone.
     lengths.push_back(offset.norm());
     const int back = std::min(tick, static_cast<int>(kRateTime / kDt + 0.5));
     const double then = lengths[static_cast<std::size_t>(tick - back)];
@@ -125,7 +126,7 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
     REQUIRE((r.force - couplingForce(coupling, offset, rate)).norm() < 1e-9);
     farthest = std::max(farthest, (before - hand).norm());
   }
-  CHECK(farthest > 1e-3);  // Otherwise the place of a reading would not matter.
+  CHECK(farthest > 1e-3);  // otherwise it would not matter where the field is read
 }
 
 TEST_CASE("eqs 1 and 2: a constraint is a plane along its direction, with no motion across it",
@@ -155,8 +156,8 @@ TEST_CASE("eqs 1 and 2: a constraint is a plane along its direction, with no mot
 
 TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
           "[paper][eq4][eq5][eq6][eq7]") {
-  // Eq. (5) adds (sum q q^T - 1) eta to eta. The largest factor of this matrix is that of
-  // Q^T Q - 1. Its entries are the cosines between the directions: no entry exceeds that factor.
+  // Eq. (5) adds (sum q q^T - 1) eta to eta. The largest singular value of this matrix is that of
+  // Q^T Q - 1, whose entries are the cosines between the directions. No entry exceeds it.
   Random random(32);
   for (int i = 0; i < 300; ++i) {
     Mat3 Q = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
@@ -165,7 +166,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     std::vector<Constraint> constraints;
     for (int j = 0; j < 3; ++j) constraints.push_back({Q.col(j), 0.0});
     const Eigen::SelfAdjointEigenSolver<Mat3> added(Q * Q.transpose() - Mat3::Identity());
-    double worst = 0.0;  // over the three directions of eta that are only stretched
+    double worst = 0.0;  // over the three directions of eta that are only scaled
     for (int j = 0; j < 3; ++j) {
       const Vec3 proxy = random.inCube(1e-2);
       const Vec3 probe = proxy + 5e-3 * added.eigenvectors().col(j);
@@ -176,7 +177,7 @@ TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
     CAPTURE(i, cosine);
     CHECK(worst >= cosine * (1 - 1e-9) - 1e-12);
     if (orthogonal) CHECK(worst < 1e-12);
-    // Planes without strength give no force, for any directions.
+    // Planes with no strength give no force, whatever their directions.
     std::vector<Primitive> planes;
     for (int j = 0; j < 3; ++j) {
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), Q.col(j), 0.0});
@@ -197,8 +198,8 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
     double primitive_force = 0.0;
     double reference_force = 0.0;
     for (int i = 0; i < 200; ++i) {
-      // Three directions are 10 to 60 degrees apart, all at the old proxy, and the hand is 5 mm
-      // away.
+      // Three constraints at the old proxy, with directions 10 to 60 degrees apart. The hand is 5
+      // mm away.
       const Vec3 proxy = random.inCube(1e-2);
       const Vec3 probe = proxy + 5e-3 * random.direction();
       const Vec3 axis = random.direction();
@@ -226,7 +227,7 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
     }
     std::cout << strength << " | " << constraint_force << " | " << primitive_force << " | "
               << 3.0 * strength << " | " << reference_force << '\n';
-    // The old method fails: it makes newtons from almost no strength.
+    // The earlier method fails: it gives newtons although the strengths are almost zero.
     CHECK(constraint_force > 1.0);
     CHECK(constraint_force > 100.0 * 3.0 * strength);
   }
@@ -267,7 +268,7 @@ TEST_CASE("fig. 2 a: orthogonal weak constraints are right in both methods", "[p
       planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), -R.col(j), 1e-9});
     }
     CHECK((constraintProxy(probe, Vec3::Zero(), kStiffness, constraints) - probe).norm() < 1e-16);
-    // Each direction holds with its strength of 1e-9 N.
+    // Along each direction, the force is at most its strength of 1e-9 N.
     const SolveResult solved = solveProxy(probe, kStiffness, planes, probe);
     CHECK(kStiffness * solved.offset.norm() <= std::sqrt(3.0) * 1e-9 * (1 + 1e-5));
   }
@@ -291,7 +292,7 @@ TEST_CASE("section 3.1: n parallel constraints multiply the error by 1 - n each 
 
 TEST_CASE("section 3.2: two objects, a stream and its curl balance together in each tick",
           "[paper]") {
-  // A ball is half in the ground, in a stream that winds about its own axis.
+  // A ball that is half inside the ground, in a stream that winds about its own axis.
   GraphSpec spec;
   spec.fields = {{"spin", {Derivation::kCurl, "flow"}}};
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0),
@@ -317,7 +318,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl balance together in e
     before = r.proxy;
     if (tick % 10 != 0 || r.status != StepStatus::kConverged || set.size() < 4) continue;
     ++several;
-    // A curved stream leaves part of the pull for the next tick.
+    // Because the stream is curved, part of the pull waits for the next tick.
     const Vec3 probe = hand + r.waiting;
     const test::Reference reference = solveReference(probe, kStiffness, set);
     CAPTURE(describe(probe, kStiffness, set));
@@ -339,7 +340,8 @@ TEST_CASE("fig. 3: the proxy is where a primitive's printed force balances the s
     const Vec3 f = printedForce(p, x);
     CAPTURE(describe(x, kStiffness, {p}), f);
     CHECK((f - methods::forceOf(p, x - p.position)).norm() < 1e-12);
-    // The figure draws the whole strength, towards the nearest point that is free of it.
+    // The figure shows the full strength, directed to the nearest point where the primitive's force
+    // ends.
     const Vec3 d = x - p.position;
     if (p.kind == PrimitiveKind::kPoint) {
       CHECK((x + d.norm() / p.strength * f - p.position).norm() < 1e-12);
@@ -386,11 +388,11 @@ TEST_CASE("eq. 8: a directed force is felt in full, alone and among other primit
     const Vec3 probe = random.inCube(5e-3);
     Primitive push = random.primitive();
     push.kind = PrimitiveKind::kForce;
-    // Alone, the force is felt in full.
+    // A directed force alone is felt in full.
     std::vector<Primitive> set{push};
     const Vec3 alone = solveProxy(probe, kStiffness, set, probe).offset;
     CHECK((alone - methods::forceFunction(probe, kStiffness, set, probe).offset).norm() < 1e-15);
-    // With others, the force acts as if the hand were s/k farther along it.
+    // Together with other primitives, it acts like a hand that is s/k farther along the force.
     std::vector<Primitive> others{random.primitive(), random.primitive(), random.primitive()};
     const Vec3 moved_probe = probe + push.strength / kStiffness * push.direction;
     const SolveResult moved = solveProxy(moved_probe, kStiffness, others, probe);
@@ -419,8 +421,9 @@ TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force"
     REQUIRE((solved.offset - reference.offset).norm() <=
             solved.error_bound + reference.error_bound);
     if ((solved.proxy - point.position).norm() < 1e-5) continue;  // the point holds the proxy too
-    // The plane supplies the difference of the point's force and the spring's. It acts along the
-    // plane's normal: with full strength behind the plane, zero before it, in between on it.
+    // The plane supplies the difference between the point's force and the spring's. It acts along
+    // the plane's normal. It is the full strength behind the plane, zero in front, and anything in
+    // between on the plane.
     const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
     const double along = left.dot(q);
     const double height = solved.proxy.dot(q);
@@ -443,8 +446,8 @@ TEST_CASE("section 4.2: on and about a plane that holds, eq. 14 does not vanish"
     const Vec3 probe(0, 0, -pull / kStiffness);
     const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
     CHECK(solved.error_bound < 1e-15);
-    // On the plane and above it only the spring is left, below it the rest of the strength. The
-    // residual is at least the smaller of the two.
+    // On the plane and above it, the residual is the spring's force; below it, the rest of the
+    // strength. So the residual is at least the smaller of the two.
     const double left = std::min(pull, 1.0 - pull);
     CHECK(residualForce(solved.offset, probe, kStiffness, set).norm() >= left * (1 - 1e-9));
     CHECK(smallestResidualNear(solved.proxy, probe, set) >= left * (1 - 1e-3));
@@ -513,9 +516,9 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always the balance", "[paper
 
 TEST_CASE("section 4.3: O(N): the work of a balance grows no faster than its primitives",
           "[paper]") {
-  // One iteration of palpate, as of Euler's method, visits the primitives a fixed number of times.
-  // So the test counts N times iterations. The strengths are up to 6 N divided by the count, so
-  // that the proxy sticks and slides alike.
+  // An iteration of palpate, like one of Euler's method, visits each primitive a fixed number of
+  // times. So the test counts N times the iterations. Strengths are up to 6 N divided by N, so that
+  // with any N the proxy partly sticks and partly slides.
   constexpr int kFew = 8;
   constexpr int kMany = static_cast<int>(kMaxPrimitives);
   const auto work = [](bool ours, bench::Family family, int count) {

@@ -1,5 +1,5 @@
-/// Tests scenes of many parts: distant parts are not read, and near parts feel as if they stood
-/// alone.
+/// Tests scenes of many parts: parts that are far away are not read, and parts that are near feel
+/// the same as if they were alone.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -39,7 +39,7 @@ FieldPtr fieldOf(const Ball& ball) {
   return makeSphere(ball.centre, ball.radius);
 }
 
-/// Returns the field of a ball with data that end 3 mm beyond its surface.
+/// Returns the field of a ball whose data end 3 mm outside of its surface.
 FieldPtr tightFieldOf(const Ball& ball) {
   FieldFrame frame;
   const Vec3 size = Vec3::Constant(ball.radius + 3e-3);
@@ -51,7 +51,7 @@ FieldPtr tightFieldOf(const Ball& ball) {
   });
 }
 
-/// Returns a field of 1 along x, with voxels so large that a path never needs a second reading.
+/// Returns a field that is 1 along x, with voxels so large that no path needs a second reading.
 FieldPtr makeWind() {
   FieldFrame frame;
   frame.voxel = 0.1;
@@ -76,7 +76,7 @@ Part partOf(const Ball& ball) {
   return makePart(specOf(ball), {{"ball", fieldOf(ball)}});
 }
 
-/// Builds the balls as parts, each felt where it is.
+/// Builds a scene in which each ball is a part.
 std::unique_ptr<const Scene> asParts(const std::vector<Ball>& balls,
                                      const CouplingParams& coupling = {}) {
   std::vector<Part> parts;
@@ -85,7 +85,7 @@ std::unique_ptr<const Scene> asParts(const std::vector<Ball>& balls,
   return makeScene({}, {}, coupling, {}, std::move(parts));
 }
 
-/// Builds the balls as volumes of one graph, which is evaluated in every tick.
+/// Builds a scene in which the balls are volumes of one graph, which every tick evaluates.
 std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
                                    const CouplingParams& coupling = {}) {
   GraphSpec spec;
@@ -98,7 +98,8 @@ std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
   return makeScene(spec, fields, coupling);
 }
 
-/// Builds a graph with a wall in its way: as a part, or as one of the graph's own volumes.
+/// Builds a graph and a wall in the proxy's way. The wall is a separate part, or one of the graph's
+/// own volumes.
 std::unique_ptr<const Scene> besideWall(GraphSpec spec, std::map<std::string, FieldPtr> fields,
                                         const Ball& wall, bool as_part,
                                         const CouplingParams& coupling = {}) {
@@ -150,7 +151,7 @@ TEST_CASE("parts give the same forces as volumes that are always read", "[scale]
 }
 
 TEST_CASE("a fast hand follows a part's stream like a volume's", "[scale]") {
-  // At 2 m/s a tick takes several moves.
+  // At 2 m/s a tick has several moves.
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kFollow;
@@ -254,7 +255,8 @@ TEST_CASE("a fast hand feels every part that it passes", "[scale]") {
 }
 
 TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]") {
-  // A wind of 3 N or 12 N takes the proxy 6 or 24 mm beyond the hand. A wall is in the proxy's way.
+  // A wind of 3 N or 12 N would push the proxy 6 or 24 mm beyond the hand, but a wall is in its
+  // way.
   for (const double wind : {3.0, 12.0}) {
     for (const double gap : {1e-3, 4e-3, 5.5e-3, 0.011, 0.02}) {
       CAPTURE(wind, gap);
@@ -272,12 +274,12 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
       StepReport a;
       StepReport b;
       for (int i = 0; i < 20; ++i) {
-        // The hand rests before the ball, and only the wind moves the proxy.
+        // The hand rests in front of the ball, and only the wind moves the proxy.
         a = apart.step({0.06 - gap, 0, 0});
         b = together.step({0.06 - gap, 0, 0});
         REQUIRE(a.proxy.x() < 0.0601);
       }
-      // The wall takes the wind's force that is left after the path to the wall.
+      // The wall bears the part of the wind's force that is left after the way to the wall.
       CHECK((a.wanted - b.wanted).norm() < 1e-6);
       if (wind / 500.0 > gap) CHECK(a.parts == 1);
     }
@@ -285,7 +287,7 @@ TEST_CASE("a part stops a proxy that a force pushes beyond the hand", "[scale]")
 }
 
 TEST_CASE("a moving body pushes the proxy against a part, not through it", "[scale]") {
-  // A plane that moves at 1 m/s takes the proxy along, against a ball that stands still.
+  // A plane that moves at 1 m/s carries the proxy against a ball that stands still.
   const Ball wall{Vec3(0.1, 0, 0), 0.04, 30.0, 0.0};
   const auto scene_of = [&](bool parts) {
     GraphSpec spec = specOf({Vec3::Zero(), 0.0, 8.0, 0.0}, "pusher");
@@ -316,7 +318,8 @@ TEST_CASE("a moving body pushes the proxy against a part, not through it", "[sca
 }
 
 TEST_CASE("if there are more parts than the limit, the strongest are felt", "[scale]") {
-  // Seventy balls are about one place. A graph of thirty balls with forty parts holds them all.
+  // Seventy balls are near one place. One graph contains thirty of them, and forty parts the
+  // others.
   Random random(5);
   std::vector<Ball> balls(70);
   for (std::size_t i = 0; i < balls.size(); ++i) {

@@ -112,7 +112,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
     solves += r.iterations;
     over_goal += static_cast<long>(r.iterations > 25);
     worst_bound = std::max(worst_bound, r.error_bound / allowed);
-    // The reference checks each family in turn.
+    // Compares each family in turn with the reference.
     if (i / static_cast<long>(bench::kFamilies.size()) % every != 0) continue;
     ++judged[family];
     const Reference ref = solveReference(p.probe, p.stiffness, p.primitives);
@@ -224,7 +224,7 @@ TEST_CASE("directions of nearly unit length count as unit vectors", "[solver]") 
     const SolveResult b = solveProxy(probe, kStiffness, exact, probe);
     CAPTURE(describe(probe, kStiffness, set));
     CHECK((a.offset - b.offset).norm() <= a.error_bound + b.error_bound);
-    // For a force alone the bound covers only rounding.
+    // For directed forces alone, the error bound contains only rounding.
     const std::vector<Primitive> off{
         {PrimitiveKind::kForce, Vec3::Zero(), {0, 0, 1.0 + 0.99e-6}, 1.0}};
     const SolveResult r = solveProxy(Vec3::Zero(), kStiffness, off, Vec3::Zero());
@@ -274,7 +274,7 @@ TEST_CASE("nearly orthogonal sets are solved within their error bounds", "[solve
 
 namespace {
 
-/// A hand that wanders about primitives. They rest in space, or they follow the proxy in each tick
+/// A hand that wanders about primitives. These are fixed in space, or follow the proxy in each tick
 /// and turn slowly, as modes place them.
 struct Walk {
   Walk(int count, bool follow, std::uint64_t seed) : follows(follow), random(seed) {
@@ -375,7 +375,7 @@ TEST_CASE("the answer turns and moves with the problem", "[solver]") {
     const SolveResult a = solveProxy(probe, kStiffness, set, probe);
     const SolveResult b = solveProxy(R * probe + t, kStiffness, turned, probe);
     CAPTURE(describe(probe, kStiffness, set));
-    // The numbers of the turned problem are rounded at 0.1 m.
+    // The positions of the turned problem are rounded at a magnitude of 0.1 m.
     CHECK((R * a.offset - b.offset).norm() <= a.error_bound + b.error_bound + 1e-16);
   }
 }
@@ -445,7 +445,7 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
     CAPTURE(width, z);
     CHECK(std::abs(r.proxy.z() - std::clamp(z, 0.0, width)) <= r.error_bound);
     CHECK(r.error_bound <= 1e-6 * 4.0 / kStiffness);
-    // The plane that the proxy presses against carries the spring.
+    // The plane on which the proxy presses bears the spring's force.
     const double spring = kStiffness * (r.proxy.z() - z);
     const double unknown = kStiffness * r.error_bound + 1e-12;
     CHECK(std::abs(forces[0].z() - std::max(0.0, spring)) <= unknown);
@@ -454,8 +454,8 @@ TEST_CASE("opposed planes hold the proxy in a slot", "[solver]") {
 }
 
 TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[solver]") {
-  // Newton's method stops where 1e-6 is proved, with about 5e-7 of it left. Pivots find the exact
-  // answer.
+  // Newton's method stops when 1e-6 is proved, with an error of about 5e-7 left. Pivots find the
+  // exact answer.
   for (const std::size_t count : {3, 8, 64, 1024}) {
     CAPTURE(count);
     Random random(21);
@@ -467,7 +467,7 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
       REQUIRE(r.status == SolveStatus::kConverged);
       REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
       REQUIRE(r.iterations <= 40);
-      // The same pivots prove the answer as tightly as rounding allows.
+      // With the same pivots, the error bound is as small as rounding allows.
       SolverParams fine;
       fine.tolerance = count == 1024 ? 1e-8 : 1e-10;
       const SolveResult exact = solveProxy(p.probe, p.stiffness, p.primitives, p.start, fine);
@@ -476,8 +476,8 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
       REQUIRE(exact.iterations == r.iterations);
     }
   }
-  // Three planes cross in one point, three times each, with slots through it. They hold the first
-  // load, some yield at the second, and all yield at the third.
+  // Three planes that cross in one point, each three times, with slots through that point. All hold
+  // the first load, some yield at the second, all yield at the third.
   const std::vector<Vec3> normals{{1, 0, 0}, {0.6, 0.8, 0}, {0.2, 0.3, 0.9}};
   for (const double load : {1e-3, 4e-3, 0.1}) {
     std::vector<Primitive> set;
@@ -500,8 +500,8 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
 TEST_CASE("a plane and one other primitive are balanced however near their kinks are", "[solver]") {
   Random random(22);
   for (long i = 0; i < test::cases(20000); ++i) {
-    // Surface and viscosity place their primitives like this: the point at the proxy, the plane
-    // slightly off it.
+    // A surface with viscosity places primitives like these: a point at the proxy, and a plane
+    // slightly away from it.
     const Vec3 at = random.inCube(5e-2);
     const double apart = random.integer(10) == 0 ? 0.0 : random.logUniform(1e-16, 1e-2);
     Primitive other = random.primitive();
@@ -582,7 +582,7 @@ TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
     REQUIRE(r.status != SolveStatus::kBadInput);
     REQUIRE(r.offset.allFinite());
     REQUIRE(r.status == SolveStatus::kConverged);
-    // In every case the primitives can hold the proxy at most S/k away.
+    // In all cases the proxy is at most S/k from the probe.
     REQUIRE(r.offset.norm() <= sum / k * (1 + 1e-9) + r.error_bound);
     if (i % 20 != 0) continue;
     const Reference ref = solveReference(probe, k, set);

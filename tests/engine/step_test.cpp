@@ -43,7 +43,7 @@ struct Bench {
   StepReport step(const Vec3& hand, double dt = kDt) {
     return hapticStep(*scene, reader, {hand}, state, dt);
   }
-  /// Moves the hand along a straight line, by one step a tick.
+  /// Moves the hand along a straight line, by `step_length` per tick.
   StepReport go(const Vec3& from, const Vec3& to, double step_length = 2e-4) {
     const int n = std::max(1, static_cast<int>(std::ceil((to - from).norm() / step_length)));
     StepReport last;
@@ -92,7 +92,8 @@ TEST_CASE("a surface pushed harder than its strength releases the proxy at s/k",
       }
       REQUIRE(r.force.norm() <= s * (1 + 1e-9));
       if (leaves < 0.0 && height < -1e-9) leaves = depth;
-      // A proxy that is 0.05 voxel (voxels are 1 mm) behind the surface counts as pushed through.
+      // Only the tick in which the proxy passes 0.05 voxel (0.05 mm) behind the surface counts as
+      // the release.
       if (std::abs(height + 0.05e-3) > 0.5e-5) {
         const bool yielded = sideOf(bench.state.memory(0)) == Side::kYielded;
         REQUIRE(yielded == (height < -0.05e-3));
@@ -110,12 +111,12 @@ TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to
   // The proxy's depth is the hand's depth less s/k = 2 mm. Voxels are 1 mm.
   StepReport r = bench.go(kRadius * d, (kRadius - 4.9e-3) * d, 1e-5);
   CHECK(r.force.norm() == Approx(1.0).epsilon(1e-6));
-  // While the plane fades the proxy moves on, and the plane fades more.
+  // While the plane weakens, the proxy moves on, and the plane weakens further.
   r = bench.go((kRadius - 4.9e-3) * d, (kRadius - 5.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   r = bench.go((kRadius - 5.1e-3) * d, (kRadius - 10e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
-  // Inside, the proxy is free to move and to leave.
+  // Inside the solid, the proxy moves freely and may leave.
   r = bench.go((kRadius - 10e-3) * d, (kRadius - 0.1e-3) * d, 1e-5);
   CHECK(r.force.norm() < 1e-12);
   double most = 0.0;
@@ -139,7 +140,7 @@ TEST_CASE("the force on a released hand goes to zero", "[step][passivity]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(kind, "it", 1.0)}, {500.0, 0.0}};
   StepReport r = bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1.5e-3});
   REQUIRE(r.force.norm() > 0.4);
-  // A released arm of small mobility moves along the force.
+  // A released arm that moves slowly along the force.
   Vec3 hand(0, 0, kRadius - 1.5e-3);
   for (int i = 0; i < 4000; ++i) {
     r = bench.step(hand);
@@ -225,7 +226,7 @@ TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[st
   for (int i = 0; i < 200; ++i) {
     Bench bench = sphere(50.0);
     const Vec3 d = random.direction();
-    // 2 m/s is two voxels a tick, from any phase, to a depth of 5 mm.
+    // 2 m/s is two voxels per tick. The ticks start at any phase; the depth is 5 mm.
     const double phase = random.uniform(0, 2e-3);
     StepReport r;
     for (double z = kRadius + 0.02 + phase; z > kRadius - 5e-3; z -= 2e-3) r = bench.step(z * d);
@@ -240,7 +241,7 @@ TEST_CASE("beyond the sub-step cap the rest of the path waits, and the status re
   const StepReport r = bench.step({0.04, 0, 0});
   CHECK(r.status == StepStatus::kSubstepLimit);
   CHECK(r.substeps == 16);
-  // The proxy moves a voxel for each reading, and one more for the last.
+  // The proxy moves by one voxel per reading, and by one more after the last.
   CHECK(r.proxy.x() == Approx(17e-3));
   bench.step({0.04, 0, 0});
   bench.step({0.04, 0, 0});
@@ -250,7 +251,7 @@ TEST_CASE("beyond the sub-step cap the rest of the path waits, and the status re
 
 TEST_CASE("a free proxy keeps up with a fast hand", "[step]") {
   Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}};
-  // The hand passes the ball at 30 m/s in voxels of 1 mm, just outside it.
+  // The hand passes just outside a ball, at 30 m/s in voxels of 1 mm.
   for (int i = -10; i <= 10; ++i) {
     const StepReport r = bench.step({0, 0.03 * i, kRadius + 5e-4});
     REQUIRE(r.force.norm() == 0.0);
@@ -303,8 +304,8 @@ TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
   CHECK((after.proxy - before.proxy).norm() < 1e-9);
   CHECK((after.force - before.force).norm() < 1e-6);
 
-  // A yielded contact is forgotten, so the hand leaves the new scene's surface from inside without
-  // force.
+  // A contact that has yielded is forgotten. So the hand leaves the new scene's solid from inside
+  // without a force.
   Bench weak = sphere(0.5);
   weak.go({0, 0, 1.02 * kRadius}, pressed);
   REQUIRE(sideOf(weak.state.memory(0)) == Side::kYielded);
@@ -327,7 +328,8 @@ TEST_CASE("a scene swapped while the proxy rests on its surface keeps the surfac
 }
 
 TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides over", "[step]") {
-  // Two half-spaces about the y axis: their union is a groove, their intersection is a roof.
+  // Two half-spaces whose common edge is the y axis. Their union is a groove, their intersection a
+  // roof.
   const auto wedge = [](bool groove, double slope) {
     return makeScalarField(FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}},
                            [=](const Vec3& p) {

@@ -1,5 +1,5 @@
-// Tests primitives that vary with the place of the reading: strengths over a ramp, directions that
-// turn. Checks the values that a tick uses, and the force on the hand.
+// Tests primitives that vary with the place of the reading: strengths on a ramp, and directions
+// that turn. Checks the values that a tick uses, and the force on the hand.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -36,7 +36,7 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kStiffness, 0.0});
 }
 
-/// The result of a hand on a path.
+/// The forces on a hand along a path, and the work of its ticks.
 struct Feel {
   double change = 0.0;    ///< Largest change of the force between ticks [N].
   double second = 0.0;    ///< Largest second difference of the force [N].
@@ -90,7 +90,7 @@ TEST_CASE("a curve's slope at a knot is that of the next piece, and zero beyond 
 
 TEST_CASE("a steeply rising directed force is felt smoothly, with about one reading a tick",
           "[modes][eq8]") {
-  // The force rises by 2 N over the width: two to eight times as steep as the spring.
+  // The force rises by 2 N over `width`, which is two to eight times as steep as the spring.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
   const double metres_per_unit = GENERATE(1.0, 1e-3);
   ModeSpec push;
@@ -121,7 +121,7 @@ TEST_CASE("a force towards an axis changes smoothly as the hand passes the axis"
   pull.strength = strength;
   const auto scene = sceneOf({pull}, {{"radial", radial}});
   const double reach = strength / kStiffness;
-  // The hand passes beside the axis, by a hundredth of the reach, at 10 mm/s.
+  // The hand passes the axis at a hundredth of the reach, at 10 mm/s.
   const int ticks = static_cast<int>(2.0 * reach / 1e-5);
   const Feel felt =
       along(*scene, ticks, [&](int i) { return Vec3(-reach + 1e-5 * i, 0.01 * reach, 1e-6 * i); });
@@ -147,8 +147,8 @@ TEST_CASE("the proxy keeps its radius round a vortex and on a front up to a voxe
   });
   const auto scene = sceneOf(
       {mode}, {{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.5)}, {"outwards", outwards}});
-  // The proxy takes its radius at rest. Then the hand goes round, outside by half of the holding
-  // distance.
+  // The proxy moves to its radius while the hand rests. Then the hand goes round, outside by half
+  // of the distance that the surface holds.
   constexpr double kRadius = 0.02;
   const double outside = 0.5 * strength / kStiffness;
   const double turn = speed * kDt / kRadius;
@@ -165,7 +165,7 @@ TEST_CASE("the proxy keeps its radius round a vortex and on a front up to a voxe
 }
 
 TEST_CASE("a converged tick is near the balance for any strength curve", "[modes]") {
-  // The force grows with depth, so there is one balance. Bisection finds it here.
+  // The force grows with depth, so there is only one balance, which bisection finds.
   Random random(63);
   const long cases = test::cases(400);
   int told = 0;
@@ -200,8 +200,8 @@ TEST_CASE("a converged tick is near the balance for any strength curve", "[modes
         (kStiffness * (hand - middle) > curve(middle) ? low : high) = middle;
       }
       CAPTURE(c, i, hand, r.proxy.x(), low);
-      // A last step below the tolerance is not read again. If it would have met a knot, it is too
-      // short.
+      // If the last step is below the tolerance, it is not followed by a reading. If it should have
+      // ended at a knot of the curve, it is too short.
       off += std::abs(r.proxy.x() - low) <= 0.01 * kVoxel + 1e-12 ? 0 : 1;
       CHECK(std::abs(r.proxy.x() - low) <= 0.25 * kVoxel);
     }
@@ -211,8 +211,8 @@ TEST_CASE("a converged tick is near the balance for any strength curve", "[modes
 }
 
 TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy", "[newton]") {
-  // The strength is s = a x + s0, read at r. The step leads from x exactly to the balance at the
-  // strength there.
+  // The strength is s = a x + s0. From a reading at r, the step must lead exactly to the balance
+  // with the strength there.
   const double slope = GENERATE(-300.0, 800.0);
   const Vec3 read(1e-3, 2e-3, 0);
   const Vec3 from(1.3e-3, 2.1e-3, 1e-4);
@@ -230,7 +230,7 @@ TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy"
 
 TEST_CASE("slopes and Jacobians match differences of the readings, also in moved volumes",
           "[modes][graph]") {
-  // Values are in units of 3 mm: a vector's magnitude, its direction, and a product of curves.
+  // Values are in units of 3 mm: the magnitude of a vector, its direction, and a product of curves.
   const double unit_size = 3e-3;
   const auto hill = makeScalarField(frame(unit_size), [=](const Vec3& p) {
     const Vec3 u = p / unit_size;
@@ -268,7 +268,7 @@ TEST_CASE("slopes and Jacobians match differences of the readings, also in moved
   const BoundGraph graph = reader.bind(*scene);
   Random random(61);
   for (int c = 0; c < 200; ++c) {
-    // Reads p as a moved volume sees it.
+    // Gives p as a volume that moves sees it.
     std::vector<Body> bodies(moves ? 1 : 0);
     const auto readAt = [&](const Vec3& p, Properties& out) {
       for (Body& body : bodies) {
@@ -305,7 +305,7 @@ TEST_CASE("slopes and Jacobians match differences of the readings, also in moved
       }
     }
     if (!moves) continue;
-    // A reading that its volume carries along equals a new reading at that place.
+    // A reading that moved with its volume equals a new reading at the new place.
     Properties fresh;
     Body& body = bodies[0];
     const Pose before = body.pose;
@@ -327,7 +327,7 @@ TEST_CASE("slopes and Jacobians match differences of the readings, also in moved
 }
 
 TEST_CASE("Newton's step is of second order for varying strengths and directions", "[newton]") {
-  // A smooth force s(x) d(x), and a yielding point with a strength slope of its own.
+  // A smooth force s(x) d(x), and a yielding point whose strength has its own slope.
   const auto force = [](const Vec3& x, Vec3& d, Varying& varies) {
     const Vec3 u = x / 1e-3;
     const Vec3 v(1.0 + 0.2 * u.y(), 0.3 * u.x() * u.x(), 0.5 + 0.1 * u.z());
@@ -365,9 +365,9 @@ TEST_CASE("Newton's step is of second order for varying strengths and directions
     Vec3 x = probe;
     std::array<double, 8> residuals{};
     for (double& residual : residuals) x += stepFrom(x, residual);
-    if (residuals[1] > 3e-4) continue;  // not near enough to judge
+    if (residuals[1] > 3e-4) continue;  // too far away for the quadratic rate
     ++tried;
-    // The residual falls as its square, down to rounding.
+    // The residual falls quadratically, until rounding limits it.
     CHECK(residuals[2] <= 4e3 * residuals[1] * residuals[1] + 1e-12);
     CHECK(residuals[4] <= 1e-12);
   }

@@ -17,7 +17,7 @@
 
 namespace palpate::test {
 
-/// Returns the given bytes as reports, and accepts all writes.
+/// Returns the fuzzer's bytes as reports, and accepts all writes.
 class SayingPort final : public ReportPort {
  public:
   explicit SayingPort(std::span<const std::byte> says) : says_(says) {}
@@ -39,8 +39,8 @@ class SayingPort final : public ReportPort {
   }
 
  private:
-  /// Takes the next report. The first byte sets its length; its number is right more often than
-  /// not.
+  /// Takes the next report. The first byte is its length. In most cases the report gets a valid
+  /// number.
   std::size_t take(std::span<std::byte> to) noexcept {
     std::size_t size = std::to_integer<std::size_t>(says_[0]) % 48;
     says_ = says_.subspan(1);

@@ -1,4 +1,5 @@
-/// Feeds any data of a plug-in's process to its reader. Random bytes and libFuzzer share this code.
+/// Passes arbitrary data of a plug-in's process to the code that reads them. The random test and
+/// libFuzzer share this code.
 #pragma once
 
 #include <cmath>
@@ -39,10 +40,10 @@ class PluginFuzz {
   }
 
   [[nodiscard]] PluginNews& news() noexcept { return port_->next; }
-  /// Returns the ticks without a fault.
+  /// Returns the number of ticks without a fault.
   [[nodiscard]] long passed() const noexcept { return passed_; }
 
-  /// Runs one tick. Returns "" if the loop's input is finite or a fault; else the error.
+  /// Runs one tick. Returns "" if the loop gets finite input or a fault; otherwise the error.
   [[nodiscard]] std::string tick() {
     fuzzTime() += 1'000'000;
     t_ += 1e-3;
@@ -91,8 +92,8 @@ class PluginFuzz {
   long passed_ = 0;
 };
 
-/// Reads bytes of the socket. Returns "" if they are a valid message or are rejected; else the
-/// error.
+/// Parses bytes as a message of the socket. Returns "" if they are a valid message or are rejected;
+/// otherwise the error.
 [[nodiscard]] inline std::string fuzzPluginMessage(std::span<const std::byte> bytes, bool& taken) {
   const auto message = pluginMessageOf(bytes);
   taken = message.has_value();

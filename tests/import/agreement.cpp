@@ -122,7 +122,7 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
   return readRaw(file, VTK_FLOAT, {8, 14, 25}, 3, 635, true, axes, "wind");
 }
 
-/// VTK's probe answers in an array's own type, and would round.
+/// Converts arrays to double, because VTK's probe answers in an array's own type and would round.
 void makeDouble(vtkDataSet* data) {
   for (int a = 0; a < data->GetPointData()->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = data->GetPointData()->GetArray(a);
@@ -134,7 +134,7 @@ void makeDouble(vtkDataSet* data) {
   }
 }
 
-/// Returns VTK's values at points; rows without a value are NaN.
+/// Returns VTK's values at points; rows of points without a value are NaN.
 std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const char* name) {
   vtkNew<vtkPoints> points;
   points->SetDataTypeToDouble();
@@ -159,7 +159,7 @@ std::vector<Vec3> probe(vtkDataSet* original, const std::vector<Vec3>& at, const
   return out;
 }
 
-/// Returns how many of the 8 voxels about a place have data.
+/// Returns the number of the 8 voxels around a place that have data.
 template <class GridT>
 int dataAbout(const GridT& grid, const Vec3& p) {
   const auto low = openvdb::Coord::floor(grid.worldToIndex(openvdb::Vec3d(p.x(), p.y(), p.z())));
@@ -176,7 +176,7 @@ struct Difference {
   std::size_t points = 0;
 };
 
-/// Returns differences relative to the range.
+/// Returns differences, relative to the range of the values.
 template <class Reads>
 Difference compare(const std::vector<Vec3>& at, const std::vector<Vec3>& truth, double range,
                    Reads read) {
@@ -243,13 +243,13 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
   }
   const Difference between =
       compare(anywhere, probe(original, anywhere, name.c_str()), range, read);
-  // In the outermost voxel, where places without data read as the background.
+  // In the outermost voxel, places without data are read as the background.
   const Difference edge = compare(beside, probe(original, beside, name.c_str()), range, read);
   const auto stated_edge =
       grid.template getMetadata<openvdb::DoubleMetadata>("resampling_edge_rms");
 
   const double allowed = stated == nullptr ? 1e-6 : 1.1 * stated->value() + 1e-6;
-  // Few places are in that voxel, and a few places make most of the error. So the factor is 2.
+  // Few places are in that voxel, and some of them cause most of the error. So the factor is 2.
   const bool edge_ok = edge.points == 0 ||
                        (stated_edge != nullptr && edge.rms <= 2.0 * stated_edge->value() + 1e-6 &&
                         edge.rms >= 0.5 * stated_edge->value() - 1e-6);

@@ -16,8 +16,8 @@ namespace {
 
 constexpr int kImages = 5;
 
-/// Returns an axial series: images of 4 x 3 pixels of 0.5 x 0.8 mm, 2 mm apart upwards, one file
-/// each, out of order.
+/// Returns an axial series: images of 4 x 3 pixels of 0.5 x 0.8 mm, 2 mm apart along z, one per
+/// file, not in order.
 std::vector<File> axial() {
   std::vector<File> files;
   for (int i = 0; i < kImages; ++i) {
@@ -77,7 +77,7 @@ TEST_CASE("images in any order are stacked along their normal", "[dicom]") {
   for (int k = 0; k < kImages; ++k) {
     CHECK(stack.steps[0][static_cast<std::size_t>(k)].position.z() == 2.0 * k);
   }
-  // DICOM's left and back become right and front.
+  // DICOM's axes to the left and back become axes to the right and front.
   CHECK(stack.map.origin == Vec3(-10.0, -20.0, 0.0));
   CHECK(stack.map.linear.col(0) == Vec3(-0.5, 0.0, 0.0));
   CHECK(stack.map.linear.col(1) == Vec3(0.0, -0.8, 0.0));
@@ -92,7 +92,7 @@ TEST_CASE("a tilted gantry shears the volume, and is reported", "[dicom]") {
   CHECK((stack.map.linear.col(2) - Vec3(0.0, -shift, 2.0)).norm() < 1e-12);
   REQUIRE(stack.notes.size() == 1);
   CHECK_THAT(stack.notes.front(), Contains("15.0 degrees"));
-  // A shift so large that it is hardly intended.
+  // A shift that is too large to be intended.
   CHECK_THAT(trouble([](std::vector<File>& f) {
                for (int k = 0; k < kImages; ++k) at(f, k).position.y() += 12.0 * k;
              }),
@@ -139,14 +139,14 @@ TEST_CASE("images at one position are time steps if they carry times", "[dicom]"
   CHECK(stack.times == std::vector<double>{0.0, 1.5});
   REQUIRE(stack.steps.size() == 2);
   CHECK(stack.steps[1].size() == kImages);
-  // Numbers are not times, unless the file gives the step.
+  // A number of an image is not a time, unless the file gives the time step.
   std::vector<File> numbered = twice(3, 1.0);
   CHECK_THAT(stacked(numbered).notes.front(), Contains("a time step of 1 s is assumed"));
   for (File& file : numbered) file.time_step = 0.04;
   CHECK(stacked(numbered).times == std::vector<double>{0.0, 0.04});
   numbered.back().time_step = 0.05;
   CHECK_THROWS_WITH(stacked(numbered), Contains("0.04 s in image0, 0.05 s in image2"));
-  // Another kind of image is not a step.
+  // An image of another kind is not a further time step.
   std::vector<File> kinds = twice(0, 250.0);
   for (std::size_t i = 0; i < kinds.size(); ++i) {
     kinds[i].slices.front().kinds[0] = i < kImages ? "10" : "80";

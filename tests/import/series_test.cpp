@@ -1,4 +1,4 @@
-// Tests the steps of series, wherever their axis is in the file.
+// Tests the time steps of series, whichever axis of the file they use.
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -27,7 +27,7 @@ class Folder {
   Folder& operator=(const Folder&) = delete;
   ~Folder() { std::filesystem::remove_all(path_); }
 
-  /// Writes a file of a header and shorts.
+  /// Writes a file that consists of a header and 16-bit values.
   Request write(const std::string& name, const std::string& header,
                 const std::vector<std::int16_t>& values) const {
     std::ofstream out(path_ / name, std::ios::binary);
@@ -49,7 +49,7 @@ std::int16_t valueAt(int step, int point, int component = 0) {
 
 void checkSteps(Reader& reader, int components = 1) {
   REQUIRE(reader.times().size() == kSteps);
-  for (const int step : {2, 0, 1, 1}) {  // in any order, and repeated
+  for (const int step : {2, 0, 1, 1}) {  // steps in any order, also repeated
     const Content content = reader.read(static_cast<std::size_t>(step));
     REQUIRE(content.pieces.size() == 1);
     REQUIRE(content.pieces[0].isImage());

@@ -1,5 +1,5 @@
-/// Tests warm-up ticks, which no hand feels: they are close to the coming tick and leave no
-/// trace.
+/// Tests warm-up ticks, which have no effect on the hand: they are close to the coming tick, and
+/// they change no state.
 #include "palpate/engine/loop/cache_warmup.h"
 
 #include <cmath>
@@ -26,7 +26,8 @@ using palpate::test::TestDevice;
 namespace {
 
 constexpr double kDt = 1e-3;
-constexpr double kLead = 1.0;  ///< [s]: no tick takes a quarter of it, unless the machine stops.
+/// [s]; a tick takes less than a quarter of it, unless the machine stops.
+constexpr double kLead = 1.0;
 
 /// A ball with friction and a drag, a ball that moves, and parts.
 std::shared_ptr<const Scene> richScene() {
@@ -47,7 +48,8 @@ std::shared_ptr<const Scene> richScene() {
                    {}, std::move(parts));
 }
 
-/// A hand that wanders about the ball at the origin, dips into it, and sometimes passes through it.
+/// A hand that wanders about the ball at the origin, presses into it, and sometimes passes through
+/// it.
 Vec3 handAt(double t) {
   const Vec3 out(std::sin(0.7 * t), std::sin(1.3 * t), 1.0);
   return (0.0315 - (0.0045 + 0.003 * std::sin(0.9 * t)) * std::sin(9.0 * t)) * out.normalized();
@@ -135,7 +137,7 @@ TEST_CASE("a warm-up predicts the next tick's proxy and contacts", "[loop][warmu
 }
 
 TEST_CASE("a mispredicted warm-up returns to the proxy", "[loop][warmup]") {
-  // A wall holds the hand's proxy. The predicted hand went through the wall.
+  // A wall holds the real hand's proxy, but the predicted hand has passed through the wall.
   GraphSpec spec = ballSpec(1.0);
   spec.modes[0].depth_voxels = 0.01;  // a proxy that is through is inside
   const auto scene = makeScene(spec, {{"ball", ballField()}});
@@ -151,7 +153,7 @@ TEST_CASE("a mispredicted warm-up returns to the proxy", "[loop][warmup]") {
   };
   for (int i = 0; i < 5; ++i) tick(0.035);
   for (const double z : {0.0335, 0.0305}) tick(z);
-  // The twin moves on by 3 mm as before and is deep in the ball, but the hand has stopped.
+  // The prediction moves on by 3 mm and is deep in the ball, but the hand has stopped.
   CHECK_FALSE(tick(0.0288));
   for (int i = 0; i < 3; ++i) tick(0.0288);
   CHECK(tick(0.0288));
@@ -187,14 +189,14 @@ TEST_CASE("no warm-up runs without a scene, without enough time or after a cut",
   device.hand.position = {0, 0, 0.04};
   HapticLoop loop(device, 1.0 / kDt);
   loop.prepareWarmup();
-  CHECK_FALSE(loop.warmUp(kDt, kLead));  // no scene
+  CHECK_FALSE(loop.warmUp(kDt, kLead));  // there is no scene yet
   loop.publish(ballScene(ballField()));
   TickTime time;
   loop.tick(time);
-  CHECK_FALSE(loop.warmUp(kDt, kLead));  // no path of the hand
+  CHECK_FALSE(loop.warmUp(kDt, kLead));  // the path of the hand is not known yet
   loop.tick(time);
   CHECK(loop.warmUp(kDt, kLead));
-  // No tick takes less than four times this.
+  // Every tick takes more than a quarter of this time, so the warm-up is skipped.
   CHECK_FALSE(loop.warmUp(kDt, 1e-12));
   loop.cut();
   loop.tick(time);

@@ -1,4 +1,4 @@
-/// Tests the last gate before the hand.
+/// Tests limitForce, the last limit before the arm.
 #include "palpate/engine/safety/limit_force.h"
 
 #include <algorithm>
@@ -15,7 +15,7 @@ using palpate::test::Random;
 
 namespace {
 
-/// Limits a force one tick after the force `previous`.
+/// Limits `wanted` one tick after the force `previous` was sent.
 LimitedForce after(const Vec3& previous, const Vec3& wanted, double dt, const ForceLimits& limits) {
   LimiterState state;
   state.sent = previous;
@@ -51,7 +51,7 @@ TEST_CASE("force growth is slew-limited, and a release is immediate", "[safety]"
   CHECK_FALSE(released.limited());
   CHECK(released.force == Vec3(0.5, 0, 0));
 
-  // Reversed: the old force ends at once, the new one grows from zero.
+  // The direction is reversed: the old force ends at once, and the new force grows from zero.
   const LimitedForce turned = after({5, 0, 0}, {-5, 0, 0}, 1e-3, limits);
   CHECK((turned.force - Vec3(-2, 0, 0)).norm() < 1e-14);
 }
@@ -107,13 +107,14 @@ TEST_CASE("an engagement waits for a small force or one second, then ramps up", 
     double ramp = 0.0;
     double last = 0.0;
     for (int i = 0; i < 3000; ++i) {
-      // The hand either presses, or begins to touch after 0.2 s.
+      // The hand presses from the start, or touches after 0.2 s.
       const double wanted = pressed || i > 200 ? 4.0 : 0.05;
       const LimitedForce out = limitForce({0, wanted, 0}, Vec3::Zero(), kDt, limits, state);
       const double force = out.force.norm();
       CHECK(force <= wanted);
       CHECK(force >= last - (i == 201 ? 1.0 : 1e-12));
-      // No tick adds more than the ramp does, except that a touch begins at the ramp's height.
+      // In a tick the force grows by at most the ramp's growth, except that a touch starts at the
+      // ramp's present height.
       if (i != 201) CHECK(force - last <= 4.0 * kDt / kEngage + 1e-12);
       last = force;
       if (force == 0.0) silent += kDt;
@@ -135,15 +136,15 @@ TEST_CASE("motors heat no more than at their continuous force", "[safety]") {
   double first = 0.0;
   for (int i = 0; i < 60000; ++i) {
     const Vec3 force = limitForce({0, 0, 9}, Vec3::Zero(), 1e-3, limits, state).force;
-    // The same sum, computed independently.
+    // The motors' heat, computed here independently.
     energy += 1e-3 / limits.heating * (force.squaredNorm() - energy);
     if (i == 100) first = force.norm();
     REQUIRE(state.heat <= 4.0 * (1.0 + 1e-12));
     REQUIRE(energy <= 4.0 * (1.0 + 1e-3));
   }
-  CHECK(first == Approx(8.0).margin(1e-9));  // cold: the whole peak
+  CHECK(first == Approx(8.0).margin(1e-9));  // the motors are cold, so the whole peak is allowed
   CHECK(state.sent.norm() == Approx(2.0).margin(1e-3));
-  // After a rest the motors are cold again.
+  // The motors are cold again after a rest.
   for (int i = 0; i < 20000; ++i)
     CHECK(limitForce({0, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force.norm() == 0.0);
   CHECK(state.heat < 0.05);
@@ -157,15 +158,15 @@ TEST_CASE("the tank acts last, and its output is the sent force", "[safety]") {
   LimiterState state;
   CHECK(limitForce({3, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force == Vec3::Zero());
   CHECK(state.sent == Vec3::Zero());
-  // 1 mm in a tick against 0.5 N s/m is 0.5 mJ. A force of 1 N that is held for a tick needs as
-  // much.
+  // 1 mm in a tick against 0.5 N s/m gives 0.5 mJ. A force of 1 N that is held for a tick needs the
+  // same energy.
   const LimitedForce out = limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state);
   CHECK(out.drained);
   CHECK(out.limited());
   CHECK(out.force.x() == Approx(1.0).epsilon(1e-6));
   CHECK(out.share == Approx(1.0 / 3.0).epsilon(1e-6));
   CHECK(state.sent == out.force);
-  // A tank that only observes reports the same and passes the whole force.
+  // A tank that only observes reports the same share, but the whole force passes.
   limits.tank.use = TankUse::kObserve;
   LimiterState watched;
   (void)limitForce(Vec3::Zero(), Vec3::Zero(), 1e-3, limits, watched);
@@ -179,7 +180,7 @@ TEST_CASE("the tank acts last, and its output is the sent force", "[safety]") {
   state.forget();
   CHECK(state.tank.energy() == 0.0);
   CHECK(limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
-  // Invalid input gives no force, and the tank stays finite.
+  // Invalid input gives no force, and the tank's energy stays finite.
   const double nan = std::numeric_limits<double>::quiet_NaN();
   CHECK(limitForce({nan, 0, 0}, {nan, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
   CHECK(std::isfinite(state.tank.energy()));

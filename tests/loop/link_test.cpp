@@ -1,4 +1,4 @@
-/// Tests two hands that are linked by networks of any quality: the energy at both ends.
+/// Tests two hands that are linked through networks of any quality, with the energy at both ends.
 #include "palpate/engine/loop/link.h"
 
 #include <algorithm>
@@ -24,20 +24,20 @@ using test::Random;
 
 constexpr double kDt = 1e-3;
 
-/// The effect of a network on messages.
+/// The effects of a network on messages.
 struct Network {
   double delay = 0.0;    ///< [s]
   double jitter = 0.0;   ///< Added to the delay, at most [s].
-  double lost = 0.0;     ///< Share.
-  double doubled = 0.0;  ///< Share that arrives again, up to a second later.
+  double lost = 0.0;     ///< Share of messages that are lost.
+  double doubled = 0.0;  ///< Share of messages that arrive a second time, up to a second later.
   double apart = 0.0;    ///< Start of an outage [s].
   double again = 0.0;    ///< End of the outage [s].
 };
 
-/// Messages on their way to one end, by the time of arrival.
+/// Messages that are under way to one end, by their time of arrival.
 using Way = std::multimap<double, LinkWord>;
 
-/// A hand that a person moves: a mass on a spring. The person moves the spring's other end.
+/// A hand that a person moves: a mass on a spring, whose other end the person moves.
 struct Hand {
   Vec3 position = Vec3::Zero();
   Vec3 velocity = Vec3::Zero();
@@ -48,11 +48,11 @@ struct Hand {
   double frequency = 1.0;     ///< [Hz]
   double phase = 0.0;
 
-  /// Moves for one tick with a force that is held over the tick.
+  /// Moves for one tick under a constant force.
   void move(const Vec3& force, double now, double dt) {
     const Vec3 wanted = std::sin(2.0 * M_PI * frequency * now + phase) * swing;
     const Vec3 all = force + grip * (wanted - position) - damping * velocity;
-    // No real arm or hand is more nimble.
+    // Limits the acceleration to that of real arms and hands.
     Vec3 a = all / mass;
     const double most = 0.49 * kLinkNimble;
     if (a.norm() > most) a *= most / a.norm();
@@ -61,17 +61,17 @@ struct Hand {
   }
 };
 
-/// One end, and the quantities that the test itself counts there.
+/// One end of the link, and quantities that the test measures there.
 struct End {
   explicit End(std::uint64_t life, const LinkParams& params) : link(life, params) {}
   Link link;
   Hand hand;
   Vec3 force = Vec3::Zero();
-  double work = 0.0;    ///< On the hand [J].
+  double work = 0.0;    ///< Work on the hand [J].
   double lowest = 0.0;  ///< Lowest energy of the tank [J].
   std::uint64_t lives = 1;
   double next = 0.0;               ///< Time of the next message [s].
-  Vec3 read = Vec3::Zero();        ///< Last position of the hand that was read.
+  Vec3 read = Vec3::Zero();        ///< Position of the hand at the last reading [m].
   double read_at = 0.0;            ///< Time of the last reading [s].
   Mat3 drives = Mat3::Identity();  ///< Directions in which the motors push.
 };
@@ -80,7 +80,7 @@ struct Session {
   Session(std::uint64_t seed, const LinkParams& p)
       : random(seed), ends{End(1, p), End(1, p)}, params(p) {}
 
-  /// @param next  The time until the next one [s].
+  /// @param next  Time until the next tick [s].
   void tick(double now, double next = kDt) {
     for (std::size_t i = 0; i < 2; ++i) {
       End& end = ends[i];
@@ -98,7 +98,7 @@ struct Session {
       hand.age = now - end.read_at;
       hand.drives = end.drives;
       if (random.uniform() < rests) {
-        // A fault, or no hand: the end sends no force.
+        // After a fault or without a hand, this end sends no force.
         end.link.rest(hand.position);
         end.force.setZero();
       } else {
@@ -133,7 +133,7 @@ struct Session {
     if (random.uniform() < network.doubled) ways[to].emplace(arrives() + random.uniform(), word);
   }
 
-  /// Restarts one end. Messages on their way stay there.
+  /// Restarts one end. Messages that are under way to it still arrive.
   void restart(std::size_t i) {
     End& end = ends[i];
     end.link = Link(++end.lives, params);
@@ -144,16 +144,17 @@ struct Session {
   std::array<Way, 2> ways;
   LinkParams params;
   Network network;
-  double every = 0.005;  ///< Between two messages [s].
-  bool tanks = true;     ///< If false, each end renders a spring without an account.
+  double every = 0.005;  ///< Time between two messages [s].
+  bool tanks = true;     ///< False: each end renders a spring without counting energy.
   std::array<Vec3, 2> heard{Vec3::Zero(), Vec3::Zero()};
   double unsent = 0.0;  ///< Share of forces that the gate or the motors reduce.
   int ticks = 0;
-  int reads = 1;          ///< The hand is read in each tick, each second, each third...
-  double rests = 0.0;     ///< Share of ticks without a hand.
-  double most = 0.0;      ///< Most that both hands together had got at any time [J].
+  int reads = 1;       ///< The hand is read in every tick, or only in every second, third, ...
+  double rests = 0.0;  ///< Share of ticks in which this end has no hand.
+  /// Largest energy that both hands together have received at any time [J].
+  double most = 0.0;
   double last = kDt;      ///< Time since the last tick [s].
-  double greatest = 0.0;  ///< Most work in one tick [J].
+  double greatest = 0.0;  ///< Largest work in one tick [J].
 };
 
 Network anyNetwork(Random& random, double seconds) {
@@ -202,7 +203,7 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
     const double forgets = random.integer(4) == 0 ? 0.02 : 0.0;
     for (End& end : session.ends) {
       end.hand = anyHand(random);
-      // The arm has one motor, two or three.
+      // The arm has one, two or three motors.
       const Vec3 axis = random.direction();
       const int motors = random.integer(6);
       if (motors == 0) end.drives = axis * axis.transpose();
@@ -215,7 +216,7 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
         restarted = true;
         session.restart(static_cast<std::size_t>(random.integer(2)));
       }
-      // The place of the hand goes to another site, and comes back.
+      // The hand's place is given to another site, and returned later.
       if (random.uniform() < forgets) {
         session.ends[static_cast<std::size_t>(random.integer(2))].link.forgetOther();
       }
@@ -224,20 +225,20 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // The time between two readings is known only after a few readings. By then a fiftieth of the
-    // spring is present.
+    // The time between two readings is known only after a few readings. Until then, a fiftieth of
+    // the spring's force is present.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
     REQUIRE(session.most <= bound + 2.0 * slack);
     nearest = std::max(nearest, session.most / bound);
   }
-  // The bound is tight: some network gets most of the energy out.
+  // The bound is not too loose: with some network, most of this energy comes out.
   CHECK(nearest > 0.5);
 }
 
 TEST_CASE("the tanks pay for motion below an encoder step", "[loop][link]") {
-  // One hand swings, so that the force on the other hand turns. That hand creeps with the force
-  // within a step of its encoders, where no reading shows it.
+  // One hand swings, so that the force on the other hand changes sign. That other hand creeps with
+  // the force within a step of its encoders, so that no reading shows the motion.
   constexpr double kDelay = 0.005;  // [s]
   constexpr double kSwing = 5.0;    // [Hz]
   for (const double step : {0.0, 5e-6, 30e-6, 100e-6, 200e-6}) {
@@ -321,7 +322,7 @@ TEST_CASE("a late tick does not change the force", "[loop][link]") {
 }
 
 TEST_CASE("without tanks a spring over a delayed network generates energy", "[loop][link]") {
-  // Shows that the tanks are needed, and that this network reveals a spring without them.
+  // A control experiment: without the tanks, this network adds energy.
   Session session(1, {});
   session.network.delay = 0.05;
   session.tanks = false;
@@ -344,7 +345,7 @@ TEST_CASE("without tanks a spring over a delayed network generates energy", "[lo
 }
 
 TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
-  // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. docs/cluster.md has the table.
+  // One hand swings by 5 cm at 0.5 Hz, the other is only pulled. The table is in docs/sites.md.
   std::printf("delay ms, lost %%: rms apart mm\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
     for (const double lost : {0.0, 0.1, 0.5}) {
@@ -361,14 +362,15 @@ TEST_CASE("a hand follows another hand over a network", "[loop][link]") {
       int count = 0;
       for (int n = 0; n < 10000; ++n) {
         session.tick(n * kDt);
-        if (n < 4000) continue;  // start of the motion
+        if (n < 4000) continue;  // skips the start of the motion
         ++count;
         squares += (session.ends[0].hand.position - session.ends[1].hand.position).squaredNorm();
       }
       const double apart = std::sqrt(squares / count);
       std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
       INFO("delay " << delay << " lost " << lost);
-      // The limit is the path in the delay, at 0.16 m/s at most, and the stretch of the spring.
+      // The limit is the path during the delay, at 0.16 m/s at most, plus the stretch of the
+      // spring.
       CHECK(apart < 2.5e-3 + 0.12 * delay);
     }
   }
@@ -387,7 +389,7 @@ TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded ef
   };
   for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
   const double before = link.energy();
-  // Messages without a life, with invalid numbers, or with another's sum.
+  // Messages without a life, with invalid numbers, or with the sum of another life.
   said({0, 5, 2000, {0.1, 0, 0}, 1.0});
   said({7, 5, 2000, {nan, 0, 0}, 1.0});
   said({7, 5, 2000, {0.1, 0, 0}, nan});
@@ -398,7 +400,7 @@ TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded ef
   CHECK(link.energy() == before);
   CHECK(link.pull(Vec3::Zero(), {}, 1.0, kDt).x() > 1.9);
   link.pulled(1.0);
-  // A peer that lies about a sum gives at most the energy that the spring holds.
+  // If a peer lies about its sum, the hand gets at most the energy that the spring holds.
   said({7, 5, 2002, {0.1, 0, 0}, 1e9});
   CHECK(link.energy() < 0.2);
 }
@@ -414,7 +416,7 @@ TEST_CASE("a loop's energy accounts use the sent force, not the requested one", 
   LinksHeard heard;
   heard.who[2] = 9;
   std::uint64_t number = 0;
-  std::uint64_t life = 2;  // of the link: its place was free before
+  std::uint64_t life = 2;  // life of the link, which is the second in this place
   const auto tick = [&](const Vec3& hand) -> const Telemetry& {
     heard.words[2] = {3, life, ++number, Vec3(0.2, 0, 0), 0.0};
     links.hear(heard);
@@ -433,13 +435,14 @@ TEST_CASE("a loop's energy accounts use the sent force, not the requested one", 
   }
   const LinksTold before = links.told();
   CHECK(before.proxy == hand);
-  // The hand moves away by 10 mm against half a newton: 5 mJ, not the 20 mJ of the requested force.
+  // The hand moves away by 10 mm against half a newton. This is 5 mJ, not the 20 mJ of the
+  // requested force.
   for (int n = 0; n < 100; ++n) (void)tick(hand -= Vec3(1e-4, 0, 0));
   const LinksTold& after = links.told();
   const double put_in =
       after.energy[2] + after.words[2].given - before.energy[2] - before.words[2].given;
   CHECK(put_in == Approx(5e-3).epsilon(0.05));
-  CHECK(after.words[2].from == 2);  // its place was another's before
+  CHECK(after.words[2].from == 2);  // the place belonged to another link before
   CHECK(after.words[2].to == 3);
   // A fault cuts the pull, and the link sends no message.
   loop.cut();
@@ -504,7 +507,8 @@ TEST_CASE("the pull of several hands is limited to the peak and does not jump", 
 }
 
 TEST_CASE("a tank's debt does not grow over repeated overdrafts", "[loop][link]") {
-  // The hand moves away fast, back within one late tick, then slowly away. Each turn overdraws.
+  // The hand moves away fast, back within one late tick, then slowly away. Each reversal takes more
+  // energy than the tank has.
   Link link(1);
   double debt = 0.0;
   double first = 0.0;

@@ -1,4 +1,4 @@
-/// Tests the loop in virtual time: the forces that leave it, for any input.
+/// Tests the loop in virtual time: which forces it sends, for any input.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -32,7 +32,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// A loop in the test's own time.
+/// A loop whose time the test controls.
 struct Rig {
   TestDevice device;
   HapticLoop loop;
@@ -59,7 +59,7 @@ struct Rig {
     for (int i = 1; i < static_cast<int>(std::lround(seconds / kDt)); ++i) tick();
     return tick();
   }
-  /// Moves the hand to a place within its speed limit, then holds it there.
+  /// Moves the hand to a place within its speed limit, then keeps it there.
   const Telemetry& go(const Vec3& to, double seconds) {
     const Vec3 from = device.hand.position;
     const int n = std::max(1, static_cast<int>((to - from).norm() / (0.5 * kDt)));
@@ -74,7 +74,7 @@ struct Rig {
 const Vec3 kOut(0, 0, 0.04);
 const Vec3 kPressed(0, 0, 0.027);
 
-/// A ball that is fetched from somewhere.
+/// A ball whose data may be missing, like a volume that is fetched from a server.
 class Fetched final : public ScalarField {
  public:
   explicit Fetched(std::shared_ptr<const ScalarField> of)
@@ -104,7 +104,7 @@ TEST_CASE("without a scene the force is zero, and a hand inside a new scene is f
   CHECK(rig.run(0.2).report.force == Vec3::Zero());
   CHECK(rig.device.writes == 200);
   const FieldPtr ball = ballField();
-  // The hand is in the ball when the ball appears. The hand is free inside, and leaves freely.
+  // The ball appears around the hand. The hand is free inside, and leaves without a force.
   rig.loop.publish(ballScene(ball));
   CHECK(rig.run(2.0).report.force.norm() < 1e-6);
   CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
@@ -122,7 +122,7 @@ TEST_CASE("a new scene engages slowly, and an edit acts soon without a force jum
     rig.run(1.0);
     const double before = rig.go(kPressed, 0.2).report.force.norm();
     CHECK(before == Approx(1.5).margin(0.01));
-    // Another ball takes its place.
+    // Replaces the ball by another one.
     rig.loop.publish(ballScene(ballField(), 2.0));
     double last = rig.tick().report.force.norm();
     CHECK(last < 1e-12);
@@ -133,12 +133,12 @@ TEST_CASE("a new scene engages slowly, and an edit acts soon without a force jum
       most = std::max(most, force - last);
       last = force;
     }
-    // The hand presses all the time, so the engagement waits its full second.
+    // The hand presses all the time, so the engagement waits for the full kEngageWait.
     CHECK(kDt * ticks == Approx(kEngageWait + kEngage).margin(0.02));
     CHECK(most < 1.1 * 1.5 * kDt / kEngage + 1e-9);
   }
-  // After an edit the present force stays. Additional force arrives within 50 ms at the peak's
-  // pace, however many edits there are.
+  // After an edit the present force stays. Additional force grows to its full value within 50 ms,
+  // however many edits there are.
   const auto stiff = [&](double k) {
     GraphSpec spec;
     spec.modes.resize(1);
@@ -164,11 +164,11 @@ TEST_CASE("a new scene engages slowly, and an edit acts soon without a force jum
     REQUIRE(force > last - 1e-6);
     REQUIRE(force < last + pace * (1.0 + 1e-9));
     last = force;
-    // A second edit, while the first one is still arriving.
+    // A second edit, while the force still grows after the first one.
     if (i == 48) rig.loop.publish(stiff(1900.0));
   }
   CHECK(rig.run(0.1).report.force.norm() == Approx(5.7).margin(0.05));
-  // A slider edits the scene in every tick, and the force does not oscillate.
+  // A slider changes the scene in every tick, and the force does not oscillate.
   double least = 1e9;
   double most = 0.0;
   for (int i = 0; i < 500; ++i) {
@@ -204,7 +204,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.loop.latest().fault == cause);
     CHECK(rig.loop.latest().report.status == StepStatus::kFault);
-    // The fault stays, even if its cause ends, and even if another cause comes.
+    // The fault stays if its cause ends, and also if another cause appears.
     mend(rig);
     for (int i = 0; i < 500; ++i) {
       rig.loop.beat();
@@ -274,7 +274,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
   expect(
       Fault::kOverSpeed,
       [](Rig& rig) {
-        // The hand moves to the side: too fast for 50 ms, never a jump.
+        // The hand moves sideways: too fast for 50 ms, but without a jump.
         for (int i = 0; i < 80; ++i) {
           rig.device.hand.position.x() += 0.0035;
           rig.tick();
@@ -325,16 +325,17 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
     pressed(rig, kAfter);
     late(rig);
     CHECK(rig.run(1.5).fault == Fault::kLate);
-    late(rig);  // the wait starts again
+    late(rig);  // a further late tick, so the waiting time starts again
     CHECK(rig.run(1.9).fault == Fault::kLate);
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.run(0.2).fault == Fault::kNone);
-    // The proxy begins at the hand, as after clear(). The hand feels the ball when it touches it
-    // again.
+    // The proxy starts at the hand, as after clear(). The hand feels the ball only when it touches
+    // the ball again.
     CHECK(rig.device.sent == Vec3::Zero());
     rig.go(kOut, 0.1);
     CHECK(rig.go(kPressed, 2.0).report.force.norm() > 1.0);
-    // The force returns twice more, then not until the first return is a minute ago.
+    // The force returns by itself twice more. After that, it returns only when the first return is
+    // a minute ago.
     for (int i = 0; i < 2; ++i) {
       late(rig);
       CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
@@ -344,13 +345,13 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
     CHECK(rig.run(Reengagement::kWithin).fault == Fault::kNone);
   }
   {
-    Rig rig;  // by default the force does not return
+    Rig rig;  // by default the force does not return by itself
     pressed(rig, 0.0);
     late(rig);
     CHECK(rig.run(10.0).fault == Fault::kLate);
   }
   {
-    Rig rig;  // a program that was stopped for a while
+    Rig rig;  // the program was stopped for some time
     pressed(rig, kAfter);
     CHECK(rig.tick(0.6).fault == Fault::kLate);
     CHECK(rig.run(10.0).fault == Fault::kLate);
@@ -359,7 +360,8 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
     late(rig);
     CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
   }
-  // Other causes stay, also if they come while the force is off, or if they have ended.
+  // After other faults the force does not return, even if they come while the force is off, or if
+  // their cause has ended.
   const std::vector<std::function<void(Rig&)>> others{[](Rig& rig) { rig.loop.cut(); },
                                                       [](Rig& rig) {
                                                         rig.device.hand.fault = Fault::kTemperature;
@@ -388,7 +390,7 @@ TEST_CASE("a force cut for lateness returns by itself at most three times a minu
       CHECK(rig.run(kAfter).fault == Fault::kNone);
     }
   }
-  // A guardian's cut is lateness too.
+  // A force that a guardian has cut also counts as lateness.
   TestDevice device;
   std::atomic<std::uint32_t> cuts{0};
   HapticLoop loop(device, 1000.0, nullptr, 0.0, {nullptr, nullptr, nullptr, &cuts});
@@ -424,12 +426,12 @@ TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]"
     return loop.latest().fault;
   };
   CHECK(tick() == Fault::kNone);
-  // A guardian took the force off: the loop was late, even if its own clock does not show it.
+  // A guardian took the force off, so the loop was late, even if its own clock does not show this.
   ++cuts;
   CHECK(tick() == Fault::kLate);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // A stop between clear() and the tick is not lost.
+  // A cut between clear() and the next tick is not lost.
   loop.clear();
   ++stops;
   CHECK(tick() == Fault::kStopped);
@@ -438,7 +440,7 @@ TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]"
   CHECK(tick() == Fault::kStopped);
   loop.clear();
   CHECK(tick() == Fault::kNone);
-  // A device that fails after another fault is still left to the guardian.
+  // If a device fails after another fault, the guardian still has to set its force to zero.
   loop.cut();
   (void)tick();
   device.hand.fault = Fault::kWrite;
@@ -496,12 +498,13 @@ TEST_CASE("a device with a lower output rate adds its waits to the tank's delay"
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // With waits of up to 1.25 ms: 0.25 to 3.75 ms. With waits of up to 5 ms: 0 to 7.5 ms.
+  // With forces that wait up to 1.25 ms, the delay is 0.25 to 3.75 ms; with up to 5 ms, 0 to 7.5
+  // ms.
   CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
   CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
   CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
   CHECK(at(200.0, 1000.0).doubt == Approx(3.75e-3));
-  // At this rate more forces may be on their way at once than the tank remembers.
+  // At this rate, more forces may be under way at the same time than the tank can store.
   CHECK_THROWS_AS(at(20.0, 2000.0), DeviceError);
   for (const double bad : {-1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     CHECK_THROWS_AS(at(bad, 1000.0), DeviceError);
@@ -522,7 +525,7 @@ TEST_CASE("motors count as fully heated when the loop starts", "[loop][safety]")
     time.now += kDt;
     heat += -std::expm1(-kDt / 2.0) * (device.sent.squaredNorm() - heat);
     REQUIRE(heat <= 1.0 + 1e-9);
-    // The hand presses as soon as the loop is engaged, lets go, and presses once more.
+    // The hand presses as soon as the loop has engaged, lets go, and presses again.
     const bool pressed = (i > 550 && i < 1500) || i > 4000;
     double& z = device.hand.position.z();
     z += std::clamp((pressed ? test::kBallRadius - 0.008 : kOut.z()) - z, -5e-4, 5e-4);
@@ -608,8 +611,8 @@ TEST_CASE("a blocked write is a fault, and stops the heartbeat for the guardian"
   device.write_ms = 0;
   tick();
   CHECK(loop.latest().fault == Fault::kWrite);
-  CHECK(heart == 10);  // the count stands still: the guardian sends zero
-  // A stop order from the guardian is like any other, and one clear() takes it back.
+  CHECK(heart == 10);  // the heartbeat stands still, so the guardian sends zero
+  // A guardian's order to stop is handled like any other, and a single clear() ends it.
   loop.clear();
   tick();
   CHECK(loop.latest().fault == Fault::kNone);
@@ -652,7 +655,7 @@ TEST_CASE("a tick that hung ends with zero force and a late fault", "[loop][safe
 }
 
 TEST_CASE("a position jump or homing puts no energy into the tank", "[loop][safety]") {
-  // The arm is homed, or jumps, or returns elsewhere.
+  // The arm is homed, or its position jumps, or it returns at another place.
   for (const int how : {0, 1, 2}) {
     CAPTURE(how);
     Rig rig;
@@ -681,7 +684,7 @@ TEST_CASE("a position jump or homing puts no energy into the tank", "[loop][safe
     loop.clear();
     run(100);
     CHECK(loop.latest().report.energy == 0.0);
-    // A hand that really moves puts energy in.
+    // A hand that really moves puts in energy.
     for (int i = 0; i < 100; ++i) {
       rig.device.hand.position.z() += 5e-4;
       run(1);
@@ -691,8 +694,8 @@ TEST_CASE("a position jump or homing puts no energy into the tank", "[loop][safe
 }
 
 TEST_CASE("a switch that closes between two positions releases no energy", "[loop][safety]") {
-  // A 125 Hz arm sweeps at 2 m/s. The path since its last position was not covered in the time
-  // since the switch closed.
+  // An arm with 125 positions per second sweeps at 2 m/s. Part of the path since its last position
+  // was covered before the switch closed.
   constexpr double kViscous = 0.5;
   constexpr int kEvery = 8;
   TestDevice device;
@@ -738,8 +741,8 @@ TEST_CASE("a switch that closes between two positions releases no energy", "[loo
 
 namespace {
 
-/// A force of 3 N everywhere, an arm of friction b [N s/m], and a tank that acts at once. Counts
-/// the energy that the hand has put in.
+/// A force of 3 N everywhere, an arm with friction b [N s/m], and a tank that acts at once.
+/// Measures the energy that the hand has put in.
 struct Windy {
   static constexpr double kViscous = 0.5;
   TestDevice device;
@@ -766,8 +769,8 @@ struct Windy {
     });
     loop->publish(makeScene(spec, {{"wind", wind}}, {}));
   }
-  /// Runs a tick, then moves the hand at `speed` [m/s]. Without a speed the hand yields to the
-  /// force at the speed that takes the most energy out.
+  /// Runs a tick, then moves the hand at `speed` [m/s]. Without a speed, the hand moves with the
+  /// force at the speed that extracts the most energy.
   void tick(std::optional<double> speed) {
     time.now += kDt;
     loop->tick(time);
@@ -782,7 +785,7 @@ struct Windy {
 }  // namespace
 
 TEST_CASE("homing or a cleared fault puts no energy into the tank", "[loop][safety]") {
-  // The last position before the arm is ready is wrong by 10 cm: the hand did not move.
+  // The last position before the arm is ready is wrong by 10 cm, although the hand did not move.
   for (const bool homed : {true, false}) {
     for (const int not_ready : {1, 2, 15}) {
       CAPTURE(homed, not_ready);
@@ -823,7 +826,7 @@ TEST_CASE("while an arm is not ready, speed is watched but jumps are allowed", "
     arm.tick(0.0);
   }
   CHECK(arm.loop->latest().fault == Fault::kNone);
-  // The switch closes in a fast sweep. The sweep is braked from the first tick on.
+  // The switch closes during a fast sweep, which is braked from the first tick on.
   for (int i = 0; i < 30; ++i) {
     arm.device.hand.position.x() += 4.0 * kDt;
     arm.device.hand.ready = i >= 20;
@@ -833,7 +836,7 @@ TEST_CASE("while an arm is not ready, speed is watched but jumps are allowed", "
 }
 
 TEST_CASE("a repeated position that grows older does not count as fresh", "[loop][safety]") {
-  // An arm of 125 Hz. Its switch closes between two positions of a sweep.
+  // An arm with 125 positions per second, whose switch closes between two positions of a sweep.
   Windy arm;
   constexpr int kEvery = 8;
   int tick = 0;
@@ -857,8 +860,8 @@ TEST_CASE("a repeated position that grows older does not count as fresh", "[loop
 }
 
 TEST_CASE("ticks of 1.19 periods cause no tank debt, ticks of 1.5 periods do", "[loop][safety]") {
-  // The force that drives the hand takes all that the tank can pay for, and the hand takes the
-  // most.
+  // The force that drives the hand needs all the energy in the tank, and the hand extracts as much
+  // as it can.
   struct Debt final : TickSink {
     double debt = 0.0;
     void take(const Telemetry& /*tick*/, const ProxyState& state) noexcept override {
@@ -881,10 +884,10 @@ TEST_CASE("ticks of 1.19 periods cause no tank debt, ticks of 1.5 periods do", "
     device.hand.position = {0.05, 0, 0};
     TickTime time;
     for (int i = 0; i < 3000; ++i) {
-      // The loop is never behind its deadlines for good.
+      // Some ticks are long, but the loop always catches up with its deadlines.
       time.dt = i % 2 == 0 ? longest : 2.0 * kDt - longest;
       time.now += time.dt;
-      // The hand moves to and fro until the force is let out, then moves with the force.
+      // The hand moves to and fro until the force appears, then moves with the force.
       const Vec3 sweep(0, i / 50 % 2 == 0 ? 0.1 : -0.1, 0);
       device.hand.position += time.dt * (i < 2000 ? sweep : Vec3(device.sent / (2.0 * kViscous)));
       loop.tick(time);
@@ -962,7 +965,7 @@ TEST_CASE("a recorded path without a hand gets force without an engagement", "[l
 TEST_CASE("under random events the force is finite, bounded, slew-limited, and no tick allocates",
           "[loop][safety][fault]") {
   // Scenes of every kind are swapped, withdrawn and edited. The hand moves, jumps and is lost.
-  // Ticks are late, and faults are taken back. PALPATE_CASES: ticks.
+  // Ticks are late, and faults are cleared. PALPATE_CASES is the number of ticks.
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -970,7 +973,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
   const FieldPtr ball = std::shared_ptr<const ScalarField>(fetched);
   const FieldPtr rubbish = FieldPtr(makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-0.05), Vec3::Constant(0.05)}}, [&](const Vec3& p) {
-        // Some places have an invalid value. Ticks may pass through them.
+        // Some places have an invalid value, and ticks may pass through them.
         const double n = std::fmod(std::abs(1e5 * p.x()), 50.0);
         const double bad = n < 0.05 ? nan : n < 0.1 ? 1e308 : p.z();
         return ScalarSample{bad, {0, 0, 1}, true};
@@ -1005,10 +1008,10 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
   std::atomic<std::uint64_t> guard{0};
   HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
   const ForceLimits limits = device.about.limits;
-  long silent = 0;     // ticks left without the application's beat,
-  long unguarded = 0;  // without the guardian's beat,
-  long away = 0;       // and without the source of the fetched volume
-  double ramp = 0.0;   // [s] since the last engagement can have begun
+  long silent = 0;     // number of ticks left without a heartbeat of the application
+  long unguarded = 0;  // number of ticks left without a sign of life from the guardian
+  long away = 0;       // number of ticks left without the source of the fetched volume
+  double ramp = 0.0;   // time since the earliest possible start of the last engagement [s]
   TickTime time;
   Vec3 velocity = Vec3::Zero();
   Vec3 sent = Vec3::Zero();
@@ -1059,7 +1062,7 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     if (silent-- <= 0) loop.beat();
     if (unguarded-- <= 0) ++guard;
     fetched->gone = away-- > 0;
-    // The hand moves to and fro through all volumes, sometimes much too fast.
+    // The hand moves to and fro through all volumes, and sometimes much too fast.
     velocity += kDt * (random.integer(3000) == 0 ? 4000.0 : 40.0) * random.inCube(1.0) -
                 kDt * 60.0 * device.hand.position;
     velocity *= 0.999;
@@ -1091,7 +1094,8 @@ TEST_CASE("under random events the force is finite, bounded, slew-limited, and n
     if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);
     if (told.scene == 0 && size != 0.0) FAIL("force without a scene, tick " << i);
     if (!device.hand.ready && size != 0.0) FAIL("force without a dead man's switch, tick " << i);
-    // Summed separately: after ten hours the clock's own rounding exceeds the tolerance here.
+    // Counted separately, because after ten hours the rounding of the clock would exceed the
+    // tolerance.
     ramp += time.dt;
     if (told.fault != Fault::kNone || told.scene == 0 || !device.hand.ready) ramp = 0.0;
     if (size > limits.peak * ramp / kEngage * (1.0 + 1e-9)) {

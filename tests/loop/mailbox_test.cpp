@@ -1,5 +1,5 @@
-/// Tests the mailbox between two threads. Model checking shows properties of the protocol
-/// (mailbox.pml). These tests check them on the real mailbox, under ThreadSanitizer as well.
+/// Tests the mailbox between two threads. The model checker proves properties of the protocol
+/// (mailbox.pml). These tests check them on the real mailbox, also under ThreadSanitizer.
 #include "palpate/engine/loop/mailbox.h"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace palpate::mailbox_test {
 
 namespace {
 
-/// A value long enough that a copy takes a while.
+/// A value so long that copying it takes some time.
 struct Words {
   std::array<std::uint64_t, 40> words{};
   void fill(std::uint64_t n) { words.fill(n); }
@@ -129,7 +129,7 @@ TEST_CASE("between two threads values are whole, in rising order, and the last o
 
 namespace {
 
-std::atomic<int> held{0};  // threads in the handler
+std::atomic<int> held{0};  // number of threads inside the handler
 std::atomic<bool> let_go{false};
 
 extern "C" void hold(int /*signal*/) {
@@ -142,7 +142,7 @@ extern "C" void hold(int /*signal*/) {
 }  // namespace
 
 TEST_CASE("a thread that is stopped at any point does not block the other", "[mailbox][host]") {
-  // A signal stops one side at any point, while the other side continues.
+  // A signal stops one thread at any point, while the other thread continues.
   struct sigaction action {};
   action.sa_handler = hold;
   struct sigaction before {};
@@ -174,7 +174,8 @@ TEST_CASE("a thread that is stopped at any point does not block the other", "[ma
       pthread_kill(other.native_handle(), SIGUSR1);
       while (held.load() == 0) {
       }
-      // The free side runs as often as it likes. If it had to wait, this test would hang.
+      // The other thread runs as often as it likes. If it had to wait for the stopped thread, this
+      // test would hang.
       for (int k = 0; k < 100; ++k) hold_writer ? read() : write();
       let_go = true;
       while (held.load() != 0) {

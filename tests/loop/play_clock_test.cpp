@@ -1,4 +1,4 @@
-/// Tests play under control: paused, faster, backwards, sought, repeated.
+/// Tests the control of play: pause, faster, backwards, jump to a time, repeat.
 #include "palpate/engine/loop/play_clock.h"
 
 #include <cmath>

@@ -1,4 +1,4 @@
-/// Tests the limits of a hand, and the reaction if the hand exceeds them.
+/// Tests the limits of a hand, and what happens if the hand exceeds them.
 #include "palpate/engine/safety/safety.h"
 
 #include <cmath>
@@ -37,7 +37,7 @@ TEST_CASE("every fault has its own description and remedy", "[safety]") {
 }
 
 TEST_CASE("a repeated position is not stale, an old position is", "[safety]") {
-  // An arm of 1 kHz under a loop of 10 kHz gives every position ten times.
+  // An arm of 1 kHz in a loop of 10 kHz gives every position ten times.
   HandWatch watch;
   Random random(2);
   Vec3 p = Vec3::Zero();
@@ -55,7 +55,7 @@ TEST_CASE("a repeated position is not stale, an old position is", "[safety]") {
 TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
   for (const double rate : {500.0, 1000.0, 20000.0}) {
     for (const double speed : {0.5, 2.9, 4.9}) {
-      // Fast for a moment: perhaps too fast for the device, but not a jump.
+      // The hand is fast for a moment. This may be too fast for the device, but it is not a jump.
       HandWatch watch;
       Fault worst = Fault::kNone;
       for (int i = 0; i < 20; ++i) {
@@ -93,7 +93,7 @@ TEST_CASE("a hand that is too fast is braked first, then cut", "[safety]") {
   CHECK(braked > 0.0);
   CHECK(braked < 0.02);
   CHECK(cut == Approx(braked + 0.05).margin(2e-3));
-  // A hand that slows down in time is not cut.
+  // A hand that slows down in time is not cut off.
   watch.forget();
   for (int i = 0; i < 300; ++i) {
     const double y = i < 40 ? 3.5e-3 * i : 3.5e-3 * 40 + 1e-3 * (i - 40);
@@ -113,7 +113,7 @@ TEST_CASE("braking a fast hand only takes energy from it", "[safety]") {
     } else {
       const double power = braked.dot(velocity);
       REQUIRE(power <= std::min(0.0, force.dot(velocity)) + 1e-12);
-      // Across the motion the force does not change.
+      // Perpendicular to the motion the force does not change.
       const Vec3 ahead = velocity.normalized();
       REQUIRE((braked - ahead.dot(braked) * ahead - (force - ahead.dot(force) * ahead)).norm() <
               1e-12);
@@ -150,7 +150,8 @@ TEST_CASE("a force that data remove at once fades gradually", "[safety]") {
   CHECK(fade.pass(none, kStand, none, kTick) == none);
   CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
   CHECK(fade.pass(none, kStep, none, kTick) == none);
-  // A surface vanishes: the force falls from its last value to zero, in the same time at any rate.
+  // A surface vanishes: the force falls from its last value to zero, in the same time at any tick
+  // rate.
   for (const double tick : {1e-3, 2.5e-4}) {
     (void)fade.pass(pull, kStand, none, tick);
     double last = 3.0;
@@ -165,7 +166,8 @@ TEST_CASE("a force that data remove at once fades gradually", "[safety]") {
     for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, none, tick).y();
     CHECK(last == 0.0);
   }
-  // However the force comes and goes, the output stays between wanted values and never reverses.
+  // However the wanted force changes, the output stays between the wanted values and is never
+  // reversed.
   Random random(5);
   double wanted = 0.0;
   for (int i = 0; i < 20000; ++i) {
@@ -176,7 +178,7 @@ TEST_CASE("a force that data remove at once fades gradually", "[safety]") {
     REQUIRE(out >= 0.0);
     REQUIRE(out <= 8.0);
   }
-  // After forget(), without time, and with NaN.
+  // After forget(), for a tick without duration, and with NaN.
   (void)fade.pass(pull, kStand, none, kTick);
   fade.forget();
   CHECK(fade.pass(none, kStep, none, kTick) == none);
@@ -193,7 +195,7 @@ TEST_CASE("a surface that is gone does no more work than the spring could", "[sa
   const Vec3 none = Vec3::Zero();
   const Vec3 pull(0.0, 5.0, 0.0);
   const double spring = pull.squaredNorm() / (2.0 * kStiffness);  // 25 mJ
-  // The hand moves with the force, at a speed of its own or as a mass that the force drives.
+  // The hand moves with the force, at a given speed or as a mass that the force drives.
   for (const double mass : {0.0, 0.02, 0.2, 2.0}) {
     for (double speed : {0.0, 0.1, 0.5, 2.0}) {
       if (mass == 0.0 && speed == 0.0) continue;
@@ -211,11 +213,11 @@ TEST_CASE("a surface that is gone does no more work than the spring could", "[sa
         work += out.dot(way);
         step = std::max(step, way.y());
       }
-      // A sampled force lags the path by a tick.
+      // The sampled force is one tick behind the path.
       CHECK(work <= spring + 0.5 * pull.y() * step);
     }
   }
-  // Motion against the force and across it does not reduce the force.
+  // Motion against the force or perpendicular to it does not reduce the force.
   DataFade with;
   DataFade without;
   for (DataFade* fade : {&with, &without}) (void)fade->pass(pull, 1e9, none, kTick);

@@ -1,5 +1,5 @@
-/// Tests the loop with a clock and threads. The tests do not judge time, the bench does. The hand
-/// moves by ticks, so that a busy machine may stop any thread for any time.
+/// Tests the loop with a real clock and threads. Does not measure times; the benchmarks do this.
+/// The hand moves with the ticks, so that a busy machine may stop any thread for any time.
 #include <array>
 #include <atomic>
 #include <chrono>
@@ -27,7 +27,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-/// A hand that two threads may read. Machines that run tests are sometimes late.
+/// A hand that two threads may read. Its limit for late ticks is wide, because machines that run
+/// tests are sometimes late.
 class SharedDevice final : public Device {
  public:
   SharedDevice() {
@@ -76,9 +77,9 @@ void ticks(const SharedDevice& device, long count) {
   const long last = device.writes + count;
   await([&] { return device.writes >= last; });
 }
-constexpr long kEngagement = 1000;  ///< Ticks that are enough for an engagement.
+constexpr long kEngagement = 1000;  ///< Number of ticks in which an engagement ends.
 
-/// Moves the hand to a height, slowly enough for a hand. The ball begins at 0.03.
+/// Moves the hand to a height, at the speed of a real hand. The ball's surface is at 0.03.
 void move(SharedDevice& device, double to) {
   const double from = device.z;
   for (int i = 1; i <= 60; ++i) {
@@ -116,7 +117,7 @@ TEST_CASE("a haptic thread gives force from publish() to cut(), and ends with ze
     move(device, kIn);
     await([&] { return hand.latest().report.force.norm() > 1.0; });
   }
-  // The loop ends with zero force.
+  // When the loop ends, the force is zero.
   CHECK(device.sent == 0.0);
 }
 
@@ -153,7 +154,7 @@ TEST_CASE("two hands feel one scene, each with its own proxy", "[loop][host]") {
 }
 
 TEST_CASE("rapidly swapped scenes are freed on the thread that made them", "[loop][host]") {
-  // Under ThreadSanitizer: two threads never touch a scene, a tick or the device at once.
+  // For ThreadSanitizer: two threads must never use a scene, a tick or the device at the same time.
   struct Watched final : public ScalarField {
     std::atomic<int>* alive;
     std::thread::id maker = std::this_thread::get_id();
@@ -186,7 +187,7 @@ TEST_CASE("rapidly swapped scenes are freed on the thread that made them", "[loo
       if (random.integer(3) == 0) std::this_thread::sleep_for(1ms);
     }
     await([&] { return hand.latest().tick > 100; });
-    // The scenes of the reader, of the slot between, and of the writer.
+    // The scenes that the reader, the mailbox and the writer hold.
     CHECK(most <= 3);
   }
   CHECK(alive == 0);
@@ -242,9 +243,11 @@ TEST_CASE("an early wake-up does not make ticks early", "[loop][host]") {
   }
   CHECK(waits.ticks > kEngagement);
   CHECK(waits.early == 0);
-  // Without a priority the thread does not wait awake, so that it keeps no other from a core.
+  // Without real-time priority the thread does not wait awake, so that other threads can use its
+  // core.
   CHECK(HapticThread(device, quiet()).early() == 0.0);
-  // With one it waits awake at 1 kHz, but not where this is a large part of the period.
+  // With real-time priority it waits awake at 1 kHz, but not at 10 kHz, where the wait would be a
+  // large part of the period.
   for (const double rate : {1000.0, 10000.0}) {
     LoopParams usual;
     usual.rate = rate;
@@ -266,7 +269,7 @@ TEST_CASE("refused real-time settings are reported, and the loop still runs", "[
 
 TEST_CASE("without real-time priority a loop is not pinned to a core", "[loop][host]") {
   std::thread unprivileged([] {
-    // A thread's capabilities are its own. Its user's limits are not.
+    // Capabilities belong to a thread, limits to its user.
     __user_cap_header_struct head{_LINUX_CAPABILITY_VERSION_3, 0};
     std::array<__user_cap_data_struct, 2> may{};
     (void)syscall(SYS_capget, &head, may.data());

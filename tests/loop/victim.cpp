@@ -1,7 +1,7 @@
-/// A program with a hand, made to be killed: victim SOCKET ACTION.
+/// A program with a hand, which tests kill: victim SOCKET ACTION.
 ///
-/// Its device is a datagram socket that keeps the messages sent: three doubles, newtons. The real
-/// loop, in a real thread, presses a hand with about 1.5 N. A line on its input starts ACTION:
+/// Its device is a datagram socket that stores the messages sent: three doubles [N]. The real loop,
+/// in a real thread, presses a hand with about 1.5 N. A line on standard input starts ACTION:
 /// exception, exit, return, hang (a user's mode that does not return), or "nothing". kill_test.py
 /// chooses the time and checks the messages.
 #include <algorithm>
@@ -29,7 +29,7 @@ namespace {
 using namespace palpate;
 
 std::atomic<bool> hang{false};
-std::atomic<bool> slow{false};  // the next write takes 40 ms, the one after never ends
+std::atomic<bool> slow{false};  // the next write takes 40 ms, and the write after it never ends
 
 int connectTo(const std::string& path) {
   const int descriptor = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
@@ -50,12 +50,12 @@ class SocketDevice final : public Device {
   }
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
   [[nodiscard]] HandState read() noexcept override {
-    // A stuck tick, wherever it is stuck, is simulated here.
+    // Simulates a tick that hangs at any place.
     while (hang.load()) {
     }
     HandState hand;
     ++ticks_;
-    // The hand is outside for a second, then moves slowly in, and presses.
+    // The hand is outside for a second, then moves in slowly and presses.
     const double way = std::clamp(1e-3 * static_cast<double>(ticks_ - 1000) / 0.1, 0.0, 1.0);
     hand.position = {0, 0, 0.04 - 0.013 * way};
     return hand;
@@ -67,7 +67,7 @@ class SocketDevice final : public Device {
     pressed_ = pressed_ || force.norm() > 1.0;
   }
 
-  /// Returns true once a force above 1 N has been written.
+  /// Returns true after a force above 1 N was written.
   [[nodiscard]] bool pressed() const { return pressed_; }
 
  private:
@@ -85,7 +85,7 @@ int run(const std::string& path, const std::string& action) {
   LoopParams params;
   if (action == "fast") params.rate = 10000.0;
   if (action == "blocked") {
-    // Another device has a full queue, so its writes wait.
+    // In this case the device's queue is full, so its writes wait.
     std::array<int, 2> ends{};
     if (socketpair(AF_UNIX, SOCK_DGRAM, 0, ends.data()) != 0) return 3;
     while (send(ends[0], none.data(), sizeof(none), MSG_DONTWAIT) > 0) {
@@ -99,7 +99,7 @@ int run(const std::string& path, const std::string& action) {
   hand.publish(test::ballScene(test::ballField()));
   std::printf("ready %d\n", guardian.child());
   std::fflush(stdout);
-  // On a machine that runs tests the loop may be late, and cut, before the hand presses.
+  // On a machine that runs tests, the loop may be late and cut before the hand presses.
   while (!device.pressed()) {
     if (const Fault fault = hand.latest().fault; fault != Fault::kNone) {
       std::fprintf(stderr, "%s\n", wordsFor(fault));
@@ -107,7 +107,7 @@ int run(const std::string& path, const std::string& action) {
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  // Waits for the order.
+  // Waits for the line that starts ACTION.
   char line[16];
   if (std::fgets(line, sizeof(line), stdin) == nullptr) return 3;
   if (action == "exception") throw std::runtime_error("the application's own");

@@ -1,5 +1,5 @@
-/// Tests contact in concave and rough places: how often a tick ends unfinished, and which errors
-/// never occur.
+/// Tests contact on concave and rough surfaces: how often a tick does not converge, and errors that
+/// must never occur.
 #include <cmath>
 #include <string>
 
@@ -21,17 +21,17 @@ ContactRuns runs(std::uint64_t seed, ModeKind kind = ModeKind::kIsosurface) {
   return out;
 }
 
-/// Checks the properties that hold for every surface, of any shape.
+/// Checks the properties that hold for surfaces of any shape.
 void checkTheorem(const std::string& row, const ContactResult& r) {
   CAPTURE(row, r.runs, r.held, r.cappedShare(), r.readingsPerTick(), r.deepest, r.off, r.off_most,
           r.offRms(), r.unfinished, r.hardest);
   CHECK(r.held > 100 * r.runs);
-  // The proxy of a tick that reports converged is on the surface, to the tolerance.
+  // If a tick reports that it converged, its proxy is on the surface, to within the tolerance.
   CHECK(r.off == 0);
   CHECK(r.off_most <= 0.01);
-  // A hand that stands still does not stay unfinished for good.
+  // Ticks with a hand that stands still converge in the end.
   CHECK(r.unfinished == 0);
-  // Below its strength a surface is not crossed.
+  // A surface is not crossed by a load below its strength.
   CHECK(r.leaked == 0);
   CHECK(r.over == 0);
 }
@@ -55,7 +55,7 @@ TEST_CASE("grooves of any opening hold the proxy, and few ticks do not converge"
                                         {120.0, 0.001}}) {
     const ContactResult r = feelGrooves(opening, runs(31));
     checkTheorem("groove of " + std::to_string(opening), r);
-    // One frame of four can have most of the capped ticks.
+    // With few runs, one of them may have most of the ticks that reach the limit.
     CHECK(r.cappedShare() <= (test::share(48) < 48 ? 2.0 : 1.0) * capped);
     CHECK(r.readingsPerTick() <= (opening < 20.0 ? 6.0 : 4.5));
   }
@@ -99,8 +99,8 @@ TEST_CASE("no surface holds more than its strength", "[motion][release]") {
   for (const double grain : {1.0, 2.0, 4.0}) {
     const ContactResult r = pressNoise(grain, runs(36));
     CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());
-    // If a tick ends unfinished, the hand is ahead along the surface. The load is nearly always
-    // below 1.002.
+    // If a tick does not converge, the hand is ahead of the proxy along the surface. Nearly always
+    // the load is below 1.002 of the strength.
     CHECK(r.hardest <= 1.05);
     CHECK(r.hardest > 0.9);
     CHECK(r.cappedShare() <= 0.02);

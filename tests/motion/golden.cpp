@@ -1,16 +1,17 @@
-/// Golden recordings: pins the forces that hands of every kind feel in scenes of every kind.
+/// Golden recordings: fixes the forces of hands of every kind in scenes of every kind.
 ///
 /// - palpate_golden_ticks FILE: compares with FILE; exits with 1 if a scene feels different
 /// - palpate_golden_ticks FILE --write: writes FILE
 /// - palpate_golden_ticks --record NAME OUT: writes a scene as a recording, for palpate compare
 ///
-/// With the compiler that wrote the file every bit of the ticks' inputs, outputs and work must be
-/// equal. The inputs come from a recording, without a device. With another compiler the inputs are
-/// equal, proxies may differ by both ticks' bounds, and forces by the effect of this difference.
+/// With the compiler that wrote the file, every bit of the ticks' inputs, outputs and work must be
+/// equal. The inputs come from a recording, without a device. With another compiler the inputs must
+/// be equal. Proxies may differ by the sum of both error bounds, and forces by the effect of this
+/// difference.
 ///
-/// A move of code changes no hash. A change of behaviour reports in its commit which hashes change,
-/// and why. This file avoids C library functions with rounding that depends on the processor (sine,
-/// exponential).
+/// A commit that only moves code changes no hash. A commit that changes behaviour states which
+/// hashes change, and why. This file does not use C library functions whose rounding depends on the
+/// processor (sine, exponential).
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -46,7 +47,7 @@ namespace {
 constexpr int kTicks = 2000;
 constexpr int kSide = 48;                                // [voxels], of a grid
 const Vec3 kMiddle = Vec3::Constant(0.5 * (kSide - 1));  // [voxels]
-constexpr double kMetres = 0.05;                         // half the size of a formula's space [m]
+constexpr double kMetres = 0.05;                         // [m], half the size of a formula's space
 using Fields = std::map<std::string, FieldPtr>;
 
 ModeSpec mode(ModeKind kind, const std::string& of, double strength, double friction = 0.0,
@@ -61,8 +62,8 @@ ModeSpec mode(ModeKind kind, const std::string& of, double strength, double fric
   return spec;
 }
 
-/// A smooth path through random places of a box about `middle`, one place every `ticks_a_leg`
-/// ticks.
+/// A smooth path through random places of a box about `middle`. The hand takes `ticks_a_leg` ticks
+/// from one place to the next.
 class Wander {
  public:
   Wander(const Vec3& middle, const Vec3& half, int ticks_a_leg, std::uint64_t seed)
@@ -79,7 +80,7 @@ class Wander {
     const Vec3& a = places_[i];
     const Vec3& b = places_[i + 1];
     const Vec3& c = places_[i + 2];
-    const Vec3& d = places_[i + 3];  // Catmull-Rom
+    const Vec3& d = places_[i + 3];  // a Catmull-Rom spline
     return b + 0.5 * t *
                    ((c - a) + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
   }
@@ -89,7 +90,7 @@ class Wander {
   std::vector<Vec3> places_;
 };
 
-/// The moment before a tick. An event may change the tick's input and the scene.
+/// The state before a tick. An event may change the tick's input and the scene.
 struct Moment {
   int tick;
   TickInput& in;
@@ -97,11 +98,11 @@ struct Moment {
 };
 constexpr std::size_t kNoScene = 99;
 
-/// A scene, and a hand that feels it.
+/// A sequence of scenes, and a hand that feels them.
 struct Take {
   std::string name;
   std::vector<std::unique_ptr<const Scene>> scenes;
-  std::function<Vec3(int)> hand;  ///< [m]
+  std::function<Vec3(int)> hand;  ///< Position of the hand in a tick [m].
   std::function<void(Moment&)> event;
   ForceLimits limits{1e3, 1e12};
 };
@@ -127,7 +128,7 @@ Take take(std::string name, std::function<Vec3(int)> hand, Scenes... scenes) {
   return out;
 }
 
-// Formulas, in metres about the origin.
+// Formulas, in metres from the origin.
 
 FieldPtr dentedBall() {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 1.0};
@@ -181,7 +182,7 @@ std::vector<std::pair<const char*, ModeSpec>> allModes() {
   return modes;
 }
 
-/// Returns a motion to and fro, with turns by rational quaternions.
+/// Returns a motion to and fro, with rotations by quaternions of rational numbers.
 MotionPtr tumbling(const Vec3& middle, double size) {
   std::vector<Keyframe> keys(5);
   const std::array<Vec3, 3> turns{Vec3(0.1, 0.05, -0.08), Vec3(0.05, 0.15, 0.05),
@@ -198,7 +199,7 @@ MotionPtr tumbling(const Vec3& middle, double size) {
   return std::make_shared<const Motion>(keys, true);
 }
 
-// Grids, in voxels.
+// Grids, with positions in voxels.
 
 const Mat3& anyFrame() {
   static const Mat3 turn = Eigen::Quaterniond(0.8, 0.3, -0.4, 0.2).normalized().toRotationMatrix();
@@ -219,8 +220,8 @@ FieldPtr torusGrid() {
   });
 }
 
-/// Returns a groove with walls that are off its middle by an angle. The argument is the tangent of
-/// half that angle.
+/// Returns a groove whose walls are inclined to its middle plane by an angle. `half_tangent` is the
+/// tangent of half that angle.
 FieldPtr grooveGrid(double half_tangent) {
   const double sine = 2.0 * half_tangent / (1.0 + half_tangent * half_tangent);
   const double cosine = std::sqrt(1.0 - sine * sine);
@@ -238,7 +239,7 @@ FieldPtr hollowCubeGrid(bool hollow) {
   });
 }
 
-/// Returns random values at corners `grain` apart, linear between them.
+/// Returns random values at grid points `grain` voxels apart, interpolated linearly between them.
 FieldPtr roughGrid(double grain, std::uint64_t seed) {
   Random random(seed);
   std::vector<double> values(40 * 40 * 40);
@@ -270,7 +271,7 @@ std::function<Vec3(int)> inRoom(int ticks_a_leg, std::uint64_t seed) {
   return Wander(Vec3(0.6, 0.3, 0.4) * kMetres, Vec3::Constant(0.6 * kMetres), ticks_a_leg, seed);
 }
 
-/// Returns a take of an isosurface of a grid.
+/// Returns a take with an isosurface of a grid.
 Take skin(const char* name, const FieldPtr& field, double strength, int ticks_a_leg,
           double half = 18.0, double friction = 0.0, double viscosity = 0.0) {
   return take(
@@ -406,7 +407,7 @@ std::vector<Take> takes() {
     constexpr std::array kSpans{1e-3, 0.7e-3, 1.4e-3, 1e-3, 0.0, 3e-3};
     now.in.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
     now.in.hand.ready = now.tick % 500 < 450;
-    // Every third position repeats the previous position.
+    // Every third position repeats the previous one.
     if (now.tick % 3 == 1) {
       now.in.hand.position = last;
       now.in.hand.age = 1e-3;
@@ -420,7 +421,7 @@ std::vector<Take> takes() {
   return all;
 }
 
-/// The hash of Fowler, Noll and Vo, of 64 bits.
+/// The 64-bit hash of Fowler, Noll and Vo.
 class Hash {
  public:
   void add(std::span<const unsigned char> bytes) {
@@ -432,7 +433,7 @@ class Hash {
   std::uint64_t hash_ = 14695981039346656037ULL;
 };
 
-/// Returns all ticks of a take, as a recording keeps them.
+/// Returns all ticks of a take in the form in which a recording stores them.
 std::vector<RecordedTick> feel(const Take& take) {
   HandTick hand(take.limits);
   std::vector<RecordedTick> rows;
@@ -451,20 +452,21 @@ std::vector<RecordedTick> feel(const Take& take) {
     told.tick = i + 1;
     told.time = 1e-3 * i;
     told.probe = told.input.hand.position;
-    told.scene = felt == nullptr ? 0 : scene + 1;  // ids differ between processes
+    told.scene = felt == nullptr ? 0 : scene + 1;  // ids of scenes differ from process to process
     told.fault = hand.state().fault();
     rows.push_back(recordedTick(told));
   }
   return rows;
 }
 
-/// The pinned results of a take.
+/// The results of a take that the file stores.
 struct Pinned {
   std::string hashes;  ///< Hashes of inputs, outputs and work; number of ticks with a force.
-  std::vector<std::array<double, 7>> places;  ///< Every kEach ticks: proxy, its bound, force.
+  /// In every kEach-th tick: proxy, its error bound, force.
+  std::vector<std::array<double, 7>> places;
 };
 constexpr std::size_t kEach = 100;
-// Smaller differences come from the rounding of the file.
+// Smaller differences are caused by the rounding of numbers in the file.
 constexpr double kRounded = 1e-9;       // [m]
 constexpr double kRoundedForce = 1e-4;  // [N]
 
@@ -494,11 +496,11 @@ Pinned pinned(const std::vector<RecordedTick>& rows) {
   return out;
 }
 
-/// The distance between two takes, at the ticks where both are pinned.
+/// The difference between two takes, in the ticks whose results the file stores.
 struct Apart {
-  std::size_t first = 0;  ///< First pinned tick that differs, or 0.
+  std::size_t first = 0;  ///< First of these ticks that differs, or 0.
   double proxy = 0.0;     ///< Largest distance of the proxies [m].
-  double beyond = 0.0;    ///< Largest distance beyond both bounds [m].
+  double beyond = 0.0;    ///< Largest distance that exceeds the sum of both error bounds [m].
   double force = 0.0;     ///< Largest difference of the forces [N].
   bool far = false;       ///< A difference exceeds its limit, or is NaN.
 };
@@ -514,7 +516,7 @@ Apart apart(const Pinned& a, const Pinned& b) {
     out.proxy = std::max(out.proxy, proxy);
     out.beyond = std::max(out.beyond, proxy - x[3] - y[3]);
     out.force = std::max(out.force, force);
-    // Couplings here have 500 N/m and little damping.
+    // Couplings in these scenes have 500 N/m and little damping.
     constexpr double kStiffest = 2000.0;
     const double bounds = x[3] + y[3] + kRounded;
     const bool near = proxy <= bounds && force <= kStiffest * bounds + kRoundedForce;
@@ -523,7 +525,7 @@ Apart apart(const Pinned& a, const Pinned& b) {
   return out;
 }
 
-/// Returns the compiler and the machine that determine the last bits.
+/// Returns the compiler and the machine, on which the last bits depend.
 std::string builder() {
 #if defined(__FMA__)
   const char* const machine = "x86-64 with fused multiply-adds";

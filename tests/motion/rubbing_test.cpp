@@ -1,4 +1,4 @@
-/// Tests a hand that rubs along a noisy scan.
+/// Tests a hand that slides along a noisy scan.
 #include "tests/support/rubbing.h"
 
 #include <cstdlib>
@@ -24,12 +24,13 @@ TEST_CASE(
                         static_cast<int>(palpate::test::share(7)));
   CAPTURE(r.ticks, r.force, r.engine.buzz, r.held.buzz, r.engine.given, r.held.given, r.injected);
   CHECK(r.force > 0.1);
-  // Measured: 0.005 and 0.11. Voxels as large as this make ridges, and the proxy leaps off them.
+  // Measured: 0.005 and 0.11. Voxels of this size make ridges from which the proxy leaps.
   CHECK(r.unfinished < 0.01);
   CHECK(r.engine.buzz < 0.15 * r.force);
   CHECK(r.engine.buzz < 1.3 * r.held.buzz + 0.005 * r.force);
   CHECK(r.held.given < 1e-12);
-  // The ledger counts at least the energy given.
+  // The tick's own account of injected energy is at least the energy that the proxy's motion has
+  // added.
   CHECK(r.engine.given > 0.0);
   CHECK(r.injected >= r.engine.given);
 }
@@ -45,15 +46,16 @@ TEST_CASE("on a scan the force jumps only where the force of an exact proxy jump
     std::cout << level << " | " << r.sites << " | " << r.ticks << " | " << r.leaps << " | "
               << r.alone << " | " << r.largest << '\n';
     CAPTURE(level, r.sites, r.ticks, r.leaps, r.largest);
-    // This occurs in one of the bone's 60,000 ticks. At a fold two ticks use up their readings. The
-    // first tick ends 1 mm farther from the hand than both the tick before and the tick after.
+    // In one of the 60,000 ticks on the bone, two successive ticks at a fold reach the limit of
+    // readings. The first ends 1 mm farther from the hand than the ticks before and after it.
     CHECK(r.alone <= (level > 1000.0 ? 1 : 0));
   }
 }
 
 TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow loop",
           "[motion]") {
-  // At 10 kHz, with the rate over one tick: 15 mN. Without damping: 3.2 mN.
+  // At 10 kHz, with the damper's velocity taken over one tick, the result is 15 mN. Without damping
+  // it is 3.2 mN.
   const double slow = buzzOf({1000.0});
   const double fast = buzzOf({10000.0});
   const double undamped = buzzOf({10000.0, 30e-6, 0.0});
@@ -65,9 +67,9 @@ TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow
 }
 
 TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
-  // docs/decisions/0015-stability.md, Buzz: seven slices are 4 mm apart, about 1 cm below the
-  // middle. The proxy clicks where it leaps out of a groove of the skin. The targets are for slices
-  // without clicks.
+  // See docs/decisions/0015-stability.md, "Buzz": seven slices, 4 mm apart, are about 1 cm below
+  // the middle. The proxy clicks where it leaps out of a groove of the skin. The targets hold for
+  // slices without clicks.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const auto skin = scanField(std::string(folder) + "/head.vdb", 1e-3);
@@ -80,7 +82,8 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
         std::tuple{"held", BuzzHand::kHeld, 30.0}}) {
     for (const double speed : {0.01, 0.02, 0.05, 0.1, 0.2}) {
 #ifdef __SANITIZE_ADDRESS__
-      if (hand != BuzzHand::kHeld || speed > 0.01) continue;  // takes minutes, tests the same code
+      // These runs take minutes and test the same code.
+      if (hand != BuzzHand::kHeld || speed > 0.01) continue;
 #endif
       Buzzes quiet;
       Buzzes clicking;
@@ -104,10 +107,11 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
       CHECK(7 * without >= 3 * slices);
       CHECK(quiet.engine.force / without > 0.3);
       CHECK(gain >= least);
-      // The requirement is 6 dB for all. On an arm at 20 mm/s one slice has a groove that is just
-      // too shallow for a click. Both methods are so quiet there that the groove dominates: 13 dB,
-      // or 1.2 dB without it. If the proxy were released slightly more past the groove's edge
-      // (kAbove, engine/modes/mode.cpp), the groove would make a click.
+      // The requirement is 6 dB for all cases. On an arm at 20 mm/s, one slice has a groove that is
+      // slightly too shallow for a click. Both methods have so little power there that the groove
+      // dominates: 13 dB more, or 1.2 dB without the groove. If the proxy were released slightly
+      // farther behind the groove's edge (kAbove, engine/modes/mode.cpp), the groove would cause a
+      // click.
       CHECK(beside >= (hand == BuzzHand::kHeld ? -14.0 : -6.0));
     }
   }

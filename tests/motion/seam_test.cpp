@@ -1,4 +1,4 @@
-/// Tests seams where two volumes meet under one surface, and the groove between two walls of one
+/// Tests seams where the surfaces of two volumes meet, and the groove between two walls of one
 /// volume.
 #include <algorithm>
 #include <cmath>
@@ -25,8 +25,8 @@ constexpr double kPi = std::numbers::pi;
 constexpr int kSide = 49;
 const Vec3 kMiddle = Vec3::Constant(24.0);  // of the grids [voxels]
 
-/// Half of a slab with a flat top through `origin`. Its x and z are the turn's first and last
-/// column.
+/// Half of a slab with a flat top through `origin`. Its x and z axes are the first and the last
+/// column of `turn`.
 struct Block {
   double side = 1.0;     ///< The half lies where side * x is below half the overlap.
   double overlap = 0.0;  ///< Overlap of both halves [voxels].
@@ -66,7 +66,7 @@ std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double fric
 
 /// Results of a hand that slides over a seam and back.
 struct Slide {
-  double back = 0.0;  ///< Farthest that the proxy is held back [voxels].
+  double back = 0.0;  ///< Largest distance by which the seam holds the proxy back [voxels].
   double off = 0.0;   ///< Largest distance of the proxy from the top [voxels].
   double step = 0.0;  ///< Largest change of the force in a tick [N].
   long capped = 0;    ///< Ticks that did not converge.
@@ -102,8 +102,8 @@ Slide slide(const Scene& scene, double depth, const Mat3& turn, const Vec3& orig
 }  // namespace
 
 TEST_CASE("a hand slides over a flush seam of two volumes as over one", "[motion][seam][release]") {
-  // Without filled data the hand was held back by up to 4.5 voxels, then released with a step of
-  // 1.7 N.
+  // Before data were filled in beyond the edges, the seam held the hand back by up to 4.5 voxels
+  // and released it with a step of 1.7 N.
   for (const double overlap : {0.0, 0.2, 1.0, 2.0, 3.0}) {
     for (const double depth : {2.0, 5.0}) {
       for (const double spacing : {1.0, 0.5}) {
@@ -148,7 +148,7 @@ TEST_CASE("a seam of two volumes that move together feels as at rest", "[motion]
   const Vec3 shift(0.01, -0.02, 0.005);
   const Keyframe placed{0.0, {q.w(), q.x(), q.y(), q.z()}, shift};
   const std::vector<Keyframe> keys{placed};
-  // Two equal motions: each volume is read in a resting frame of its own.
+  // Two equal motions, so each volume is read in its own frame of rest.
   const std::map<std::string, MotionPtr> motions{{"solid 0", std::make_shared<const Motion>(keys)},
                                                  {"solid 1", std::make_shared<const Motion>(keys)}};
   const Slide rest = slide(*solids(halves), 3.0, Mat3::Identity(), kMiddle);
@@ -166,7 +166,7 @@ TEST_CASE("a seam of two volumes that move together feels as at rest", "[motion]
 TEST_CASE("a solid 3.2 voxels from the proxy leaves its path the same bit for bit",
           "[motion][seam]") {
   const Block ground{1.0, 100.0};
-  // A wall stands 3.2 voxels above the proxy's path, and is never felt.
+  // A wall is 3.2 voxels above the proxy's path, and has no effect.
   const FieldPtr above =
       scalarGrid(kSide, [](const Vec3& p) { return std::clamp(27.2 - p.z(), -3.0, 3.0); });
   const Slide alone = slide(*solids({ground.field()}), 3.0, Mat3::Identity(), kMiddle);
@@ -179,8 +179,8 @@ TEST_CASE("a solid 3.2 voxels from the proxy leaves its path the same bit for bi
 }
 
 TEST_CASE("friction in a groove of one volume equals that of its two walls", "[motion][seam]") {
-  // Two walls at half angle phi bear k d / sin phi. Friction under this load holds the hand along
-  // the walls.
+  // Two walls with half angle phi bear k d / sin phi. The friction from this load holds the hand
+  // along the walls.
   const double friction = 0.4;
   const double depth = 2.0;
   for (const double degrees : {75.0, 60.0, 45.0, 30.0}) {
@@ -210,7 +210,8 @@ TEST_CASE("friction in a groove of one volume equals that of its two walls", "[m
 }
 
 TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[motion][seam]") {
-  // The smoothed slope is short beside the other face, although that face bears no load.
+  // Near the edge the smoothed slope is shorter, because it includes the other face, which bears no
+  // load.
   const double friction = 0.3;
   const double depth = 2.0;
   const Vec3 origin = kMiddle + Vec3(0.3, 0.2, 0.4);
@@ -218,7 +219,8 @@ TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[moti
   const Mat3 turned =
       Eigen::AngleAxisd(random.uniform(0.0, kPi), random.direction()).toRotationMatrix();
   for (const Mat3& turn : {Mat3(Mat3::Identity()), turned}) {
-    for (const double thick : {1.2, 1.5, -1.25, -1.5}) {  // negative: the width of a slit
+    // Thickness of a sheet; negative: width of a slit.
+    for (const double thick : {1.2, 1.5, -1.25, -1.5}) {
       const auto distance = [&](const Vec3& p) {
         const double z = turn.col(2).dot(p - origin);
         const double off = thick > 0.0 ? std::max(z, -thick - z) : std::min(z, -thick - z);
@@ -235,7 +237,7 @@ TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[moti
       const double from = thick > 0.0 ? 3.0 : -thick / 2.0;
       for (int i = 0; i < 300; ++i) press(0.0, std::max(from - 0.025 * i, -depth));
       double y = 0.0;
-      double sum = 0.0;  // a turned sheet is rough when interpolated
+      double sum = 0.0;  // the interpolated surface of a turned sheet is rough
       constexpr int kTicks = 1000;
       for (int i = -200; i < kTicks; ++i) {
         press(y += 0.01, -depth);
@@ -250,8 +252,8 @@ TEST_CASE("a thin sheet and a narrow slit have the friction of one wall", "[moti
 }
 
 TEST_CASE("the proxy rests while the hand rests on rough bone", "[motion][seam]") {
-  // The noise is three voxels. A tick that answered with Picard's G moved on by 8e-3 voxel for
-  // ever.
+  // The noise has a wavelength of three voxels. In an earlier version, a tick that ended with
+  // Picard's iteration made the proxy drift by 8e-3 voxel per tick without end.
   Random random(9);
   std::vector<Vec3> waves;
   std::vector<double> phases;

@@ -1,4 +1,4 @@
-/// Tests several primitives and moving volumes at once, from grids.
+/// Tests several primitives and moving volumes at the same time, on grids.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -57,8 +57,8 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, fields, {kMotionStiffness, 0.0}, step);
 }
 
-/// Returns a whirl about the axis through the spheres' centre. It is linear, so that its grid is
-/// exact.
+/// Returns a rotating flow about the axis through the spheres' centre. The flow is linear, so its
+/// grid is exact.
 FieldPtr whirl() {
   return vectorGrid(Vec3::Constant(106.0),
                     [](const Vec3& p) { return Vec3(0.02 * axisOf().cross(p - kCentre)); });
@@ -83,8 +83,8 @@ TEST_CASE("the proxy stays on a stream and a surface at once, also with friction
       const auto scene = sceneOf(modes, fields);
       Reader reader;
       ProxyState state({1e3, 1e12});
-      // At 30 degrees of latitude and 2.56 voxels deep, the load exceeds the line's strength, so
-      // that the ball carries the rest.
+      // At 30 degrees of latitude and 2.56 voxels of depth, the load exceeds the line's strength,
+      // and the ball bears the rest.
       const double latitude = kPi / 6.0;
       const auto at = [&](double angle, double radius, double aside) {
         const Vec3 out = std::cos(angle) * u + std::sin(angle) * w;
@@ -92,7 +92,7 @@ TEST_CASE("the proxy stays on a stream and a surface at once, also with friction
         return Vec3(kCentre + radius * (std::cos(latitude) * out + std::sin(latitude) * n) +
                     aside * up);
       };
-      // The line would hold the hand above the ball, so the hand begins on the ball.
+      // The hand starts on the ball, because the line would otherwise hold the hand above the ball.
       for (int i = 0; i <= 200; ++i) {
         (void)provenStep(*scene, reader, {kVoxel * at(0, kRadius - 0.0128 * i, 0)}, state,
                          kMotionTick);
@@ -119,27 +119,28 @@ TEST_CASE("the proxy stays on a stream and a surface at once, also with friction
         aside = std::max(aside, std::hypot(n.dot(d) - height, (d - n.dot(d) * n).norm() - ring));
       }
       CAPTURE(friction, drag, off, off_late, aside, reads / ticks, late);
-      // Line and plane share the load along the normal, and the shares decide the friction. In some
-      // ticks friction sticks by one reading and slips by the next.
+      // Line and plane share the load along the normal, and their shares determine the friction. In
+      // some ticks friction sticks by one reading and slips by the next.
       CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
-      // The late ticks report that they are not finished. Their error depends on the last digits:
-      // 0.0093 to 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without a wall's
-      // own friction.
+      // The ticks that are late report that they did not converge. Their error depends on the last
+      // digits: 0.0093 to 0.0121 in 64 runs with strengths that differ by 1e-9 N, with or without
+      // friction of a wall.
       CHECK(off_late <= 0.015);
-      // The circle is on the true sphere. The interpolated sphere is up to 6.3e-3 voxel off it. If
-      // this pushes the proxy off its line, the line yields, and a sideways pull is not held in
-      // that time. With friction the hand is ahead, on a chord, and pulls aside: 0.6 voxel over
-      // 2,176.
+      // The circle is on the exact sphere, and the interpolated sphere is up to 6.3e-3 voxel away
+      // from it. If this pushes the proxy off its line, the line yields and a sideways pull is not
+      // held meanwhile. With friction the hand is ahead on a chord and pulls sideways: 0.6 voxel
+      // over 2,176.
       CHECK(aside <= (friction > 0.0 ? 1.0 : 0.05));
-      // With friction, 26.6: the place on the curve is found again after each reading.
+      // With friction 26.6, because the place on the curve is searched again after each reading.
       CHECK(reads / ticks <= (friction > 0.0 ? 27.0 : 25.0));
     }
   }
 }
 
 TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
-  // A ball and a plane through it, slanted to the grid. The hand moves along the crease of both.
+  // A ball and a plane through it, oblique to the grid. The hand moves along their line of
+  // intersection.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const Vec3 n = axisOf();
   const FieldPtr floor = scalarGrid(
@@ -184,8 +185,8 @@ TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
 }
 
 TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directions", "[motion]") {
-  // The requirement is 1e-9 by the engine's own normal, for one plane. The error against the true
-  // normal is reported.
+  // The requirement is 1e-9 relative to the engine's own normal, for one plane. The error relative
+  // to the exact normal is printed.
   for (const char* kind : {"level set", "fog 6"}) {
     const SurfaceMotion motion = sphereMotion(kind, kRadius, 2.56);
     GraphSpec spec;
@@ -239,13 +240,13 @@ TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directi
 }
 
 TEST_CASE("a moving ball from a grid is felt on its surface: slide, spin, head-on", "[motion]") {
-  // The requirement is 0.01 voxel at 0.2 m/s. One sample reached 0.001.
+  // The requirement is 0.01 voxel at 0.2 m/s. A single run reached 0.001.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   Probed probed(std::get<0>(ball));
   const Vec3 still = kVoxel * Vec3(10, -20, 30);
   const double speed = 0.2;
   const auto key = [](double time, const Vec3& centre, const Eigen::Quaterniond& turn) {
-    // A motion turns about W's origin, which is not the ball's centre.
+    // A motion turns about W's origin, so the ball's centre also moves.
     return Keyframe{
         time, {turn.w(), turn.x(), turn.y(), turn.z()}, centre - turn * (kVoxel * kCentre)};
   };
@@ -306,7 +307,7 @@ TEST_CASE("a moving ball from a grid is felt on its surface: slide, spin, head-o
 
 namespace {
 
-/// Two walls that meet in an edge, with the groove open along `out`: a frame and the planes'
+/// A groove between two walls that meet in an edge, open along `out`: a frame and the planes'
 /// normals.
 struct Groove {
   Vec3 out, across, along, bottom{32.0, 32.0, 32.0};
@@ -317,7 +318,7 @@ struct Groove {
         along(out.cross(across)),
         sine(std::sin(0.5 * degrees * kPi / 180.0)),
         cosine(std::cos(0.5 * degrees * kPi / 180.0)) {}
-  /// Returns the height above the nearer wall, positive in the groove.
+  /// Returns the height above the nearer wall; positive inside the groove.
   [[nodiscard]] double height(const Vec3& p) const {
     const Vec3 q = p - bottom;
     return std::min((sine * out + cosine * across).dot(q), (sine * out - cosine * across).dot(q));
@@ -330,18 +331,18 @@ struct Groove {
 }  // namespace
 
 TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion]") {
-  // The planes of one wall lead behind the other. So the proxy cannot move: it stays in the groove,
-  // not in the world.
+  // The plane of each wall leads behind the other wall, so the proxy cannot move in the groove's
+  // frame. It must move with the groove, not stay in the world.
   const long runs = test::share(3);
   for (const double degrees : {30.0, 60.0, 90.0}) {
-    for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels a tick
+    for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels per tick
       double deepest = 0.0;
       long held = 0;
       Random random(3);
       for (int run = 0; run < runs; ++run) {
         const Groove groove(random, degrees);
         const double phase = random.uniform(0.0, 2.0 * kPi);
-        const Vec3 pace = speed * kVoxel * random.direction();  // [m a tick]
+        const Vec3 pace = speed * kVoxel * random.direction();  // [m per tick]
         constexpr int kTicks = 2000;
         const double time = kTicks * kMotionTick;
         std::map<std::string, MotionPtr> motions;
@@ -368,7 +369,7 @@ TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion
       }
       CAPTURE(degrees, speed, deepest, held);
       CHECK(deepest > -0.5);
-      CHECK(3 * held > 2 * 2000 * runs);  // two thirds of the ticks
+      CHECK(3 * held > 2 * 2000 * runs);  // at least two thirds of the ticks
     }
   }
 }
@@ -377,7 +378,7 @@ TEST_CASE("a moving slab pushes the proxy out of a weaker groove, not out of a s
           "[motion][release]") {
   const long runs = std::max(test::share(4), 2L);
   for (const double degrees : {40.0, 90.0, 180.0}) {
-    for (const double pace : {0.05, 0.3, 0.6, 1.2}) {  // voxels a tick
+    for (const double pace : {0.05, 0.3, 0.6, 1.2}) {  // voxels per tick
       for (const bool stronger : {true, false}) {
         Random random(11);
         for (int run = 0; run < runs; ++run) {
@@ -431,7 +432,8 @@ TEST_CASE("at the sub-step cap the rest of the path waits, without one long step
     const Vec3 hand = motion.outside + i / 200.0 * (motion.hand(0.0) - motion.outside);
     (void)provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
   }
-  // The hand moves 4 voxels a tick. The proxy follows at two: one to the reading, and one from it.
+  // The hand moves by 4 voxels per tick. The proxy follows by two: one to the reading, and one from
+  // it.
   Vec3 before = state.proxy();
   long late = 0;
   for (int i = 1; i <= 5; ++i) {

@@ -1,4 +1,4 @@
-/// Tests thin walls at 2 m/s: a closed wall is not crossed.
+/// Tests thin walls at 2 m/s: the proxy does not pass through a closed wall.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -20,14 +20,14 @@ using namespace palpate::bench;
 
 namespace {
 
-/// Returns a frame that is turned against the grid.
+/// Returns a frame that is rotated relative to the grid.
 Mat3 anyFrame(int seed) {
   test::Random random(static_cast<std::uint64_t>(seed));
   const double angle = random.uniform(0.0, 6.28);
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, random.direction())).toRotationMatrix();
 }
 
-/// Returns random values, linear between the corners of cubes that are `grain` wide [voxels].
+/// Returns random values at grid points `grain` voxels apart, interpolated linearly between them.
 std::function<double(const Vec3&)> roughness(int side, double grain, double bias,
                                              test::Random& random) {
   const auto n = static_cast<std::size_t>(side);
@@ -44,7 +44,8 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
   const long count = test::cases(1000);
   long strokes = 0;
   long crossed = 0;
-  // A fog of one voxel is 1.5 voxels thick if it is felt where it is a quarter full.
+  // A fog with a thickness of one voxel is 1.5 voxels thick if its surface is where the value is a
+  // quarter.
   for (const Shell& shell :
        {makeShell("level set", 1.5), makeShell("level set", 2.0), makeShell("level set", 3.0),
         makeShell("fog", 2.0), makeShell("fog", 1.0, 0.25)}) {
@@ -52,8 +53,8 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
       for (const double degrees : {0.0, 45.0, 72.0}) {
         const ShellResult r = pressShell(shell, degrees, load, count, {});
         CAPTURE(shell.name, load, degrees, r.samples, r.most_samples, r.cells, r.most_cells);
-        // At the goal the thinnest fog yields to 1 to 7 of 1,000 slanted strokes (55 in the study).
-        // Bumps of its surface bear more than its strength there.
+        // With the goal's load, the thinnest fog yields to 1 to 7 of 1,000 oblique strokes, because
+        // bumps of its surface bear more than its strength. An earlier version yielded to 55.
         const bool bumpy = shell.level < 0.5 && load > 0.6 && degrees > 0.0;
         CHECK(r.yielded <= (bumpy ? std::max(count / 100, 1L) : 0));
         CHECK(r.crossed <= (bumpy ? std::max(count / 500, 1L) : 0));
@@ -67,16 +68,16 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
 }
 
 TEST_CASE("solids of one voxel are crossed no more often than their limits", "[motion][release]") {
-  // The study left these cases open. At load 0.6, 43 to 60 of 1,000 strokes crossed. Of the fog,
-  // 240 to 273 crossed. Of voxels that are full or empty, felt where they are a quarter full, 378
-  // to 523 crossed. The surface of full voxels is a relief of steps, and strokes along it press on
-  // their sides: 320 of 1,000 at load 0.9 and 72 degrees. A slope over a voxel to each side smooths
-  // the relief: 93.
+  // An earlier version crossed these walls. At load 0.6, 43 to 60 of 1,000 strokes crossed; of the
+  // fog 240 to 273; of voxels that are full or empty, with the surface at a quarter, 378 to 523.
+  // The surface of full voxels consists of steps, and strokes along it press on the steps' sides.
+  // So 320 of 1,000 still cross at load 0.9 and 72 degrees. A slope over a voxel on each side
+  // smooths the steps: 93 cross.
   const long count = test::cases(1000);
   const auto of = [&](long in_1000) { return std::max(in_1000 * count / 1000, 2L); };
   struct Case {
     Shell shell;
-    long crossed;  // of 1,000 at load 0.9; at 0.6 five
+    long crossed;  // of 1,000 strokes at load 0.9; at load 0.6 at most five
     long yielded;
   };
   for (const auto& [shell, crossed, yielded] : {Case{makeShell("level set", 1.0), 25, 30},
@@ -94,7 +95,7 @@ TEST_CASE("solids of one voxel are crossed no more often than their limits", "[m
 }
 
 TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand", "[motion]") {
-  // The planes of two walls that meet lead behind each other. The openings are in degrees.
+  // The plane of each of two walls that meet leads behind the other wall. Openings are in degrees.
   for (const double opening : {30.0, 60.0, 88.0, 120.0}) {
     for (const double deep : {3.0, 16.0}) {
       for (int turned = 0; turned < test::share(6); ++turned) {
@@ -109,7 +110,7 @@ TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand
         const Stepper tick = engineOn(groove, ModeKind::kIsosurface, {}, 60.0);
         double deepest = 0.0;
         for (int t = 0; t < 3000; ++t) {
-          // The hand moves in, then to and fro along the edge, and slightly aside.
+          // The hand moves in, then to and fro along the edge, and slightly to the side.
           const double along = t < 300 ? 0.0 : 6.0 * std::asin(std::sin(0.06 * (t - 300)));
           const double aside = t < 300 ? 0.0 : 1.5 * std::sin(0.013 * (t - 300));
           const Vec3 hand =
@@ -117,7 +118,7 @@ TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand
           deepest = std::min(deepest, free(tick(kVoxel * hand).proxy / kVoxel));
         }
         CAPTURE(opening, deep, turned);
-        // Trilinear values cut the edge itself by most of a voxel.
+        // Trilinear interpolation cuts off most of a voxel at the edge itself.
         CHECK(deepest > -1.0);
       }
     }
@@ -154,21 +155,21 @@ TEST_CASE("a hand beyond the walls of a box does not pull the proxy out", "[moti
 
 TEST_CASE("no rough, thin solid holds a pressing hand with more than its strength",
           "[motion][release]") {
-  // The proxy must never stop for good, and the surface must never hold more than its strength.
-  // Once 61 of 144 settings like these stuck, with up to 16 times the strength.
+  // The proxy must not stop for good, and the surface must not hold more than its strength. In an
+  // earlier version 61 of 144 settings like these stuck, with up to 16 times the strength.
   constexpr double kStrength = 1.0;  // [N]
   constexpr int kSide = 24;
   const long count = test::cases(6);
   std::uint64_t setting = 0;
   for (const double grain : {1.0, 2.0, 4.0}) {      // voxels
-    for (const double bias : {0.0, 0.3}) {          // half or two thirds are free
-      for (const double step : {0.06, 0.3, 1.0}) {  // voxels a tick
+    for (const double bias : {0.0, 0.3}) {          // half or two thirds of the space are free
+      for (const double step : {0.06, 0.3, 1.0}) {  // voxels per tick
         double hardest = 0.0;
         ++setting;
         std::vector<std::uint64_t> seeds(static_cast<std::size_t>(count));
         std::iota(seeds.begin(), seeds.end(), 1000 * setting);
-        // These seeds pulled through more than a voxel and held up to 1.12 of the strength for a
-        // tick.
+        // In an earlier version these seeds moved the proxy by more than a voxel through the
+        // surface, or held up to 1.12 of the strength for a tick.
         if (setting == 2) seeds.push_back(2337);
         if (setting == 3) seeds.insert(seeds.end(), {3116, 3148});
         for (const std::uint64_t seed : seeds) {
@@ -189,7 +190,7 @@ TEST_CASE("no rough, thin solid holds a pressing hand with more than its strengt
           }
         }
         CAPTURE(grain, bias, step, hardest);
-        // The margin is a hundredth of a voxel, of the spring's 2.56.
+        // The margin is a hundredth of a voxel, relative to the spring's 2.56.
         CHECK(hardest <= 1.01 * kStrength);
         CHECK(hardest > (count < 6 ? 0.2 : 0.9) * kStrength);
       }

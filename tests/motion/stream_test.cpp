@@ -20,9 +20,9 @@ using palpate::test::Random;
 
 TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxel",
           "[motion][release]") {
-  // The requirement: the sum of one-tick departures is at most 0.02 voxel (goal 0.01), with at most
-  // 20 samples a tick. A Taylor-Green stream takes 25.9. It goes round in 12 ticks, and the place
-  // nearest to the hand is found on each of its bends.
+  // The requirement: the sum of the departures of all ticks is at most 0.02 voxel (goal 0.01), with
+  // at most 20 samples per tick. A Taylor-Green stream takes 25.9 samples: it goes round in 12
+  // ticks, and the nearest place to the hand is searched on each of its bends.
   const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const int wavelength : {16, 32}) {
     for (const bool abc : {true, false}) {
@@ -33,7 +33,8 @@ TEST_CASE("over 1280 voxels a proxy departs from its stream by at most 0.01 voxe
         CHECK(r.departures <= 0.01);
         CHECK(r.samples <= (abc ? 20.0 : 26.0));
         CHECK(r.capped == 0.0);
-        // A Taylor-Green stream goes round in 12 ticks, so the hand passes the centre first.
+        // A Taylor-Green stream goes round in 12 ticks, so the hand passes beyond its centre at
+        // first.
         if (abc) CHECK(r.hairpins == 0.0);
       }
     }
@@ -58,7 +59,7 @@ TEST_CASE("a stream is followed within the tolerance at any speed", "[motion][re
         }
       }
       CAPTURE(tolerance, speed, off, departures);
-      // Between two ticks a fast hand is beside the curve.
+      // Between two ticks a fast hand is beside the curve, which costs precision.
       CHECK(off <= (speed < 2.0 ? 0.1 * tolerance + 1e-3 : 5e-3));
       CHECK(departures <= 0.01);
     }
@@ -67,8 +68,8 @@ TEST_CASE("a stream is followed within the tolerance at any speed", "[motion][re
 
 TEST_CASE("a stream beside another mode waits when readings are used up, and reports it",
           "[motion]") {
-  // A tick has one reading. Beside another mode a reading is valid for a voxel, and the hand moves
-  // 1.28. A lone stream is read on the way.
+  // A tick has one reading. Together with another mode, a reading is valid for only one voxel, but
+  // the hand moves by 1.28. A lone stream is traced along the way.
   StepParams step;
   step.max_substeps = 1;
   for (const Stream& stream : streamsOfFlow(abcFlow(16), 16, 128.0, 3, 1.0)) {
@@ -99,7 +100,7 @@ TEST_CASE("a stream beside another mode waits when readings are used up, and rep
     CAPTURE(r.off_max, r.departures, r.capped, r.most_samples);
     CHECK(r.capped > 0.1);
     CHECK(r.most_samples <= 60.0);
-    // The proxy still stays on its stream, behind the hand.
+    // The proxy stays on its stream, although it is behind the hand.
     CHECK(r.departures <= 0.1);
   }
 }
@@ -127,7 +128,7 @@ TEST_CASE("streams of real flows are followed", "[.][data][motion]") {
       samples += r.samples * stream.length();
       length += stream.length();
       CHECK(r.capped == 0.0);
-      CHECK(r.hairpins <= 0.05);  // at a kink of the kitchen flow
+      CHECK(r.hairpins <= 0.05);  // hairpins occur at a kink of the kitchen's flow
     }
     departures /= length;
     samples /= length;
@@ -137,14 +138,15 @@ TEST_CASE("streams of real flows are followed", "[.][data][motion]") {
     CHECK(followed >= (name == std::string("storm") ? 1 : 5 * count / 24));
     CHECK(off <= 0.01);
     CHECK(worst <= 0.02);  // goal: 0.01
-    // The storm's 50 voxels of path are turns at the edges of a grid of 25 x 14 x 8: 22.
+    // The 50 voxels of path in the storm mostly turn at the edges of its grid of 25 x 14 x 8
+    // voxels, which takes 22 samples.
     CHECK(samples <= (name == std::string("storm") ? 24.0 : 20.0));
   }
 }
 
 TEST_CASE("a stream on a spline is followed within its reading budget", "[motion]") {
   for (const char* interpolation : {"quadratic", "cubic"}) {
-    // The course is that of the trilinear field, so the test checks only cost and force.
+    // The exact course is that of the trilinear field, so this test checks only cost and force.
     for (const Stream& stream : streamsOfFlow(abcFlow(32), 32, 128.0, 2, 1.0, interpolation)) {
       const StreamResult r = feelStream(stream, 0.5, 1.0, {});
       CAPTURE(interpolation, r.samples, r.off_max);
@@ -157,9 +159,9 @@ TEST_CASE("a stream on a spline is followed within its reading budget", "[motion
 
 TEST_CASE("the status reports a hairpin, and a force step is at most strength plus hand motion",
           "[motion][release]") {
-  // If the hand is beyond the stream's centre of curvature, the stream has no place nearest to it.
-  // With 1 N the stream sometimes releases a hand 2.2 voxels aside. With 3 N it never releases a
-  // hand one voxel aside.
+  // If the hand is beyond the stream's centre of curvature, the stream has no unique place nearest
+  // to the hand. With a strength of 1 N the stream sometimes releases a hand that is 2.2 voxels to
+  // the side. With 3 N it never releases a hand that is one voxel to the side.
   const long count = palpate::test::share(6);
   for (const auto& [pull, strength] : {std::pair{2.2, 1.0}, {1.0, 3.0}}) {
     Random random(9);
@@ -171,9 +173,9 @@ TEST_CASE("the status reports a hairpin, and a force step is at most strength pl
       stream.field = fieldAbout(stream);
       const StreamResult r = feelStream(stream, engineOn(stream, {}, strength), 0.5, pull, false);
       CAPTURE(pull, r.force_step, r.force_most, r.off_max, r.capped, r.hairpins);
-      // The pull that waits along the stream adds to the strength.
+      // The pull that waits along the stream comes in addition to the strength.
       CHECK(r.force_most <= strength + 0.4 * voxelsPerTick(0.5));
-      // The spring that the hand's own move stretches adds to the strength.
+      // The spring that the hand's own motion stretches comes in addition to the strength.
       CHECK(r.force_step <= strength + 0.4 * voxelsPerTick(0.5));
       if (strength == 3.0) CHECK(r.hairpins > 0.0);
     }
@@ -186,13 +188,15 @@ namespace {
 /// Results of ticks on a lone stream.
 struct Streamed {
   long converged = 0;
-  long off = 0;  ///< Converged ticks that hold, but farther along than the tolerance.
+  /// Number of converged ticks whose line holds, but whose proxy is farther along the stream than
+  /// the tolerance allows.
+  long off = 0;
   long hairpins = 0;
   double along = 0.0;  ///< Largest force along the stream where its line holds [N].
   double rise = 0.0;   ///< Largest rise of the spring's energy while the hand rests [J].
 };
 
-/// Feels a lone stream of known direction along a path of hand positions [voxels].
+/// Moves a hand along positions [voxels] beside a lone stream whose direction is known.
 Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>& hands,
                    const std::function<Vec3(const Vec3&)>& direction) {
   const double tolerance = StepParams{}.tolerance_voxels * kVoxel;
@@ -209,7 +213,7 @@ Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>
     before = r.proxy;
     if (r.capped || r.hairpin) continue;
     ++out.converged;
-    // A line that yields holds the proxy across the mean of two directions.
+    // A line that yields holds the proxy perpendicular to the mean of two directions.
     if (kMotionStiffness * left.norm() > 0.999 * strength) continue;
     const double along = std::abs(direction(r.proxy / kVoxel).dot(left));
     out.along = std::max(out.along, kMotionStiffness * along);
@@ -218,7 +222,8 @@ Streamed feelAlong(const Stepper& tick, double strength, const std::vector<Vec3>
   return out;
 }
 
-/// Returns circles about an axis through `centre`, as a grid with exact trilinear values.
+/// Returns a flow in circles about an axis through `centre`, as a grid whose trilinear values are
+/// exact.
 FieldPtr circlesAbout(const Vec3& centre, const Vec3& axis) {
   return vectorGrid(Vec3::Constant(41.0),
                     [=](const Vec3& p) { return Vec3(axis.cross(p - centre)); });
@@ -273,15 +278,15 @@ TEST_CASE("a proxy that has converged on a stream is at the place nearest to the
         CAPTURE(abc, speed, r.along, r.rise, r.converged);
         CHECK(r.off == 0);
         CHECK(r.converged > static_cast<long>(hands.size() / 2));
-        if (speed < 1.0) CHECK(r.rise <= 1e-12);  // a fast hand moves in several slices
+        if (speed < 1.0) CHECK(r.rise <= 1e-12);  // a fast hand is moved in several parts per tick
       }
     }
   }
 }
 
 TEST_CASE("a hand beyond a stream's centre of curvature takes the proxy downhill", "[motion]") {
-  // The hand crosses random bends, with kappa d up to 3. Where a minimum of the distance ends, the
-  // proxy moves on to the next one.
+  // The hand crosses random bends, with kappa d up to 3. Where a local minimum of the distance
+  // vanishes, the proxy moves on to the next minimum.
   Random random(5);
   Stream stream = traceStream("", abcFlow(16), Vec3::Constant(24.0), 1.0);
   stream.field = vectorGrid(Vec3::Constant(49.0), [&](const Vec3& p) {
@@ -308,8 +313,8 @@ TEST_CASE("a hand beyond a stream's centre of curvature takes the proxy downhill
 }
 
 TEST_CASE("the force rests while a hand rests outside of a bend, at any distance", "[motion]") {
-  // The streams are circles. The length from the tangent overshoots the nearest place by kappa d
-  // times that length.
+  // The streams are circles. A step along the tangent overshoots the nearest place by kappa d times
+  // the step's length.
   const Vec3 centre(20.3, 19.7, 20.45);
   const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
   const FieldPtr field = circlesAbout(centre, axis);
@@ -342,7 +347,7 @@ TEST_CASE("the force rests while a hand rests outside of a bend, at any distance
 
 TEST_CASE("a stream through random axes holds a hand with at most 1.3 times its strength",
           "[motion]") {
-  // Random directions without a sign, as in the background of a diffusion image.
+  // Random directions whose sign has no meaning, as in the background of a diffusion image.
   Random random(11);
   std::vector<Vec3> noise(41 * 41 * 41);
   for (Vec3& v : noise) v = random.direction();

@@ -18,7 +18,7 @@ using namespace palpate::bench;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kStrong = 8.0;  // [N]: more than any hand here presses
+constexpr double kStrong = 8.0;  // [N]: larger than any load in these tests
 
 StepParams within(double tolerance) {
   StepParams step;
@@ -26,7 +26,7 @@ StepParams within(double tolerance) {
   return step;
 }
 
-/// Returns a line for the record of a run.
+/// Returns a line that records a run.
 std::string words(const SurfaceMotion& motion, const MotionResult& r) {
   return motion.name + ": off " + std::to_string(r.off_max) + ", true " +
          std::to_string(r.true_max) + ", drift " + std::to_string(r.drift) + ", samples " +
@@ -36,8 +36,8 @@ std::string words(const SurfaceMotion& motion, const MotionResult& r) {
 }  // namespace
 
 TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]") {
-  // The requirement: 0.01 voxel at every tick, at most 2 readings on average at 40 voxels, and a
-  // mean radius within 1e-4 from lap 1 to lap 100.
+  // The requirement: at most 0.01 voxel in every tick, at most 2 readings on average for a radius
+  // of 40 voxels, and a mean radius that changes by at most 1e-4 from lap 1 to lap 100.
   struct Case {
     SurfaceMotion motion;
     double off;
@@ -58,14 +58,14 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]
     CHECK(r.capped == 0.0);
     CHECK(r.lost == 0.0);
     if (c.motion.floor > 0.0) {
-      // The proxy is as far from the true sphere as the interpolant is.
+      // The distance from the true sphere is that of the interpolated surface.
       CHECK(r.true_max <= 1.05 * c.motion.floor + r.off_max);
     }
   }
 }
 
 TEST_CASE("a surface mode stays on the value where it began to hold", "[motion][release]") {
-  // The reference is the value of the first tick that held. It is kept outside the engine.
+  // The reference is the value in the first tick that held. The test keeps it, not the engine.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
         sphereMotion("level set", 40, 7.0), sphereMotion("fog 6", 40, 7.0),
@@ -103,7 +103,7 @@ TEST_CASE("the proxy stays within 1.25 times the scene's tolerance at any speed"
             feelSurface(motion, ModeKind::kIsosurface, speed, speed < 0.1 ? 2 : 5, step, kStrong);
         CAPTURE(tolerance, speed, words(motion, r));
         CHECK(r.capped == 0.0);
-        // The estimate is taken seven times, and is at most so wrong.
+        // The engine's error estimate is computed seven times, and is wrong by at most this factor.
         CHECK(r.off_max <= 1.25 * tolerance);
         if (speed == 0.5) {
           CHECK(r.samples >= cheapest);
@@ -126,8 +126,8 @@ TEST_CASE("B-splines have a smaller surface error than trilinear interpolation",
 }
 
 TEST_CASE("the proxy stays on a cube over its edges and into its corners", "[motion]") {
-  // The interpolant rounds an edge within its cell. Convex edges are left cleanly. In concave edges
-  // several walls hold in turn, and some ticks end at the cap.
+  // The interpolation rounds an edge within one cell. The proxy leaves convex edges without an
+  // error. In concave edges several walls hold in turn, and some ticks reach the limit of readings.
   for (const bool turned : {false, true}) {
     const MotionResult over =
         feelSurface(cubeMotion(2.56, turned), ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
@@ -142,13 +142,13 @@ TEST_CASE("the proxy stays on a cube over its edges and into its corners", "[mot
     CHECK(into.lost == 0.0);
     CHECK(into.off_max <= 0.6);
     CHECK(into.off_rms <= 0.03);
-    CHECK(into.true_max <= 0.6);  // the interpolant fills an edge by up to 0.4 voxel
+    CHECK(into.true_max <= 0.6);  // the interpolation fills an edge by up to 0.4 voxel
     CHECK(into.capped <= 0.2);
   }
 }
 
 TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
-  // Normals blend over two voxels about an edge. Planes that were placed there must not stay.
+  // Near an edge, normals change over two voxels. Planes with such normals must not stay in effect.
   for (const double degrees : {60.0, 90.0, 120.0}) {
     test::Random random(5);
     double off = 0.0;
@@ -167,7 +167,7 @@ TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
       motion.distance = [&](const Vec3& p) { return std::max(n.dot(p - edge), m.dot(p - edge)); };
       motion.field =
           scalarGrid(48, [&](const Vec3& p) { return std::clamp(motion.distance(p), -3.0, 3.0); });
-      // The hand moves up one face, and on beyond the edge.
+      // The hand moves up one face and beyond the edge.
       Vec3 up = n.cross(along).normalized();
       if (up.dot(out) < 0.0) up = -up;
       up = (up + random.uniform(-0.4, 0.4) * along).normalized();
@@ -190,7 +190,7 @@ TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
       }
     }
     CAPTURE(degrees, off, beside, held, late);
-    // Measured: 2 of 11,281 ticks, as the hand comes out.
+    // Measured: 2 of 11,281 ticks, while the hand comes out.
     CHECK(beside <= 2);
     CHECK(off <= 0.2);
     CHECK(held > 3000);
@@ -199,7 +199,8 @@ TEST_CASE("past a convex edge no earlier wall holds the proxy", "[motion]") {
 }
 
 TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion][release]") {
-  // At the cap of readings a proxy can be behind a wall that was just placed. This is not a yield.
+  // At the limit of readings, the proxy may be behind a wall that was just placed. This must not
+  // count as a yield.
   for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
     for (const int cap : {2, 8, 16}) {
       StepParams step = within(tolerance);
@@ -214,7 +215,7 @@ TEST_CASE("a fast hand does not leave a hollow cube through a corner", "[motion]
 }
 
 TEST_CASE("the work on the hand is at most the counted energy at any speed", "[motion]") {
-  // Above 0.78 m/s a tick takes several moves. Laps end where the first began.
+  // Above 0.78 m/s a tick has several moves. The last lap ends where the first began.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40.0, 2.56), torusMotion(30.0, 12.0, 2.6)}) {
     for (const double speed : {0.5, 1.0, 2.0, 5.0}) {
@@ -222,7 +223,8 @@ TEST_CASE("the work on the hand is at most the counted energy at any speed", "[m
       double way = 0.0;
       Vec3 hand = kVoxel * motion.outside;
       (void)tick(hand);
-      double worst = -1.0;  // work and the energy stored by it, less the counted energy
+      // Work, less the energy that it stored and less the energy that the tick reported.
+      double worst = -1.0;
       double stored = 0.0;
       double work = 0.0;
       const auto to = [&](const Vec3& next) {

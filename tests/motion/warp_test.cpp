@@ -1,4 +1,4 @@
-/// Tests volumes that deform: displacement fields on coarse lattices about level sets of balls.
+/// Tests volumes that deform: displacement fields on coarse grids around level sets of balls.
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -33,10 +33,11 @@ constexpr double kPi = std::numbers::pi;
 const Vec3 kCentre(52.3, 51.7, 52.45);  // of the ball [voxels]
 constexpr double kRadius = 40.0;
 
-/// The displacement u(x, t), all in metres and seconds.
+/// The displacement u(x, t), in metres and seconds.
 using Displaces = std::function<Vec3(const Vec3& x, double time)>;
 
-/// Returns a lattice of `step` voxels about the ball, with one frame for each of `times`.
+/// Returns displacement grids around the ball, with one grid point per `step` voxels and one frame
+/// for each of `times`.
 DisplacementFrames framesOf(const Displaces& u, double step, const std::vector<double>& times) {
   DisplacementFrames out;
   const int size = 2 + static_cast<int>(150.0 / step);
@@ -68,14 +69,14 @@ WarpPtr warpOf(const Displaces& u, double step, double period, int frames, bool 
   return makeWarp(framesOf(u, step, times), {times, repeat}, "/warp");
 }
 
-/// Returns the displacement of a ball that swells about its centre to `size(t)` times its size.
+/// Returns the displacement of a ball that swells by the factor `size(t)` about its centre.
 Displaces swelling(const std::function<double(double)>& size) {
   return [size](const Vec3& x, double time) {
     return Vec3((1.0 / size(time) - 1.0) * (x - kVoxel * kCentre));
   };
 }
 
-/// Returns a wave through space that shears it, with its length and height in voxels.
+/// Returns a wave that shears space, with its length and height in voxels.
 Displaces wave(double length, double height, double rate) {
   const Vec3 along = Vec3(0.6, 0.64, 0.48).normalized();
   const Vec3 aside = along.cross(Vec3::UnitZ()).normalized();
@@ -103,7 +104,7 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes, const F
   return makeScene(spec, {{"ball", ball}}, {kMotionStiffness, 0.0});
 }
 
-/// A warp that a formula gives.
+/// A warp that is computed from a formula.
 class FormulaWarp final : public Warp {
  public:
   using Formula = std::function<Displacement(const Vec3&, double)>;
@@ -122,13 +123,14 @@ MotionPtr deforming(const WarpPtr& warp) {
   return std::make_shared<const Motion>(warp);
 }
 
-/// The result of holding a hand still in a body.
+/// The result of a hand that rests in a moving body.
 struct Carried {
-  double off = 0.0;       ///< From the interpolated surface [voxels].
-  double off_true = 0.0;  ///< From the surface by the formula of u [voxels].
-  double readings = 0.0;  ///< Readings a tick.
+  double off = 0.0;  ///< Largest distance from the interpolated surface [voxels].
+  /// Largest distance from the surface that follows from u's formula [voxels].
+  double off_true = 0.0;
+  double readings = 0.0;  ///< Readings per tick.
   double capped = 0.0;    ///< Share of ticks that did not converge.
-  int held = 0;           ///< Ticks with a force.
+  int held = 0;           ///< Number of ticks with a force.
   double speed = 0.0;     ///< Largest speed of the surface's matter at the proxy [m/s].
 };
 
@@ -141,7 +143,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
   Carried out;
   const int ticks = static_cast<int>(seconds / kMotionTick);
   for (int i = 0; i < ticks; ++i) {
-    // The hand comes from outside at first.
+    // At first the hand comes from outside.
     const double away = std::max(0.0, 0.02 - 0.2 * kMotionTick * i);
     const Vec3 to = hand(kMotionTick * i);
     const Vec3 h = to + away * (to - kVoxel * kCentre).normalized();
@@ -152,7 +154,7 @@ Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
     ++out.held;
     const Deformation about = motion.deformationAt(r.proxy, state.time());
     const auto off = [&](const Vec3& rest) {
-      // If the body is not stretched, heights in the body's own voxels equal heights in W.
+      // If the body is not stretched, heights in the body's voxels equal heights in W.
       return std::abs(probed.off(rest / kVoxel, 0.0));
     };
     out.off = std::max(out.off, off(about.slope * r.proxy + about.origin));
@@ -213,8 +215,8 @@ TEST_CASE("a breathing and a growing body carry the proxy on their surface",
       CHECK(r.held > 50);
       CHECK(r.speed >= 0.19);
       CHECK(r.off <= 0.05);
-      // One reading of the volume and one of the displacement. A hand that slides fast takes two of
-      // each.
+      // Each reading is one of the volume and one of the displacement. A hand that slides fast
+      // takes two of each.
       CHECK(r.readings <= (c.slides ? 4.0 : 2.4));
     }
   }
@@ -294,7 +296,7 @@ TEST_CASE("a sticking proxy stays on its material point while the body bends or 
 }
 
 TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp][release]") {
-  constexpr double kStrength = 2.34375;  // [N]: 6 voxels of spring
+  constexpr double kStrength = 2.34375;  // [N]: stretches the spring by 6 voxels
   constexpr double kSpring = 6.0;
   const Shell shell = makeShell("level set", 2.0);
   const auto about = [&](const Displaces& u) {
@@ -333,7 +335,7 @@ TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp][rele
     hand.restart();
     const int later = static_cast<int>(random.uniform(0.0, 125.0));
     for (int k = -later; k <= 33; ++k) {
-      // The hand's path is straight in the resting frame of the shell.
+      // In the shell's frame of rest, the hand's path is straight.
       const double before = std::max(8 - std::max(k, 0) - phase, 0.0) * pace;
       const Vec3 rest = kVoxel * (end - before * in);
       const double time = state.time() + kMotionTick;
@@ -350,7 +352,7 @@ TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp][rele
 
 namespace {
 
-/// A ball that records the paths swept through it, in its resting frame.
+/// A ball that records the paths along which it is searched, in its frame of rest.
 class SweptBall final : public ScalarField {
  public:
   struct Path {
@@ -375,7 +377,8 @@ class SweptBall final : public ScalarField {
 }  // namespace
 
 TEST_CASE("every path in the rest frame begins where the last one ended", "[motion][warp]") {
-  // So the proxy cannot pass a surface between two readings of the warp, or between two ticks.
+  // If these paths have no gaps, the proxy cannot pass a surface unnoticed between two readings of
+  // the warp, or between two ticks.
   std::vector<SweptBall::Path> paths;
   const Box about{Vec3::Constant(-0.1), Vec3::Constant(0.1)};
   const auto ball = std::make_shared<SweptBall>(FieldFrame{1e-3, 1.0, about, 1.0}, paths);
@@ -399,7 +402,7 @@ TEST_CASE("every path in the rest frame begins where the last one ended", "[moti
   double bent = 0.0;
   long joined = 0;
   for (int i = 0; i < 2000; ++i) {
-    // The hand moves about the ball, never on it.
+    // The hand moves around the ball and never touches it.
     const double a = 0.02 * i;
     const Vec3 hand(0.04 * std::cos(a), 0.04 * std::sin(a), 0.01 * std::sin(0.3 * a));
     (void)provenStep(*scene, reader, {hand}, state, kMotionTick);
@@ -415,7 +418,7 @@ TEST_CASE("every path in the rest frame begins where the last one ended", "[moti
   }
   CAPTURE(gap, bent, joined);
   CHECK(joined > 2000);
-  CHECK(bent > 1e-5);   // error of a pose about one place, a voxel away
+  CHECK(bent > 1e-5);   // error of a rigid pose that is fitted at one place, a voxel away
   CHECK(gap <= 1e-12);  // [m]
 }
 
@@ -454,14 +457,14 @@ TEST_CASE("a warp lattice matches its displacements, and its derivatives match d
     const Mat3 F = Mat3::Identity() + at.slope;
     CHECK((F.inverse() * at.rate).norm() <= 1.05 * warp->topSpeed());
   }
-  // The bend jumps near a face between two pieces.
+  // The bend jumps at a face between two pieces of the warp.
   const double most_bend = percentile(of_bend, 0.95);
   CAPTURE(of_value, of_slope, of_rate, most_bend);
   CHECK(of_value <= 0.02);
   CHECK(of_slope <= 1e-4);
   CHECK(of_rate <= 1e-4);
   CHECK(most_bend <= 1e-4);
-  // The warp beyond the lattice equals its value on the face. An invalid place does no harm.
+  // Beyond its grid, the warp has the value at the grid's face. An invalid place causes no error.
   const Vec3 far = kVoxel * (kCentre + Vec3(400.0, 3.0, -2.0));
   const Vec3 face(kVoxel * (kCentre.x() - 75.0 + 8.0 * 19), far.y(), far.z());
   CHECK((warp->at(far, 0.1).shift - warp->at(face, 0.1).shift).norm() < 1e-12);
@@ -509,7 +512,7 @@ TEST_CASE("invalid displacements are refused with their JSON path", "[motion][wa
                f.size = {100000, 10000, 10000};
              }),
              Contains("resample them to a coarser lattice"));
-  // The sign or the unit of another convention: space folds.
+  // With the sign or the unit of another convention, space would fold.
   CHECK_THAT(message([](DisplacementFrames& f, auto&) {
                for (auto& frame : f.frames) {
                  for (float& value : frame) value *= 200.0F;
@@ -552,7 +555,7 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
       CAPTURE(kind, i);
       REQUIRE(r.force.allFinite());
       REQUIRE(r.force.norm() <= 4.0);
-      // The kept part of the last force, and the growth beyond it (limit_force.cpp).
+      // The part of the last force that is kept, and the growth beyond it (limit_force.cpp).
       const double length = last.norm();
       Vec3 kept = Vec3::Zero();
       if (length > 0.0) {
@@ -565,7 +568,7 @@ TEST_CASE("a warp that folds space or is not finite leaves the force finite and 
 }
 
 TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp][release]") {
-  // At a turning point the prediction says that the body does not move.
+  // At a turning point, the prediction shows a body that does not move.
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const auto breath = [](double t) { return 1.0 + 0.2 * std::sin(2.0 * kPi * 5.0 * t); };
   const auto scene =
@@ -587,7 +590,7 @@ TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp][
 
 namespace {
 
-/// Builds a scene of one mode of a flow that deforms.
+/// Builds a scene with one mode of a flow that deforms.
 std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const MotionPtr& motion) {
   GraphSpec spec;
   spec.modes.resize(1);
@@ -601,8 +604,8 @@ std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const 
 }  // namespace
 
 TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
-  // The lines are straight at rest. A bent line consists of the places with a rest position on one
-  // line.
+  // At rest the lines are straight. A bent line consists of the places whose rest positions are on
+  // one straight line.
   const FieldPtr flow =
       vectorGrid(Vec3::Constant(105.0), [](const Vec3&) { return Vec3(1.0, 0.0, 0.0); });
   const Displaces bends = wave(50.0, 4.0, 1.0);
@@ -621,7 +624,7 @@ TEST_CASE("a stream is followed in a bent volume", "[motion][warp]") {
     for (int i = 0; i < 120; ++i) {
       const double time = state.time() + kMotionTick;
       const Vec3 rest = start + Vec3(0.5e-3 * i, 0.0, 0.0);
-      // The hand is half a voxel beside the line's matter.
+      // The hand is half a voxel beside the line that moves with the material.
       const Vec3 hand = motion->poseOf(rest, time)(rest) + Vec3(0.0, 0.0, i > 5 ? 0.4e-3 : 0.0);
       const StepReport r = provenStep(*scene, reader, {hand}, state, kMotionTick);
       const Vec3 at = motion->poseAbout(r.proxy, state.time()).toRest(r.proxy);
@@ -667,7 +670,7 @@ TEST_CASE("the Jacobian of a warped vector field matches finite differences",
     largest = std::max(largest, by.norm());
   }
   CAPTURE(off, largest);
-  // The Jacobian of trilinear data comes from differences over a voxel.
+  // For trilinear data, the Jacobian comes from differences over a voxel.
   CHECK(off <= 0.1 * largest);
 }
 

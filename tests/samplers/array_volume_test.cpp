@@ -84,7 +84,7 @@ TEST_CASE("an array's values are at the places that its axes give", "[volume]") 
 TEST_CASE("an array may run in any order in memory, backwards and with gaps", "[volume]") {
   const auto values = ramp<float>();
   const auto straight = makeVolume(viewOf(values));
-  // i runs fastest and k backwards, with a gap behind each value, at an odd address.
+  // In memory i runs fastest and k backwards, with a gap after each value, from an odd address.
   constexpr std::ptrdiff_t kGap = 7;
   std::vector<std::byte> bytes(values.size() * kGap + 1);
   VoxelArray array = viewOf(values);
@@ -108,7 +108,7 @@ TEST_CASE("an array may run in any order in memory, backwards and with gaps", "[
 }
 
 TEST_CASE("voxels that equal the background are inactive", "[volume]") {
-  // A block of 5 in air of -1000: all six faces are air.
+  // A block of edge 5 in air of value -1000: all six faces of the array are air.
   constexpr std::int64_t kEdge = 20;
   std::vector<float> values(kEdge * kEdge * kEdge, -1000.0F);
   for (std::int64_t i = 6; i < 12; ++i) {
@@ -142,7 +142,7 @@ TEST_CASE("an array of vectors is one vector grid", "[volume]") {
   array.component_stride = 8;
   const auto volume = makeVolume(array);
   CHECK(volume->info().vector);
-  CHECK(volume->info().active_voxels == 63);  // the first is zero, the background
+  CHECK(volume->info().active_voxels == 63);  // the first value is zero, as the background
   const FieldPtr field = makeVdbField(volume, Placement{});
   FieldCache cache;
   std::get<1>(field)->reset(cache);

@@ -49,7 +49,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Bytes = std::vector<std::byte>;
 
-/// Returns a transform that is turned, stretched, mirrored and far from the origin.
+/// Returns a transform that is rotated, stretched, mirrored and far from the origin.
 Transform::Ptr skewed() {
   auto transform = Transform::createLinearTransform(1.0);
   transform->preRotate(0.4, openvdb::math::X_AXIS);
@@ -58,7 +58,7 @@ Transform::Ptr skewed() {
   return transform;
 }
 
-/// Returns scattered voxels about the origin, tiles of all sizes, and values of all kinds.
+/// Returns scattered voxels about the origin, tiles of all sizes, and values of many magnitudes.
 template <class GridT>
 typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueType& background) {
   using Value = typename GridT::ValueType;
@@ -91,7 +91,8 @@ typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueTyp
   return grid;
 }
 
-/// Returns balls, each with a place and a radius, as a level set of half-width 3, by formula.
+/// Returns a level set of balls with half-width 3, computed from a formula. Each ball has a place
+/// and a radius.
 BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const VoxelAt& lower,
                    const VoxelAt& upper) {
   BrickInput input;
@@ -130,7 +131,7 @@ BrickInput ballsBy(const std::vector<std::pair<VoxelAt, double>>& balls, const V
   return input;
 }
 
-/// Returns a fog of some values with all of its bricks stored.
+/// Returns a fog all of whose bricks are stored.
 BrickInput fogOf(int bricks, const std::string& identity = "fog") {
   BrickInput input;
   input.name = identity;
@@ -158,7 +159,7 @@ const GridT& gridIn(const Volume& volume) {
   return *std::get<typename GridT::ConstPtr>(volume.grid().parts.front().data);
 }
 
-/// Counts the voxels with different values or states, in the box of both grids and around it.
+/// Counts the voxels whose values or states differ, in the box of both grids and around it.
 template <class GridT>
 int differences(const GridT& a, const GridT& b) {
   CoordBBox box = a.evalActiveVoxelBoundingBox();
@@ -212,7 +213,7 @@ std::string errorOf(Body body) {
   return "no error";
 }
 
-/// Returns all entries that have an object.
+/// Returns the ids of all bricks that are stored as objects.
 std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   std::vector<BrickId> ids;
   for (std::int32_t l = 0; l < static_cast<std::int32_t>(manifest.levels().size()); ++l) {
@@ -223,7 +224,7 @@ std::vector<BrickId> storedIn(const BrickManifest& manifest) {
   return ids;
 }
 
-/// Returns a manifest with changed facts and a correct checksum.
+/// Returns a manifest with changed facts and a matching checksum.
 Bytes forged(const Bytes& manifest, const std::function<void(Json&)>& change,
              const std::function<void(Bytes&)>& change_table = nullptr) {
   std::uint32_t size = 0;
@@ -270,7 +271,7 @@ TEST_CASE("16-bit numbers are read and rounded like OpenVDB's", "[bricks]") {
   for (int n = 0; n < 200000; ++n) {
     auto value = static_cast<float>(
         std::ldexp(random.uniform(-1.0, 1.0), static_cast<int>(random.uniform(-28.0, 18.0))));
-    // Includes values half way between two halves.
+    // Includes values half-way between two 16-bit values.
     if (n % 2 == 0) {
       const auto low = static_cast<std::uint16_t>(random.uniform(0.0, 31743.0));
       value = 0.5F * (floatOfHalf(low) + floatOfHalf(static_cast<std::uint16_t>(low + 1)));
@@ -288,7 +289,7 @@ TEST_CASE("a volume comes back from bricks to the last bit", "[bricks]") {
     const auto grid = scattered<openvdb::FloatGrid>(halved ? 1 : 2, -0.25F);
     grid->setGridClass(halved ? openvdb::GRID_UNKNOWN : openvdb::GRID_FOG_VOLUME);
     if (halved) {
-      // Values that 16 bits can hold come back exactly.
+      // Values that 16 bits can represent exactly are unchanged.
       for (auto v = grid->beginValueAll(); v; ++v) v.setValue(floatOfHalf(halfOfFloat(*v)));
     }
     const auto volume = makeVolume(*grid);
@@ -372,7 +373,7 @@ TEST_CASE("a level is the mean of the one before, at twice the voxel", "[bricks]
     const auto& coarser = gridIn<openvdb::FloatGrid>(*coarse);
     const auto of_fine = finer.getConstAccessor();
     const auto of_coarse = coarser.getConstAccessor();
-    // A coarse voxel lies in the middle of eight fine ones.
+    // A coarse voxel is in the middle of eight fine voxels.
     const auto& map = coarse->grid().parts.front();
     const auto& before = fine->grid().parts.front();
     CHECK(map.toFile(Vec3(3, -4, 5)).isApprox(before.toFile(Vec3(6.5, -7.5, 10.5)), 1e-12));
@@ -401,7 +402,8 @@ TEST_CASE("a level is the mean of the one before, at twice the voxel", "[bricks]
       auto mean = static_cast<float>(sum / 8.0);
       if (halved) mean = floatOfHalf(halfOfFloat(mean));
       if (of_coarse.getValue(*c) != mean) ++wrong_values;
-      // Both signs within three voxels: checked only where it matters.
+      // Near the surface, where values of both signs are within three voxels, all values are
+      // checked; elsewhere only some.
       if (level_set && !any && of_coarse.isValueOn(*c)) {
         const CoordBBox about((*c).offsetBy(-3), (*c).offsetBy(3));
         bool negative = false;
@@ -441,8 +443,8 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
           Coord::floor(grid.worldToIndex(Vec3d(centre.x(), centre.y(), centre.z()))) -
               Coord(static_cast<int>(radius / voxel) + 4),
           2 * static_cast<int>(radius / voxel) + 9);
-      // Every place is on the right side, except within a voxel of the surface. So the surface is
-      // closed and where it should be.
+      // Every place has the correct sign, except within a voxel of the surface. So the surface is
+      // closed and at the correct place.
       int astray = 0;
       for (auto c = about.begin(); c; ++c) {
         const Vec3d p = grid.indexToWorld(*c);
@@ -451,7 +453,8 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
         if ((beyond > 1.0 && negative) || (beyond < -1.0 && !negative)) ++astray;
       }
       CHECK(astray == 0);
-      // Each cell with both signs, and the cells up to two further, have data at all corners.
+      // Each cell with both signs has data at all corners, and so have all cells up to two cells
+      // away.
       int crossed = 0;
       int lacking = 0;
       for (auto c = about.begin(); c; ++c) {
@@ -488,8 +491,8 @@ TEST_CASE("bricks of one value have a manifest entry but no stored object", "[br
   }
   const auto volume = makeVolume(*grid);
   const BrickManifest manifest = writeBricks(folder / "b", brickInput(volume)).manifest;
-  // The 4 x 2 x 2 bricks of ones all differ from a neighbour. Of the 6 x 6 x 6 other bricks, the
-  // inner ones equal their neighbours on all sides.
+  // Each of the 4 x 2 x 2 bricks of ones differs from a neighbour. Of the other bricks in the 6 x 6
+  // x 6, the inner ones equal all their neighbours.
   std::size_t active = 0;
   std::size_t inactive = 0;
   std::size_t stored = 0;
@@ -506,7 +509,8 @@ TEST_CASE("bricks of one value have a manifest entry but no stored object", "[br
     if (one.path().filename() != ".zarray") ++files;
   }
   CHECK(files == stored);
-  // A brick without an object still fills a slot. Places beyond the named bricks have no brick.
+  // A brick that has no object still fills a slot. Places outside of the named bricks have no
+  // brick.
   PosixBricks source(folder / "b");
   Bytes slot(manifest.format().bytes());
   const auto inner = manifest.holding(0, {1200, 200, 200});
@@ -594,7 +598,7 @@ TEST_CASE("the folder is a Zarr group, each object a chunk of its array", "[bric
       }
       bytes *= chunks[a];
     }
-    // Every object is a chunk of the right size, within the array.
+    // Every object is a chunk of the correct size, within the array.
     for (const auto& one : fs::directory_iterator(folder / "b" / std::to_string(l))) {
       const std::string name = one.path().filename().string();
       if (name == ".zarray") continue;
@@ -619,7 +623,7 @@ TEST_CASE("the bytes do not depend on threads or on a run that ended early", "[b
     (void)writeBricks(folder / "one", input);
     CHECK(allIn(folder / "one") == whole);
   }
-  // The run ends at its n-th report of progress, repeatedly, until it is done.
+  // The run ends at its n-th progress report, and is repeated until it is complete.
   std::uint64_t kept = 0;
   int runs = 0;
   for (int patience = 1; patience < 1000; patience += 9) {
@@ -662,7 +666,7 @@ TEST_CASE("bricks left by a broken run are checked before they are kept", "[bric
   const auto place = [&](std::size_t n) {
     return folder / "b" / brickObject(ids[n], manifest.format());
   };
-  // Missing, cut, flipped, from another volume, half written.
+  // The object is missing, cut, has a flipped bit, is from another volume, or is half written.
   fs::remove(place(0));
   fs::resize_file(place(1), 100);
   Bytes bytes = bytesIn(place(2));
@@ -708,7 +712,7 @@ TEST_CASE("a folder with other contents stays unchanged", "[bricks]") {
   fs::create_directory(folder / "empty");
   CHECK(trying(folder / "empty", fogOf(1)) == "no error");
 
-  // Two writers at a time.
+  // Two writers at the same time.
   const BrickInput input = fogOf(1);
   options = {};
   std::string second;
@@ -829,7 +833,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
     put(place, flipped);
     read(BrickStatus::kDamaged, "its checksum is wrong");
   }
-  // The bricks have the same size, so that size does not tell them apart.
+  // Both bricks have the same size, so their size does not distinguish them.
   put(place, bytesIn(folder / "b" / brickObject({0, {1, 0, 0}}, manifest.format())));
   read(BrickStatus::kOthers, "it is a brick of another place");
   put(place, bytesIn(folder / "other" / name));
@@ -851,7 +855,7 @@ TEST_CASE("a missing, changed or damaged brick is reported in one line", "[brick
   CHECK(source.read({0, {0, -1, 0}}, slot).status == BrickStatus::kUnknown);
   CHECK(source.read({-1, {0, 0, 0}}, slot).status == BrickStatus::kUnknown);
   CHECK(source.read({1 << 30, {0, 0, 0}}, slot).status == BrickStatus::kUnknown);
-  // A folder that was moved is still the same. A removed folder is gone.
+  // A folder that was moved is still the same folder. A removed folder is reported as gone.
   fs::rename(folder / "b", folder / "moved");
   CHECK(source.read(id, slot).status == BrickStatus::kArrived);
   fs::remove_all(folder / "moved");
@@ -863,7 +867,7 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
   const BrickManifest manifest = writeBricks(folder / "b", fogOf(1)).manifest;
   const BrickId id{0, {0, 0, 0}};
   const fs::path place = folder / "b" / brickObject(id, manifest.format());
-  // Another program wrote the brick, with all checksums correct.
+  // Another program has written this brick, with matching checksums.
   const Bytes object = bytesIn(place);
   Bytes chunk(manifest.format().bytes());
   REQUIRE(ZSTD_decompress(chunk.data(), chunk.size(), object.data(), object.size()) ==
@@ -890,7 +894,7 @@ TEST_CASE("a brick with non-finite values is reported as damaged", "[bricks]") {
 }
 
 TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
-  // Each try fails after 30 ms.
+  // Each attempt fails after 30 ms.
   struct Slow final : ObjectStore {
     int& tries;
     explicit Slow(int& counts) : tries(counts) {}
@@ -950,7 +954,7 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(refusal(newer),
              Contains("it was written by another version of palpate: read it with that version"));
 
-  // Reading JSON this large would take twenty times its size.
+  // Parsing JSON of this length would take twenty times its memory.
   CHECK_THAT(refusal(forged(whole, [](Json& facts) { facts["source"] = std::string(70000, 'x'); })),
              Contains("longer than 64 kB"));
   BrickInput wordy = fogOf(2);
@@ -958,7 +962,7 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(errorOf([&] { (void)writeBricks(folder / "wordy", wordy); }),
              Contains("more than 60 kB: shorten them"));
 
-  // The checksum is right, the facts are wrong.
+  // The checksum matches, but the facts are wrong.
   const std::vector<std::pair<const char*, Json>> wrong{
       {"bricks", 2},
       {"bricks", "1"},
@@ -1001,7 +1005,7 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
     CHECK_THAT(refusal(forged(whole, [&](Json& json) { json.erase(name); })),
                Contains("m: it is damaged"));
   }
-  // The table has a wrong number of rows, or impossible rows.
+  // The table has a wrong number of rows, or rows that are not possible.
   const auto table = [&](std::size_t at, auto number) {
     return refusal(forged(
         whole, [](Json&) {},
@@ -1031,7 +1035,7 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(refusal(forged(whole, [&](Json& json) { json["metadata"] = within; })),
              Contains("m: it is damaged"));
 
-  // The same errors, in a folder.
+  // The same errors for a manifest in a folder.
   const auto folderSays = [&] { return errorOf([&] { (void)PosixBricks(folder / "b"); }); };
   fs::remove(file);
   CHECK_THAT(folderSays(), Contains("it is unfinished: it has no manifest: run the command"));
@@ -1065,7 +1069,7 @@ TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted doe
   CHECK(source.next(slot, kNone)->id == near);
   const BrickView view(manifest.format(), slot.data());
   CHECK(view.value(BrickView::numberOf(0, 0, 1)) == 31.0F);
-  // The hand has turned back, so the whole list is new.
+  // The hand has turned back, so the list of wanted bricks is completely new.
   source.want({{middle, 1.0}, {never, 7.0}});
   CHECK(source.next(slot, kNone)->status == BrickStatus::kUnknown);
   CHECK(source.next(slot, kNone)->id == middle);
@@ -1074,7 +1078,7 @@ TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted doe
   source.want({});
   CHECK(!source.next(slot, kNone));
 
-  // Once one brick has been read, further bricks do not allocate.
+  // After the first brick, reading further bricks does not allocate.
   source.want({{far, 1.0}, {near, 1.0}});
   {
     const CountScope counting;
@@ -1083,7 +1087,7 @@ TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted doe
     CHECK(CountScope::counts().allocations == 0);
   }
 
-  // Several threads take the wanted bricks, each brick once. A waiting thread is woken.
+  // Several threads take the wanted bricks, each brick once. Threads that wait are woken.
   std::mutex mutex;
   std::multiset<BrickId> arrived;
   std::vector<std::thread> takers;
@@ -1107,7 +1111,7 @@ TEST_CASE("the most urgent brick arrives first, and a brick no longer wanted doe
     all = arrived.size() >= wishes.size();
   }
   for (std::thread& taker : takers) {
-    // One request after another: an id that is twice in a list counts once.
+    // Repeated requests; an id that occurs twice in a list counts once.
     source.want({{never, 0.0}});
     static_cast<void>(taker);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -1146,7 +1150,7 @@ TEST_CASE("writing bricks takes at most a quarter of the volume's size in memory
     file >> pages >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   };
-  // AddressSanitizer uses memory of its own, and is slow.
+  // AddressSanitizer needs its own memory and is slow.
 #if defined(__SANITIZE_ADDRESS__)
   constexpr int kBricks = 3;
   constexpr double kMost = 1e9;

@@ -36,7 +36,8 @@ std::shared_ptr<const Volume> load(const openvdb::GridPtrVec& grids, const std::
   return loadVolume(folder / "a.vdb", name);
 }
 
-/// Returns a transform that is turned and moved. Its edges are neither orthogonal nor equal.
+/// Returns a transform that is rotated and moved, with edges that are neither orthogonal nor of
+/// equal length.
 Transform::Ptr skewed(double voxel = 0.1) {
   openvdb::Mat4R matrix = openvdb::Mat4R::identity();
   const std::array<std::array<double, 3>, 3> rows{
@@ -50,7 +51,8 @@ Transform::Ptr skewed(double voxel = 0.1) {
   return Transform::createLinearTransform(matrix);
 }
 
-/// Returns random vectors with holes, an active tile of a leaf's size, and one of a node's.
+/// Returns random vectors with gaps, an active tile of the size of a leaf, and one of the size of a
+/// larger node.
 template <class GridT>
 typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   openvdb::initialize();
@@ -77,7 +79,7 @@ typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
   return grid;
 }
 
-/// The flow of Arnold, Beltrami and Childress, of wave number 1. Its curl is the flow itself.
+/// The flow of Arnold, Beltrami and Childress with wave number 1. Its curl equals the flow.
 Vec3d abc(const Vec3d& p) {
   return {std::sin(p.z()) + 0.5 * std::cos(p.y()), 0.8 * std::sin(p.x()) + std::cos(p.z()),
           0.5 * std::sin(p.y()) + 0.8 * std::cos(p.x())};
@@ -132,7 +134,7 @@ TEST_CASE("a derived grid's voxels equal the values derived on the fly", "[sampl
       }
     }
     CHECK(count > 5000);
-    // The error has three sources: the skew, a position's rounding and a float's.
+    // The error comes from the skew, from rounding the position, and from rounding to floats.
     CHECK(worst < 3e-6 * largest);
   }
 }

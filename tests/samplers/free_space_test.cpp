@@ -1,4 +1,5 @@
-/// Tests the empty space of a grid: its map, the reports of fields, and the savings in a tick.
+/// Tests free space in a grid: its map, the distances that fields report, and the readings that a
+/// tick saves.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -28,7 +29,7 @@ namespace {
 
 using ScalarPtr = std::shared_ptr<const ScalarField>;
 
-/// Returns scattered values, a tile that is active and one that is not, far from each other.
+/// Returns scattered values, an active tile and an inactive tile, far from each other.
 template <class GridT>
 typename GridT::Ptr scattered(const typename GridT::ValueType& background,
                               const typename GridT::ValueType& value) {
@@ -59,7 +60,7 @@ FieldPtr fieldOf(const openvdb::GridPtrVec& grids, const Placement& placement = 
   return makeVdbField(loadVolume(folder / "a.vdb", name), placement, sampling);
 }
 
-/// A field that does not report where it is free.
+/// A field that does not report free space.
 class Blind : public ScalarField {
  public:
   explicit Blind(ScalarPtr field) : ScalarField(field->frame()), field_(std::move(field)) {}
@@ -127,8 +128,8 @@ TEST_CASE("the map of free space is the distance to the nearest block with data"
       }
       const double said = map.around(p);
       REQUIRE(said <= std::max(0.0, nearest));
-      // Within the box about all data, the report is inexact by the position of p in its block, and
-      // of the data in theirs.
+      // Inside the box around all data, the reported distance is inexact by the position of p in
+      // its block, and of the data in theirs.
       const double outside = std::max({low[0], low[1], low[2], -high[0], -high[1], -high[2]});
       REQUIRE(said >= (outside > 0.0 ? outside - 15.0 : nearest - 16.0));
     }
@@ -139,7 +140,7 @@ TEST_CASE("the map of free space is the distance to the nearest block with data"
   CHECK(FreeMap(one).around({100, 0, std::nan("")}) == 0.0);
   CHECK(FreeMap(one).around({HUGE_VAL, 0, 0}) > 1e8);
 
-  // For any extent the map takes at most 4 MB. Its blocks are larger then.
+  // The map takes at most 4 MB, so a large extent gets larger blocks.
   const std::array<FreeMap::Voxels, 2> far{{{{-2000000, -2000, 0}, {-2000000, -2000, 0}},
                                             {{2000000, 3000, 9000}, {2000000, 3000, 9000}}}};
   const FreeMap large(far);
@@ -207,14 +208,14 @@ TEST_CASE("a field has no data within the distance that it reports as free", "[s
         }
       }
     }
-    // The field does report free space, and not only by a voxel.
+    // The field reports free space, and of more than one voxel.
     CHECK(said > 100);
     CHECK(most > 20.0 * c.voxel);
   }
 }
 
 TEST_CASE("the map of free space saves moves and samples and does not change forces", "[scale]") {
-  // Two balls of 2 cm are at the ends of 30 cm of empty space.
+  // Two balls of 2 cm at the ends of 30 cm of empty space.
   openvdb::initialize();
   openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
   openvdb::FloatGrid::Ptr other = makeBall(20.0, 1.0);
@@ -268,8 +269,9 @@ TEST_CASE("the map of free space saves moves and samples and does not change for
   }
 }
 
-/// Returns a solid ball of radius 20 about the origin, in a space of 2 x 300 voxels. Scattered
-/// background values fill it, so that no place is free far enough for a fast hand.
+/// Returns a solid ball of radius 20 voxels about the origin, in a space of 2 x 300 voxels. The
+/// rest is filled with scattered background values, so that no place is free as far as a fast hand
+/// moves.
 ScalarPtr ballInDust(double voxel, bool ball) {
   Random random(11);
   openvdb::initialize();
@@ -291,7 +293,7 @@ ScalarPtr ballInDust(double voxel, bool ball) {
 
 TEST_CASE("a free proxy is at the hand, however far the hand moves in a tick",
           "[scale][motion][safety][release]") {
-  constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz 100 voxels a tick
+  constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz the hand moves by 100 voxels per tick
   const ScalarPtr dust = ballInDust(kFine, false);
   for (const bool parts : {false, true}) {
     std::vector<Part> one;
@@ -310,7 +312,7 @@ TEST_CASE("a free proxy is at the hand, however far the hand moves in a tick",
       REQUIRE(r.proxy == at);
       REQUIRE(r.wanted == Vec3::Zero());
     }
-    CHECK(late > ticks / 20);  // otherwise the whole path was read
+    CHECK(late > ticks / 20);  // otherwise the path would have been read completely
   }
 }
 
@@ -331,8 +333,8 @@ TEST_CASE("a surface on a path that was not fully read still holds the hand",
     }
     REQUIRE((r.proxy - 20.0 * kFine * out).norm() < 0.05 * kFine);
   }
-  // If the ball is farther than a tick can read, it is absent: neither met from outside nor felt
-  // from within.
+  // A ball that is farther away than a tick can read has no effect: the hand does not touch it from
+  // outside, and gets no force inside.
   Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
   (void)hand.step(kFine * Vec3(2000, 1500, 0));
   for (int i = 0; i < 5; ++i) {
@@ -346,7 +348,7 @@ TEST_CASE("a surface on a path that was not fully read still holds the hand",
 }
 
 TEST_CASE("a hand near the boxes of parts but far from their data takes no sample", "[scale]") {
-  // Forty frames of bars are about one place. Only their bars have data.
+  // Forty grids that are frames around the same place. Only the bars of a frame have data.
   openvdb::initialize();
   auto frame = openvdb::FloatGrid::create(0.0F);
   for (int axis = 0; axis < 3; ++axis) {
@@ -366,7 +368,7 @@ TEST_CASE("a hand near the boxes of parts but far from their data takes no sampl
   GraphSpec spec = skinOf("frame");
   spec.modes[0].solid = Solid::kAbove;
   spec.modes[0].value = 0.5;
-  // If there are more boxes than there is room for, still only few parts are felt.
+  // Even if there are more boxes than there is room for, only the few near parts are felt.
   const int count = GENERATE(40, 100);
   CAPTURE(count);
   Random random(17);
@@ -382,7 +384,7 @@ TEST_CASE("a hand near the boxes of parts but far from their data takes no sampl
   }
   Hand a(makeScene({}, {}, {}, {}, std::move(seeing)));
   Hand b(makeScene({}, {}, {}, {}, std::move(groping)));
-  // At the middle all boxes meet.
+  // All boxes meet in the middle.
   const StepReport middle = a.step(Vec3::Zero());
   CHECK(middle.parts == 0);
   CHECK(middle.samples == 0);
@@ -391,7 +393,7 @@ TEST_CASE("a hand near the boxes of parts but far from their data takes no sampl
   CHECK(b.step(Vec3::Zero()).samples >= 40);
   a.state.release();
   b.state.release();
-  // Both scenes feel alike as the hand enters and leaves the bars.
+  // Both scenes give the same forces while the hand enters and leaves the bars.
   double most = 0.0;
   int crowded = 0;
   int fewer = 0;
@@ -401,7 +403,7 @@ TEST_CASE("a hand near the boxes of parts but far from their data takes no sampl
     const StepReport without = b.step(hand);
     if (with.left_out > 0) crowded += 1;
     fewer += 2 * with.samples < without.samples ? 1 : 0;
-    if (count > 40) continue;  // a part that was left out may have let the other hand in
+    if (count > 40) continue;  // a part that found no room may have let that hand in
     CAPTURE(i);
     REQUIRE(with.status == without.status);
     REQUIRE((with.wanted - without.wanted).norm() <= 1e-9);

@@ -1,12 +1,12 @@
-/// Loads and feels cut and damaged copies of .vdb files, as a user would. Each must end in finite,
-/// bounded output or in one line of error, within 10 s and four times the memory of the file's
-/// grids.
+/// Loads cut and damaged copies of .vdb files and touches their volumes, as a user would. Each case
+/// must end with finite, bounded output or with one line of error. It may take at most 10 s and
+/// four times the memory of the file's grids.
 ///
 /// palpate_hostile_files [--data] [--cases N] [FILE.vdb...]
-///   Cuts each file at ten places, and flips one bit in N copies in all, with more copies of small
-///   files than of large (default 1000; PALPATE_CASES; at most 100,000, with sanitizers 10,000).
-///   --data: the files of PALPATE_DATA/vdb. Without any file: the program's own volumes. Every case
-///   is a process of its own.
+///   Cuts each file at ten places, and flips one bit in each of N copies in total, with more copies
+///   of small files than of large ones (default 1000; PALPATE_CASES; at most 100,000, with
+///   sanitizers 10,000). --data: uses the files of PALPATE_DATA/vdb. Without any file: uses the
+///   program's own volumes. Every case runs in its own process.
 /// palpate_hostile_files --only FILE BYTE BIT
 ///   Repeats one case. BIT "cut" cuts the file before BYTE. FILE may be one of the program's own.
 #include <algorithm>
@@ -38,7 +38,7 @@
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/lsan_interface.h>
 constexpr bool kSanitized = true;
-// A larger request at once is a failure, not an exception.
+// A larger allocation ends the process as a failure; it does not throw.
 extern "C" const char* __asan_default_options() {
   return "max_allocation_size_mb=1024:allocator_may_return_null=0";
 }
@@ -59,9 +59,9 @@ constexpr std::size_t kTurns = kSanitized ? 64 : 8;
 constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 constexpr std::uint64_t kSlack = std::uint64_t{256} << 20U;
 
-// One file, felt.
+// The work of a child process on one file.
 
-/// The result that a child reports of its file.
+/// The result for its file that a child process reports.
 struct Outcome {
   enum Kind : int { kRead, kRefused, kFailed } kind = kFailed;
   std::uint64_t digest = 0;  ///< Digest of all messages and samples.
@@ -92,7 +92,7 @@ struct Broken {
   std::string why;
 };
 
-/// Throws unless an error is one line with content.
+/// Throws unless an error is one line that is not empty.
 void checkLine(const std::string& line) {
   if (line.size() < 20) throw Broken{"an error that says nothing: \"" + line + "\""};
   for (const char c : line) {
@@ -113,7 +113,7 @@ double magnitude(const T& v) {
   }
 }
 
-/// Returns the largest stored magnitude, tiles, background and inactive values included.
+/// Returns the largest stored magnitude, including those of tiles, background and inactive values.
 template <class GridT>
 double largestIn(const GridT& grid) {
   double largest = magnitude(grid.background());
@@ -127,7 +127,7 @@ double largestIn(const GridT& grid) {
   return largest;
 }
 
-/// Returns positions in the volume, about it, at some of its leaves, and out of reach.
+/// Returns positions in the volume, around it, at some of its leaves, and far away.
 std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   Random random(7);
   std::vector<Vec3> points;
@@ -156,8 +156,8 @@ std::vector<Vec3> probes(const Volume& volume, const Placement& placement) {
   return points;
 }
 
-/// Samples a volume. The splines of a large volume take seconds, so `turn` makes each spline once
-/// in kTurns cases.
+/// Samples a volume. The splines of a large volume take seconds, so each spline is made only once
+/// in kTurns cases, by `turn`.
 void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Digest& digest) {
   double largest = 0.0;
   double per_index = 0.0;
@@ -181,7 +181,8 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
       continue;
     }
     const FieldPtr field = makeVdbField(volume, placement, {kind});
-    // A B-spline's coefficients exceed the values by at most (2 d - 3)^3: 3^3 for the cubic.
+    // The coefficients of a B-spline exceed the values by a factor of at most (2 d - 3)^3, which is
+    // 3^3 for the cubic spline.
     const double over = kind == Interpolation::kCubic       ? 27.0
                         : kind == Interpolation::kQuadratic ? 8.0
                                                             : 1.0;
@@ -218,7 +219,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
   }
 }
 
-/// Does everything with a file that a user does.
+/// Does with a file all that a user can do.
 Outcome feel(const fs::path& file, std::size_t turn) {
   Outcome outcome;
   Digest digest;
@@ -278,9 +279,9 @@ Outcome feel(const fs::path& file, std::size_t turn) {
   return outcome;
 }
 
-// Processes.
+// The parent's part: processes.
 
-/// A case that has ended, as its parent sees it.
+/// A case that has ended, seen from its parent.
 struct Ended {
   Outcome outcome;
   double seconds = 0.0;
@@ -315,8 +316,8 @@ Child start(Body body) {
   if (child.pid == 0) {
     close(ends[0]);
     dup2(fileno(child.complaints), STDERR_FILENO);
-    // Limits processor time, and below clock time for a child that waits: others may have the
-    // processor.
+    // Limits the processor time, and later also the clock time of a child that waits. Other
+    // programs may use the processor meanwhile.
     const rlimit processor{kSeconds, kSeconds + 1};
     setrlimit(RLIMIT_CPU, &processor);
     const rlimit core{0, 0};
@@ -324,7 +325,7 @@ Child start(Body body) {
     alarm(30 * kSeconds);
     const Outcome outcome = body();
     const bool told = write(ends[1], &outcome, sizeof outcome) == sizeof outcome;
-    // Does not call exit(): log4cplus would wait for a thread that only the parent has.
+    // Does not call exit(), in which log4cplus would wait for a thread that only the parent has.
     _exit(told && !leaks() ? 0 : 1);
   }
   if (child.pid < 0) std::abort();
@@ -367,7 +368,7 @@ Ended runAlone(Body body) {
   return conclude(child, status, usage);
 }
 
-// Files and their damage.
+// Files, and the damage to them.
 
 struct Damage {
   std::uint64_t byte = 0;
@@ -389,8 +390,8 @@ T at(const std::string& bytes, std::uint64_t place) {
   return value;
 }
 
-/// Finds the parts of a file: where its first grids' nodes and values are, and the headers of
-/// compressed leaves. If this fails, fewer places are known, and the test still runs.
+/// Finds the parts of a file: the nodes and values of its first grids, and the headers of
+/// compressed leaves. If this fails, fewer places are known, but the test still runs.
 void dissect(Victim& victim) {
   const std::string& bytes = victim.bytes;
   for (std::uint64_t i = 57; i + 32 < std::min<std::uint64_t>(bytes.size(), 4096); ++i) {
@@ -457,7 +458,7 @@ void writeDamaged(const Victim& victim, const Damage& damage, const fs::path& to
   out.write(&flipped, 1);
 }
 
-// The program's own volumes: one of every kind of storage.
+// The program's own volumes: one for each kind of storage.
 
 void writeOwn(const fs::path& folder) {
   openvdb::initialize();
@@ -504,7 +505,7 @@ void writeOwn(const fs::path& folder) {
       9, linear, [](const Vec3d&) { return 3; }, "labels");
   write("vectors.vdb", {velocity, flow, labels}, COMPRESS_ZIP);
 
-  // Vectors as solvers keep them: on faces, by component, in index space.
+  // Vectors as flow solvers store them: on faces, one grid per component, in index space.
   auto staggered = velocity->deepCopy();
   staggered->setName("staggered");
   staggered->setGridClass(openvdb::GRID_STAGGERED);
@@ -522,7 +523,8 @@ void writeOwn(const fs::path& folder) {
   auto twin = openvdb::FloatGrid::create(ball->treePtr());
   twin->setName("twin");
   write("twins.vdb", {ball, twin, ball}, usual);
-  // One grid has a name that users write for another grid. It shares that grid's tree, or lends it.
+  // One grid has a name that also denotes another grid. It shares that grid's tree, or that grid
+  // shares its tree.
   auto literal = ball->deepCopy();
   literal->setName("density[0]");
   auto alike = openvdb::FloatGrid::create(literal->treePtr());
@@ -563,7 +565,7 @@ class Run {
                 return Outcome{};
               }).memory) {}
 
-  /// Reads the file and feels it whole, in a child. Returns false if that fails.
+  /// Reads the file and touches its whole volume in a child process. Returns false if that fails.
   bool open(const fs::path& path, Victim& victim) const {
     victim.path = path;
     std::ifstream in(path, std::ios::binary);
@@ -719,7 +721,7 @@ int run(const std::vector<std::string>& arguments) {
   long passed = 0;
   long failed = 0;
   std::map<std::string, long> reasons;
-  // Large files take longer, and are not more likely to cause trouble.
+  // Large files take longer, and cause trouble no more often than small ones.
   const auto weight = [](const fs::path& file) {
     return 1.0 / std::sqrt(1.0 + static_cast<double>(fs::file_size(file)));
   };

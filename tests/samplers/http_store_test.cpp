@@ -19,7 +19,8 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-/// Answers one connection with a header, sends no body, and waits until the client hangs up.
+/// A server that answers one connection with a header, sends no body, and waits until the client
+/// closes the connection.
 class HeaderServer {
  public:
   static constexpr auto kPatience = 5s;
@@ -142,7 +143,7 @@ TEST_CASE("an answer of the stated length arrives", "[bricks][http]") {
     return request->body.size();
   };
   CHECK(fetch("HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n") == 1000);
-  // The length of a preliminary answer is not the object's.
+  // The content length of a preliminary answer is not that of the object.
   CHECK(fetch("HTTP/1.1 103 Early Hints\r\nContent-Length: 7\r\n\r\n"
               "HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n") == 1000);
 }

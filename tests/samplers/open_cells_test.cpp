@@ -26,7 +26,7 @@ OpenCells find(const openvdb::GridBase& grid, double level, Solid solid) {
   return *found;
 }
 
-/// Finds the open cells of a grid one by one. The grid's map is the identity.
+/// Finds a grid's open cells by checking each cell. The grid's transform is the identity.
 OpenCells reference(const openvdb::FloatGrid& grid, double level, Solid solid) {
   const openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const auto accessor = grid.getConstAccessor();
@@ -57,17 +57,18 @@ TEST_CASE("the cells where a surface leaves its data are counted, with the first
     if (voxel.getCoord().x() > 3) voxel.setValueOff();
   }
   const OpenCells found = find(*cut, 0.0, Solid::kBelow);
-  // The ring at the cut has about 2 pi r cells, and half as many again where it runs at a slant.
+  // The ring at the cut has about 2 pi r cells, and half as many more where it is oblique to the
+  // grid.
   const double around = 2.0 * std::numbers::pi * std::sqrt(kRadius * kRadius - 9.0);
   CAPTURE(found.count, around);
   CHECK(static_cast<double>(found.count) > 0.8 * around);
   CHECK(static_cast<double>(found.count) < 1.6 * around);
   CHECK(found.first_F.x() == 3.0);
   CHECK(std::abs(Vec3(3.0, found.first_F.y(), found.first_F.z()).norm() - kRadius) < 2.0);
-  // The place is in the file's space.
+  // The place is given in the file's space.
   cut->setTransform(Transform::createLinearTransform(0.5));
   CHECK(find(*cut, 0.0, Solid::kBelow).first_F == 0.5 * found.first_F);
-  // The values of a fog are real up to the end of its data.
+  // The values of a fog are valid up to the end of its data.
   cut->setGridClass(openvdb::GRID_FOG_VOLUME);
   CHECK(find(*cut, 0.0, Solid::kBelow).count == 0);
 }
@@ -117,7 +118,7 @@ TEST_CASE("only trilinear scalars are searched for open cells", "[samplers]") {
        {Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic}) {
     CHECK_FALSE(findOpenCells(*ball, {other, false}, 0.0, Solid::kBelow).has_value());
   }
-  // A level that does not occur.
+  // A level that no cell contains.
   CHECK(findOpenCells(*ball, {}, 7.0, Solid::kBelow)->count == 0);
   const auto flow = makeGrid<openvdb::Vec3SGrid>(3, Transform::createLinearTransform(),
                                                  [](const Vec3d& p) { return openvdb::Vec3s(p); });

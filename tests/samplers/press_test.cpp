@@ -1,4 +1,5 @@
-/// Tests a level-set sphere pressed from all sides: the whole path from a .vdb file to newtons.
+/// Tests a level-set sphere that is pressed from all sides: the whole way from a .vdb file to
+/// newtons.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -20,13 +21,14 @@ namespace {
 constexpr double kStiffness = 500.0;
 
 struct Pressed {
-  double direction_rms = 0.0;  ///< Error of the force against radial [degrees].
+  /// Error of the force's direction against the radial direction [degrees].
+  double direction_rms = 0.0;
   double magnitude_max = 0.0;  ///< Error of the force against k times depth, relative.
   double leaves_rms = 0.0;     ///< Error of the release depth against s/k, relative.
 };
 
-/// Presses along 1,000 directions to depths of 2 to 8 mm below a surface of given radius, then
-/// until it yields at `weak` newtons.
+/// Presses along 1,000 directions to depths of 2 to 8 mm below a surface with a known radius. Then
+/// presses until the surface, with a strength of `weak` [N], yields.
 Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, double strength,
               double weak) {
   const Placement placement = fitInto(volume->info().bounds, 0.1);
@@ -64,7 +66,7 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
     result.magnitude_max =
         std::max(result.magnitude_max, std::abs(r.force.norm() / (kStiffness * depth) - 1.0));
 
-    // Fig. 6: the proxy is held where it touched until the hand is s/k below it.
+    // As in Fig. 6, the proxy is held where it touched until the hand is s/k below it.
     ProxyState gentle({100.0, 1e9});
     const double reach = weak / kStiffness;
     double held = 0.0;
@@ -109,7 +111,7 @@ TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions", "[.][data]") {
   REQUIRE(data != nullptr);
   const auto file = std::filesystem::path(data) / "vdb" / "aswf_sphere.vdb";
   const auto volume = loadVolume(file, "ls_sphere");
-  // The sphere's radius from the data: the stored distance is zero there along the axes.
+  // Finds the sphere's radius along the axes, as the place where the stored distance is zero.
   const FieldPtr field = makeVdbField(volume, {});
   FieldCache cache;
   std::get<0>(field)->reset(cache);

@@ -1,5 +1,5 @@
-// Tests bricks by several ranks, here threads. The bytes are those of one rank, and a rank that
-// fails ends all.
+// Tests bricks that are written by several ranks, which are threads here. The bytes are those of a
+// single rank, and if one rank fails, all end.
 #include "palpate/samplers/process_group.h"
 
 #include <algorithm>
@@ -44,7 +44,8 @@ std::map<std::string, std::string> allIn(const fs::path& folder) {
   return all;
 }
 
-/// Returns a hollow ball about the origin, as a level set by formula: two slabs of bricks and more.
+/// Returns a hollow ball about the origin, as a level set from a formula. It covers several slabs
+/// of bricks.
 BrickInput ball() {
   BrickInput input;
   input.name = "ball";
@@ -70,7 +71,7 @@ BrickInput ball() {
   return input;
 }
 
-/// Returns scattered voxels on both sides of 0, with more at one end.
+/// Returns scattered voxels on both sides of 0, most of them at one end.
 openvdb::FloatGrid::Ptr scattered() {
   openvdb::initialize();
   Random random(5);
@@ -177,7 +178,7 @@ TEST_CASE("a grid split among ranks gives the same bricks as the whole grid",
     if (!sizes.runs()) continue;
     const fs::path out = folder / std::to_string(size);
     CHECK(byThreads(size, [&](ProcessGroup& group) {
-            // Three slabs of bricks are below 0 and four above it. The last ranks have no slab.
+            // Three slabs of bricks are below 0 and four above. The last ranks get no slab.
             const Share of_seven = shareOf(group, 7);
             const Share share{of_seven.first - 3, of_seven.end - 3};
             BrickOptions options;
@@ -210,7 +211,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
     return std::pair(why, kept);
   };
 
-  // In each level, the last rank fails, or all ranks fail at once.
+  // In each level, either only the last rank fails, or all ranks fail at the same time.
   for (const bool all : {false, true}) {
     for (const double when : {0.1, 0.95}) {
       const std::string why =
@@ -225,7 +226,7 @@ TEST_CASE("a failing rank ends all ranks with one message, and the next process 
       CHECK_FALSE(fs::exists(out / "palpate.bricks"));
     }
   }
-  // One rank has another input than the others.
+  // One rank has a different input from the others.
   CHECK_THAT(by(2,
                 [](ProcessGroup& group, BrickInput& input, BrickOptions&) {
                   if (group.rank() == 1) input.identity = "another";

@@ -1,4 +1,4 @@
-/// Tests a volume that is played: between two frames it is a share of each, without steps in time.
+/// Tests a volume that is played: between two frames it changes continuously from one to the next.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -48,7 +48,7 @@ std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, co
   return frames;
 }
 
-/// Returns V = 100 i + x + 2 y - (3 + i) z, 14^3 voxels.
+/// Returns V = 100 i + x + 2 y - (3 + i) z, with 14^3 voxels.
 openvdb::FloatGrid::Ptr ramp(int i) {
   return makeGrid<openvdb::FloatGrid>(
       14, openvdb::math::Transform::createLinearTransform(1.0), [i](const openvdb::Vec3d& p) {
@@ -87,7 +87,7 @@ struct Player {
     field->leave(*cache);
     return out;
   }
-  /// Returns the reading after 60 ticks at the play position, when a fade has ended.
+  /// Returns the reading after 60 ticks at this play position, when a fade is over.
   ScalarSample settled(double play, const Vec3& p) const {
     ScalarSample out;
     REQUIRE(arrives(*sequence, play));
@@ -137,7 +137,7 @@ TEST_CASE("a sequence interpolates between two frames", "[sequence]") {
   // Before the first frame, the first frame is read; after the last frame, the last frame.
   CHECK(of.settled(-5.0, p).value == of.settled(0.0, p).value);
   CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
-  // Outside ticks the field is its first frame.
+  // When it is not read in a tick, the field has its first frame's values.
   CHECK(of.field->value(p, *of.cache) == Approx(V(0.0)).margin(1e-3));
   // With repeat, the first frame comes after the last.
   const Player round(sequenceOf(frames, 10.0, true));
@@ -189,7 +189,7 @@ TEST_CASE("a played vector field interpolates between frames", "[sequence]") {
 
 TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][moving]") {
   const TemporaryFolder folder;
-  // The ball grows by a voxel a frame, 200 frames a second: 0.2 m/s.
+  // The ball's radius grows by a voxel per frame, at 200 frames per second: 0.2 m/s.
   constexpr double kFirst = 20.0;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(kFirst + i); });
   const double friction = GENERATE(0.0, 0.3);
@@ -202,7 +202,7 @@ TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][movi
   double injected = 0.0;
   double given = 0.0;
   for (int i = 0; i < 160; ++i) {
-    // The hand moves down to the surface. It is then held while the ball grows by ten voxels.
+    // The hand moves down to the surface and stays there, while the ball grows by ten voxels.
     const double depth = std::min(1.0, 0.02 * i);
     const double play = i < 100 ? 0.0 : kTick * (i - 100);
     state.playAt(play, i < 101 ? 0.0 : 1.0);
@@ -266,7 +266,7 @@ TEST_CASE("a jump in play changes the value gradually", "[sequence]") {
   double largest = 0.0;
   int arrived = 0;
   for (int i = 0; i < 2250; ++i) {
-    // Play jumps, and jumps again before the first jump has arrived.
+    // Play jumps to another time, and jumps again before the first fade has ended.
     if (i % 150 == 0 || i % 150 == 20) play = 0.7 * random.uniform();
     const ScalarSample at = player.at(play, p);
     largest = std::max(largest, std::abs(at.value - last));
@@ -305,7 +305,7 @@ TEST_CASE("a hand on a ball feels no force step while play jumps", "[sequence]")
     last = r.wanted;
   }
   CHECK(last.norm() > 0.4);
-  // 1.75 voxels of 1 mm in 50 ms are 0.0175 N a tick. At once they would be 0.9 N.
+  // 1.75 voxels of 1 mm in 50 ms are 0.0175 N per tick. Without a fade they would be 0.9 N at once.
   CHECK(largest < 0.03);
 }
 
@@ -322,8 +322,8 @@ TEST_CASE("a surface that disappears in play releases the hand gradually", "[seq
   int pressed = 0;
   double play = 0.0;
   for (int i = 0; i < 4000; ++i) {
-    // The hand is ten voxels in the smaller ball, which goes away at once or gradually. Then the
-    // hand moves out and in again.
+    // The hand is ten voxels deep in the smaller ball, which vanishes at once or gradually. Then
+    // the hand moves out and in again.
     const int at = i % 500;
     const bool plays = i % 1000 >= 500 && at >= 250 && at < 350;
     if (at == 0) play = 0.0;
@@ -346,7 +346,7 @@ TEST_CASE("a surface that disappears in play releases the hand gradually", "[seq
 
 TEST_CASE("a hand that comes and goes in play feels the same force as without play", "[sequence]") {
   const TemporaryFolder folder;
-  // Each frame has the same ball: play changes only the time.
+  // All frames have the same ball, so play changes only the time.
   const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
   const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0, true)));
   const int every = GENERATE(1, 8);  // ticks, of 1/4 ms: an arm may be slower than its loop
@@ -360,7 +360,7 @@ TEST_CASE("a hand that comes and goes in play feels the same force as without pl
   double felt = 0.0;
   for (int i = 0; i < 8000; ++i) {
     if (i % every == 0) {
-      // The hand moves into the ball by 8 voxels fast and out slowly, or at the same speed.
+      // The hand moves 8 voxels into the ball, fast in and slowly out, or at the same speed.
       const double way = std::fmod(speed * kQuarter * i / kVoxel, 20.0);
       hand = kVoxel * Vec3(24.0 - (way < 10.0 ? 1.2 * way : 24.0 - 1.2 * way), 0.0, 0.0);
     }
@@ -406,7 +406,8 @@ TEST_CASE("an edit of the scene does not interrupt the fade after a jump of the 
 TEST_CASE("readers of a sequence do not allocate or lock, and read whole frames",
           "[sequence][realtime]") {
   const TemporaryFolder folder;
-  // Each frame has one value. A torn or foreign frame has another one.
+  // All voxels of a frame have one value. A reading of a torn or wrong frame would show another
+  // value.
   const auto frames = framesIn(folder, 24, [](int i) {
     return makeGrid<openvdb::FloatGrid>(
         12, openvdb::math::Transform::createLinearTransform(1.0),
@@ -470,7 +471,7 @@ TEST_CASE("a frame that a reader holds stays, however little memory there is", "
   REQUIRE(held);
   const std::uint64_t stay = held.stay();
   const std::uint64_t fetched = of->state().fetched;
-  // Play is elsewhere, for longer than the sequence keeps frames that no reader holds.
+  // Play is at another time for longer than the sequence keeps frames that no reader uses.
   std::this_thread::sleep_for(std::chrono::milliseconds(60));
   for (const double play : {0.75, 1.05, 1.35}) {
     of->tell(of->at(play), 1.0);
@@ -515,7 +516,7 @@ TEST_CASE("play waits while frames load, and skips a frame that is missing", "[s
   const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
   const fs::path file = frames[9].file;
   fs::rename(file, folder / "aside");
-  // Play jumps to a time before its frames have arrived. The old frames stay.
+  // Play jumps to a time whose frames have not arrived yet. The old frames stay in use.
   const double before = player.at(0.1, p).value;
   const ScalarSample at = player.at(0.95, p);
   CHECK(at.coarse);
@@ -577,7 +578,7 @@ TEST_CASE("two hands some milliseconds apart share the same frames", "[sequence]
     (void)two.at(play - 0.005, p, 1.0);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  // Each frame is fetched once at load, and once more.
+  // Each frame was fetched once when the sequence was loaded, and once more.
   CHECK(of->state().fetched > 40);
   CHECK(of->state().fetched < 70);
 }

@@ -33,7 +33,7 @@ Vec3 eigen(const openvdb::Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Returns a field over a grid, through a file and the loader, as users have it.
+/// Returns a field over a grid that was written to a file and loaded, as users do.
 FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement = {},
                  const Sampling& sampling = {}) {
   const TemporaryFolder folder;
@@ -57,8 +57,8 @@ openvdb::FloatGrid::Ptr roughGrid() {
   return grid;
 }
 
-/// Returns random voxels with holes beside a box of one value, moved by `by`. The move alone
-/// decides which parts of the box are tiles, and where leaves end.
+/// Returns random voxels with gaps beside a box of one value, moved by `by`. The move alone decides
+/// which parts of the box are tiles, and where leaves end.
 template <class GridT>
 typename GridT::Ptr movedGrid(const Coord& by) {
   using Value = typename GridT::ValueType;
@@ -91,7 +91,7 @@ std::vector<double> readingOf(Probe& probe, const Vec3& p) {
   return out;
 }
 
-/// Returns the trilinear blend of any value at the voxels.
+/// Returns the trilinear interpolation of any quantity of the voxels.
 template <class F>
 double blend(const Vec3d& p, F at) {
   const Coord c = Coord::floor(p);
@@ -141,8 +141,8 @@ TEST_CASE("the value is trilinear and the gradient its difference over the slope
 
 namespace {
 
-/// Returns indices where a sampler could go wrong: about active voxels, at the seams of leaves (8),
-/// of their parents (128) and of their grandparents (4096), and outside.
+/// Returns indices at which a sampler could make errors: near active voxels, at the borders of
+/// leaves (8), of their parents (128) and of their grandparents (4096), and outside.
 template <class GridT>
 std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
   std::vector<Coord> leaves;
@@ -164,7 +164,7 @@ std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
     }
     const double seams[] = {1, 8, 128, 4096};
     if (i % 2 == 0) {
-      // The index is on a face, or to its side by the last digit.
+      // The index is on a face, or beside it by the last digit.
       const double size = seams[random.integer(4)];
       const int a = random.integer(3);
       const double seam = size * std::round(at[a] / size);
@@ -176,8 +176,9 @@ std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
   return indices;
 }
 
-/// Checks values and derivatives against the blend of the stored voxels, in double precision and
-/// index space, turned into world space by OpenVDB. Returns the points checked.
+/// Compares values and derivatives with the interpolation of the stored voxels, computed in double
+/// precision and index space, and converted to world space by OpenVDB. Returns the number of
+/// points.
 template <class GridT>
 long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random) {
   using Value = typename GridT::ValueType;
@@ -199,7 +200,7 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
   double worst_slope = 0.0;
   const std::vector<Vec3d> indices = hardIndices(grid, 20000, random);
   for (const Vec3d& index : indices) {
-    // The position at which the field is read, and its index: one rounding for both.
+    // The position at which the field is read, and its index, rounded in the same way.
     const Vec3d p = grid.transform().indexToWorld(index);
     const Vec3d at = grid.transform().worldToIndex(p);
     for (int n = 0; n < kComponents; ++n) {
@@ -243,7 +244,8 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
 
 namespace {
 
-/// Checks that a spline at the grid's active voxels is the voxel's value, to 1e-5 of the largest.
+/// Checks that at the grid's active voxels a spline has the voxel's value, to 1e-5 of the largest
+/// value.
 void checkSplinesThroughVoxels(const openvdb::FloatGrid& grid,
                                const std::shared_ptr<const Volume>& volume) {
   const double largest = std::max(std::abs(volume->info().lowest), volume->info().highest);
@@ -367,7 +369,7 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
     const Vec3 p_F = eigen(transform->indexToWorld(index));
     const ScalarSample s = probe.scalar(placement(p_F));
     REQUIRE(s.value == Approx(slope.dot(p_F) + 0.5).margin(1e-11));
-    // The gradient is per unit of the file. Only its direction turns.
+    // The gradient is per unit of the file, so only its direction is rotated.
     REQUIRE((s.gradient - turn * slope).norm() < 1e-10);
     REQUIRE((probe.cellGradient(placement(p_F)) - turn * slope).norm() < 1e-10);
     REQUIRE(s.inside);
@@ -534,7 +536,8 @@ TEST_CASE("B-splines reproduce polynomials of their degree, derivative included,
   Probe probe(fieldOf(grid, placement, {interpolation}));
   Random random(42);
   for (int i = 0; i < 2000; ++i) {
-    // The place is in the middle of the block. The filter feels the block's end 20 voxels away.
+    // The place is in the middle of the block, 20 voxels from the block's end, which has an effect
+    // on the filter.
     const Vec3 in = random.inCube(6.0);
     const Vec3 p_F = eigen(transform->indexToWorld(Vec3d(28 + in.x(), 28 + in.y(), 28 + in.z())));
     const ScalarSample s = probe.scalar(placement(p_F));
@@ -555,7 +558,7 @@ TEST_CASE("the error falls with the order of the spline, and its derivative's wi
       GENERATE(Order{Interpolation::kTrilinear, 4.0, 4.0},
                Order{Interpolation::kQuadratic, 8.0, 4.0}, Order{Interpolation::kCubic, 16.0, 8.0});
   CAPTURE(wordFor(order.interpolation));
-  // sin sin sin with 8 and 16 voxels a wavelength, away from the block's end.
+  // sin sin sin with 8 and 16 voxels per wavelength, away from the block's end.
   std::array<double, 2> value_error{};
   std::array<double, 2> slope_error{};
   for (std::size_t n = 0; n < 2; ++n) {

@@ -50,7 +50,7 @@ std::string refusal(const std::filesystem::path& file, const std::string& grid =
   return "no error";
 }
 
-/// Unless there is room, disables the folder for temporary files during its lifetime.
+/// During its life, disables the folder for temporary files, unless there is to be room.
 class NoRoom {
  public:
   explicit NoRoom(bool room) {
@@ -69,8 +69,8 @@ class NoRoom {
   std::optional<std::string> was_;
 };
 
-/// Writes a file of grids of one size with random values. Two files of equal size differ in no
-/// other way.
+/// Writes a file with grids of one size and random values. Two such files of the same size differ
+/// only in their values.
 void writeRough(const std::filesystem::path& file, const std::vector<std::string>& names, int n,
                 std::uint64_t seed) {
   Random random(seed);
@@ -90,7 +90,7 @@ std::string bytesOf(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
-/// Returns how much the system has read or copied for this program [bytes].
+/// Returns how much the system has read or copied for this process [bytes].
 double readSoFar() {
   std::ifstream io("/proc/self/io");
   std::string word;
@@ -200,8 +200,8 @@ TEST_CASE("the cost of many grids grows linearly with their number", "[volume][r
 }
 
 TEST_CASE("a file that is cut while it is read is loaded or refused without a crash", "[volume]") {
-  // The file is cut by a process that comes and has to wait, and by a process that already has it
-  // open. Both occur with room for a copy and without.
+  // Two kinds of processes cut the file: one that has to wait for access, and one that has the file
+  // open already. Both are tested with and without room for a copy.
   const TemporaryFolder folder;
   Random values(3);
   openvdb::initialize();
@@ -257,7 +257,7 @@ TEST_CASE("a file that is cut while it is read is loaded or refused without a cr
 TEST_CASE("a load ends before the system lets a waiting writer change the file", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
-  // The grid has more than 10,000 leaves, so that it is read in parts.
+  // The grid has more than 10,000 leaves, so the file is read in parts.
   writeVdb(folder / "a.vdb", {makeGrid<openvdb::FloatGrid>(
                                  176, Transform::createLinearTransform(1.0),
                                  [](const Vec3d& p) { return static_cast<float>(p.x()); })});
@@ -265,13 +265,13 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
   double longest = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> longest;
   const auto let_writer_wait = [&] {
-    // The writer would have to try again. Its first try is enough here.
+    // A real writer would try again. The first attempt suffices for this test.
     CHECK(open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC) < 0);
     CHECK(errno == EWOULDBLOCK);
   };
   SECTION("a waiting writer ends the lease after half of the longest wait") {
     const LeasedFile steady(file);
-    // The place is a copy if the file system gives no lease.
+    // If the file system gives no lease, the place is a copy.
     if (!std::filesystem::equivalent(steady.place(), file)) return;
     const auto after = [&, begin = LeasedFile::Clock::now()](double seconds) {
       return begin + std::chrono::duration_cast<LeasedFile::Clock::duration>(
@@ -290,7 +290,7 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
     CHECK(steady.keptAt(LeasedFile::Clock::now() + std::chrono::hours(1)));
   }
   SECTION("a load ends between its parts") {
-    // This takes half of the longest wait, so only a whole run does it.
+    // This takes half of the longest wait, so it runs only with all cases.
     if (share(10) < 10) return;
     LoadOptions options;
     int parts = 0;
@@ -314,8 +314,8 @@ TEST_CASE("a load ends before the system lets a waiting writer change the file",
 
 TEST_CASE("a load uses the values that it checked while another process writes the file",
           "[volume]") {
-  // Another process has the file open, and writes another vector over it once the first component
-  // is read.
+  // Another process has the file open. It overwrites the file with another vector after the first
+  // component was read.
   const TemporaryFolder folder;
   const std::vector<std::string> names{"vel.x", "vel.y", "vel.z"};
   writeRough(folder / "a.vdb", names, 24, 1);
@@ -394,8 +394,8 @@ TEST_CASE("a load of many grids reads their file only a few times", "[volume]") 
     });
     if (ours >= 0) close(ours);
     WARN("read " << asked << " and " << all << " times" << (others ? ", copied" : ""));
-    // The loader reads the file to check it, to load it, and for the data about the grids. It may
-    // also copy the file.
+    // The loader reads the file three times: to check it, to load it, and for the data about its
+    // grids. It may also copy the file.
     CHECK(asked < (others ? 4.0 : 3.0));
     CHECK(all < (others ? 4.0 : 3.0));
   }
@@ -429,7 +429,7 @@ TEST_CASE("a grid in memory gives the same volume as a grid from a file", "[volu
     CHECK(a.highest == b.highest);
     CHECK(a.mean == b.mean);
   }
-  // The volume has its own values, and the grid is unchanged.
+  // The volume has its own copy of the values, and the grid is unchanged.
   const auto before = block(20, "rock");
   LoadOptions fill;
   fill.non_finite = NonFinite::kFill;
@@ -474,8 +474,8 @@ TEST_CASE("a tree of an unsupported type is never read", "[volume]") {
   writeVdb(folder / "a.vdb", {labels, block()});
   std::fstream file(folder / "a.vdb", std::ios::in | std::ios::out | std::ios::binary);
   const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  // The tree begins behind the four numbers of its transform's last row. The test overwrites all of
-  // it.
+  // In the file, the tree begins after the four numbers of its transform's last row. The test
+  // overwrites the whole tree.
   const auto transform = bytes.find("UniformScaleMap");
   const auto next = bytes.find("density", transform);
   REQUIRE(next < bytes.size());
@@ -535,7 +535,7 @@ TEST_CASE("grids of equal name get an index", "[volume]") {
 TEST_CASE("a grid that shares a tree reads the right tree, even if names clash", "[volume]") {
   const TemporaryFolder folder;
   Random random(5);
-  for (const int n : {8, 80}) {  // read as a whole, and from a map
+  for (const int n : {8, 80}) {  // read as a whole, and through a memory map
     CAPTURE(n);
     const auto rough = [&](double least, const char* name) {
       return makeGrid<openvdb::FloatGrid>(
@@ -551,14 +551,15 @@ TEST_CASE("a grid that shares a tree reads the right tree, even if names clash",
     const auto lowest = [&](const std::string& name) {
       return std::floor(loadVolume(folder / "a.vdb", name)->info().lowest);
     };
-    // The second of two grids of one name lends its tree.
+    // The second of two grids with the same name has the tree that the first uses.
     const auto first = rough(1.0, "density");
     const auto second = rough(2.0, "density");
     writeVdb(folder / "a.vdb", {first, second, shared(second, "twin")});
     CHECK(lowest("density[0]") == 1.0);
     CHECK(lowest("density[1]") == 2.0);
     CHECK(lowest("twin") == 2.0);
-    // One grid has the name that users write for the first of two. It borrows a tree, or lends it.
+    // One grid has the name that denotes the first of two grids. It uses the tree of another grid,
+    // or another grid uses its tree.
     const auto literal = rough(3.0, "density[0]");
     const auto twin = shared(literal, "density");
     for (const bool lends : {true, false}) {
@@ -612,8 +613,8 @@ TEST_CASE("an unusable grid is refused with a reason", "[volume]") {
 }
 
 TEST_CASE("volumes of one file load in parallel, repeatedly", "[volume]") {
-  // If one load drops its pages, it must not touch pages that another load now uses. With
-  // sanitizers, or before the fix, this ended the program in one of about ten runs.
+  // When a load drops its pages, it must not drop pages that another load uses now. Before the fix,
+  // or with sanitizers, this ended the program in about one of ten runs.
   const TemporaryFolder folder;
   openvdb::initialize();
   const std::vector<std::string> names{"a", "b", "c"};
@@ -640,7 +641,7 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
   const auto wait_for = [](const std::atomic<bool>& that) {
     for (int i = 0; i < 60000 && !that; ++i) std::this_thread::sleep_for(milliseconds(1));
   };
-  // One task gives up while the other is about to begin a loop of its own.
+  // One task ends early while the other is about to start its own loop.
   CHECK_THROWS_WITH(inParallel(2,
                                [&](std::size_t i) {
                                  ++begun;

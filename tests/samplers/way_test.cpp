@@ -1,4 +1,4 @@
-/// Tests paths through grids: where one first falls through a level, and where a stream leads.
+/// Tests paths through grids: where a path first falls below a level, and where a stream leads.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -31,7 +31,7 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
 }
 
-/// Returns values between -1 and 1 without any order: the hardest interpolant.
+/// Returns random values between -1 and 1, the most irregular interpolant.
 openvdb::FloatGrid::Ptr noise(int n) {
   Random random(5);
   return makeGrid<openvdb::FloatGrid>(n, Transform::createLinearTransform(1.0), [&](const Vec3d&) {
@@ -58,7 +58,7 @@ openvdb::Vec3SGrid::Ptr curlyGrid(const Transform::Ptr& transform) {
       "velocity");
 }
 
-/// Follows a stream by many small steps of the midpoint rule on samples.
+/// Follows a stream in many small steps of the midpoint rule.
 Vec3 inSmallSteps(const VectorField& field, FieldCache& cache, Vec3 p, double length, int steps) {
   const double h = length / steps;
   for (int i = 0; i < steps; ++i) {
@@ -90,7 +90,7 @@ TEST_CASE("the first fall through a level is exact on any path through noise",
         return sign * (scalar.sample(placement(a + share * (b - a)), *memory).value - level);
       };
       const Crossing crossing = scalar.firstFall(placement(a), placement(b), level, sign, *memory);
-      // Searches by small steps. This search does not see a smaller dip between two steps.
+      // Searches in small steps. A smaller dip between two steps is not seen.
       constexpr int kSteps = 2000;
       bool above = height(0.0) > 0.0;
       double share = 2.0;
@@ -110,7 +110,7 @@ TEST_CASE("the first fall through a level is exact on any path through noise",
         REQUIRE(height(crossing.share + 1e-6) < height(crossing.share));
       }
       if (!crossing.found) REQUIRE(share > 1.0);
-      // Before the crossing the height does not fall below the level, once it was above.
+      // Between the start above the level and the crossing, the height stays above the level.
       if (crossing.found && crossing.share > 0.0 && height(0.0) > 0.0) {
         for (int k = 0; k < 50; ++k) REQUIRE(height(crossing.share * k / 50.0) > -1e-9);
       }
@@ -273,12 +273,13 @@ TEST_CASE("a trace to the hand ends at the first nearest place in either directi
   const VectorField& circles = *std::get<1>(field);
   const auto memory = std::make_unique<FieldCache>();
   circles.reset(*memory);
-  // W is sheared: the place nearest in W is not the place nearest where the volume rests.
+  // W is sheared, so the nearest place in W differs from the nearest place in the volume's frame of
+  // rest.
   Mat3 shear = Mat3::Identity();
   shear(0, 1) = 0.7;
   for (const double radius : {1.5, 3.0, 8.0}) {
     for (const double sense : {1.0, -1.0}) {
-      // The hand's distance outside of the circle, in radii. At -1.5 it is beyond the centre.
+      // The hand's distance outside of the circle, in radii. At -1.5 the hand is beyond the centre.
       for (const double away : {-1.5, -0.5, 0.1, 0.5, 1.1, 4.0}) {
         const Vec3 start = centre + Vec3(radius, 0, 0.2);
         TraceOrder order;

@@ -1,5 +1,5 @@
-/// Tests a window of bricks: it equals the whole volume where its bricks are, and is coarse
-/// elsewhere.
+/// Tests a window of bricks: where its bricks are in memory it equals the whole volume, elsewhere
+/// it is coarse.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -33,7 +33,8 @@ namespace {
 
 constexpr double kVoxel = 1e-3;  // [m]
 
-/// Returns a dense volume of n^3 voxels of 1 mm, so rough that the means of a level differ from it.
+/// Returns a dense volume of n^3 voxels of 1 mm. It is so rough that the means of a coarse level
+/// differ from it.
 std::shared_ptr<const Volume> bumpy(int n) {
   const auto grid = makeGrid<openvdb::FloatGrid>(
       n, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
@@ -50,7 +51,7 @@ Placement placed() {
 }
 
 std::uint64_t budgetOf(std::uint64_t bricks) {
-  constexpr std::uint64_t kBesides = 2;  // bricks being read
+  constexpr std::uint64_t kBesides = 2;  // bricks that may be read in addition
   return (bricks + kBesides) * ((BrickFormat{}.bytes() + 63) / 64 * 64) + (64U << 10U);
 }
 
@@ -60,7 +61,7 @@ std::shared_ptr<BrickWindow> windowOf(const std::filesystem::path& folder, std::
                                        WindowParams{budgetOf(bricks), horizon, false});
 }
 
-/// The two fields, each with its cache.
+/// The field of the window and that of the whole volume, each with its cache.
 struct Both {
   std::shared_ptr<const ScalarField> whole;
   std::shared_ptr<const ScalarField> window;
@@ -99,7 +100,7 @@ TEST_CASE("where its bricks are present, a window equals the whole volume to the
   Random random(3);
   long fine = 0;
   for (int i = 0; i < 20000; ++i) {
-    // The place is as far as a tick reads. The grid has no data beyond.
+    // The bounds include the distance that a tick reads. Beyond them the grid has no data.
     const Box& box = both.window->frame().bounds;
     const Vec3 p = (kVoxel * (Vec3::Constant(75.0) + random.inCube(90.0)))
                        .cwiseMax(box.lower)
@@ -179,7 +180,7 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   window->aim(0, {centre / kVoxel, centre / kVoxel, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
-  // The reading moves away from the hand in steps of a fiftieth of a voxel, without a jump.
+  // The reading moves away from the hand in steps of a fiftieth of a voxel, and must not jump.
   double jump = 0.0;
   long coarse = 0;
   long same = 0;
@@ -198,7 +199,7 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   CHECK(coarse > 1000);
   CHECK(same > 1000);
   CHECK(jump < 0.05);  // the data's own jump is up to 0.01, levels differ by up to 1
-  // Across the faces of bricks, present or not, the step is at most that of the data over this
+  // At the faces of bricks, present or missing, the change is at most that of the data over this
   // distance.
   Random random(6);
   double step = 0.0;
@@ -211,7 +212,8 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
                                    both.ofWindow(kVoxel * (p - little)).value));
   }
   CHECK(step < 1e-4);  // a level and the next one differ by about 1e-2
-  // The hand moves there. The coarse reading becomes fine tick by tick, by a fiftieth at most.
+  // The hand moves there. Tick by tick the coarse reading becomes fine, by at most a fiftieth per
+  // tick.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
   double excess = -1.0;
@@ -223,7 +225,8 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
     const std::chrono::duration<double> since = std::chrono::steady_clock::now() - last_tick;
     last_tick += std::chrono::duration_cast<std::chrono::steady_clock::duration>(since);
     const ScalarSample at = both.ofWindow(there);
-    // Levels differ by up to 1. Each arrives within 10 ms, and two may arrive at once.
+    // Levels differ by up to 1. Each level fades in within 10 ms, and two levels may fade in at the
+    // same time.
     excess = std::max(excess, std::abs(at.value - value) - 1.5 * (since.count() + 1e-3) / 0.01);
     value = at.value;
     fine = !at.coarse;
@@ -242,7 +245,7 @@ TEST_CASE("a reading reported as fine is right even while bricks are evicted", "
   const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
   const Both both(volume, window);
   std::atomic<bool> stop{false};
-  // A hand that leaps evicts all bricks all the time.
+  // A hand that jumps about causes bricks to be evicted all the time.
   std::thread leaper([&] {
     Random random(9);
     while (!stop) {
@@ -300,7 +303,7 @@ TEST_CASE("the bricks that a reader uses stay unchanged until it leaves", "[bric
     return std::count_if(seen.begin(), seen.end(),
                          [](const Seen& of) { return *of.cell.rows[0] == of.value; });
   };
-  // A hand at the other end wants all of their slots.
+  // A hand at the opposite end wants all slots.
   const Vec3 there = Vec3::Constant(260.0);
   window->aim(0, {there, there, Vec3::Zero()});
   CHECK_FALSE(window->settle(0.5));
@@ -366,8 +369,8 @@ TEST_CASE("a hand that returns finds its bricks still in the window", "[bricks]"
     REQUIRE(window->settle(20.0));
     return window->state().fetched;
   };
-  // The hand moves to and fro within less than there is room for. It starts at a place for which
-  // bricks had to be evicted.
+  // The hand moves to and fro over fewer bricks than there are slots. It starts at a place for
+  // which bricks had to be evicted.
   for (const double x : {14.0, 12.0, 10.0, 8.0, 5.0, 3.0, 1.0}) (void)go(x);
   const std::uint64_t fetched = window->state().fetched;
   REQUIRE(fetched > window->state().slots);
@@ -383,7 +386,7 @@ TEST_CASE("a window serves proxy and hand, and drops a hand that is silent for a
   const Both both(volume, window);
   const Vec3 proxy = Vec3::Constant(30.0);
   const Vec3 probe = Vec3::Constant(270.0);
-  // A surface holds the proxy far from the hand's place. The window serves both.
+  // A surface holds the proxy far from the hand. The window must have bricks for both places.
   window->aim(0, {proxy, probe, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK_FALSE(both.ofWindow(kVoxel * proxy).coarse);
@@ -402,13 +405,13 @@ TEST_CASE("a window serves proxy and hand, and drops a hand that is silent for a
 }
 
 TEST_CASE("where only the coarsest bricks are present, every reading uses them", "[bricks]") {
-  // On a ramp all levels agree, so that any other reading shows.
+  // On a ramp all levels agree, so any wrong reading shows.
   const TemporaryFolder folder;
   const BrickInput ramp =
       formulaBricks("ramp", {639, 255, 127}, [](const VoxelAt& at) { return at[1]; });
   const BrickReport report = writeBricks(folder / "bricks", ramp);
   REQUIRE(report.manifest.levels().size() == 3);
-  // Faces of levels 0 and 1 coincide here, and beyond them both levels are missing.
+  // Faces of level 0 and level 1 coincide here, and both levels are missing beyond them.
   std::vector<BrickId> missing{{1, {1, 0, 0}}, {1, {1, 1, 0}}};
   for (int n = 0; n < 8; ++n) missing.push_back({0, {2, n / 2, n % 2}});
   for (const BrickId& id : missing) {
@@ -420,8 +423,8 @@ TEST_CASE("where only the coarsest bricks are present, every reading uses them",
   field->reset(*cache);
   window->aim(0, {Vec3(150.0, 60.0, 60.0), Vec3(150.0, 60.0, 60.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
-  // The reading moves there and back in steps of a tenth of a voxel, with other readings in
-  // between. The value at a place is always the same.
+  // The reading moves to and fro in steps of a tenth of a voxel, with readings of other places in
+  // between. Each place always has the same value.
   std::vector<double> there;
   double off = 0.0;
   double other = 0.0;
@@ -516,7 +519,7 @@ TEST_CASE("the box around a brick excludes points near missing bricks and contai
 
 namespace {
 
-/// Bricks of a folder that report a delay, or take time, with a record of the bricks wanted.
+/// Bricks of a folder that report a delay, or take time. Records the wanted bricks.
 class SlowBricks final : public BrickSource {
  public:
   explicit SlowBricks(const std::filesystem::path& folder, double delay,
@@ -561,7 +564,7 @@ TEST_CASE("slow bricks are requested farther ahead on a hand's path", "[bricks]"
     auto source = std::make_unique<SlowBricks>(folder / "bricks", delay);
     const SlowBricks& of = *source;
     const BrickWindow window(std::move(source), {budgetOf(60), 0.1, false});
-    // The hand passes a brick a second.
+    // The hand passes one brick per second.
     window.aim(0, {Vec3(32.0, 32.0, 32.0), Vec3(32.0, 32.0, 32.0), Vec3(64.0, 0.0, 0.0)});
     REQUIRE(window.settle(20.0));
     return of.farthest();
@@ -574,7 +577,7 @@ TEST_CASE("a hand that waits for a window is not counted as silent", "[bricks]")
   const TemporaryFolder folder;
   const auto volume = bumpy(150);
   (void)writeBricks(folder / "bricks", brickInput(volume));
-  // 27 bricks take 1.6 s. A hand may be silent for one second.
+  // Fetching 27 bricks takes 1.6 s, but a hand may be silent for only one second.
   const auto window = std::make_shared<BrickWindow>(
       std::make_unique<SlowBricks>(folder / "bricks", 0.0, std::chrono::milliseconds(60)),
       WindowParams{budgetOf(60), 0.25, false});

@@ -1,4 +1,4 @@
-/// Tests the requests of a window to a run, and their effect on the felt scene.
+/// Tests the requests that a window sends to a run, and their effect on the scene.
 #include "palpate/scenes/apps/common/asked.h"
 
 #include <algorithm>
@@ -49,7 +49,7 @@ SceneSpec fields() {
   return spec;
 }
 
-/// Returns the forces on a hand that goes through all fields [N].
+/// Returns the forces on a hand that moves through all fields [N].
 std::vector<Vec3> felt(const Scene& scene) {
   Reader reader;
   ProxyState state;
@@ -74,7 +74,7 @@ SceneSpec named(const std::vector<std::string>& names) {
     ModeSpec mode;
     mode.of = "ball";
     mode.name = name;
-    // A name that begins with a slash stands for a mode without a name, of another volume.
+    // In this test, a name that begins with a slash means a mode without a name, of another volume.
     if (!name.empty() && name[0] == '/') {
       mode.of = name;
       mode.name.clear();
@@ -172,7 +172,7 @@ TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dia
   }
   if (factor == 0.0F) CHECK(most(is) < 1e-6);
   if (factor == 8.0F) CHECK(most(is) > 0.05);
-  // For a hand, a changed gain is therefore an edit.
+  // So for a hand, a changed gain is an edit.
   CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
 }
 
@@ -236,7 +236,7 @@ TEST_CASE("requests from the shared memory are limited to valid values", "[asked
   CHECK(cli::asked(before, now).dials.size() == kLiveModes - 3);
   CHECK(cli::asked(now, now).dialled == 0);
 
-  // If a cut comes with a clear, the cut stays.
+  // If a cut and a clear come together, the cut holds.
   before = now;
   ++now.cuts;
   ++now.clears;
@@ -261,7 +261,7 @@ TEST_CASE("the hand follows its mouse with a time constant of 20 ms", "[asked]")
     to(0.11);
     const double share = 1.0 - std::exp(-1e-3 / 0.02);
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
-    // Asked again for the same time or an earlier one, the hand has not moved.
+    // If the target is requested again for the same time or an earlier one, it has not moved.
     CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
     Vec3 at = start;
     for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
@@ -305,8 +305,8 @@ TEST_CASE("the simulated arm follows its mouse", "[asked]") {
       device.write(Vec3::Zero());
     }
     CHECK(device.velocity().x() == Approx(kSpeed).epsilon(1e-3));
-    // The target is held over a tick. In the middle of the tick the arm is where it would be if the
-    // target moved continuously.
+    // The target is constant during a tick. So in the middle of the tick the arm is where it would
+    // be with a continuously moving target.
     const double behind = 1e-3 / std::expm1(1e-3 / 0.02) + arm.viscous / grip.stiffness;
     const double should = kSpeed * (2.0005 - behind);
     CHECK(device.position().x() == Approx(should).margin(2e-6));
@@ -333,7 +333,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
         << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "grid": "ball",
       "place": {"scale": 0.02}}}, "modes": [)" +
                modes + "]}";
-    // The time stamps differ, however coarse the file system's clock is.
+    // Makes the time stamps differ, however coarse the file system's clock is.
     std::filesystem::last_write_time(
         file, std::filesystem::file_time_type::clock::now() + std::chrono::seconds(++edits));
   };
@@ -351,7 +351,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   REQUIRE(cli::fitToAll(spec, devices));
   SceneCache cache;
   cli::Watcher watcher(spec, file, cli::writtenAt(file), true, devices, cache);
-  /// Looks until there is a new scene. Returns nullopt if a request was refused.
+  /// Waits until there is a new scene. Returns nullopt if a request was refused.
   const auto look = [&]() -> std::optional<BuiltScene> {
     const std::uint64_t refused = watcher.refused();
     for (int i = 0; i < 60000; ++i) {
@@ -371,7 +371,8 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   };
   CHECK_FALSE(watcher.look());
 
-  // Off: within a look or two it is felt, and messages that were printed before are not repeated.
+  // A mode that is switched off has no effect after at most two checks. Messages that were printed
+  // before are not repeated.
   watcher.turn({{0, 0.0F}, {1, 1.0F}}, 1);
   auto built = look();
   INFO(said.all());
@@ -380,7 +381,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   CHECK(factors() == std::vector<float>{0.0F, 1.0F});
   CHECK(said.times("the coupling is 300 N/m") == 1);
 
-  // The edit changes the mode's place in the file. The mode stays off.
+  // The edit moves the mode to another place in the file, and the mode stays off.
   const std::string core = R"({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.5,
       "solid": "below", "strength": 2})";
   write(core + "," + pin + "," + skin);
@@ -394,8 +395,8 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   CHECK(built->scene->coupling.stiffness == 300.0);
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // A key that was pressed before the edit was seen still acts on the skin. An unknown mode is
-  // ignored.
+  // A key that was pressed before the edit was noticed still acts on the skin. A request for an
+  // unknown mode is ignored.
   watcher.turn({{0, 0.5F}, {1, 1.0F}, {77, 0.0F}}, 2);
   built = look();
   REQUIRE(built);
@@ -403,7 +404,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.5F});
   CHECK(said.times("the coupling is 300 N/m") == 2);
 
-  // A scene that cannot be felt is refused and reported once. The gains stay as they were.
+  // A scene that cannot be built is refused and reported once. The gains do not change.
   watcher.turn({{0, 0.5F}, {1, 8.0F}}, 3);
   CHECK_FALSE(look());
   CHECK(watcher.refused() == 3);
@@ -411,7 +412,7 @@ TEST_CASE("gains stay with their modes while the file is edited", "[dial]") {
   for (int i = 0; i < 20; ++i) CHECK_FALSE(watcher.look());
   CHECK(said.times("the previous scene stays active") == 1);
 
-  // A wrong file does not prevent a change of a gain.
+  // An invalid file does not prevent a change of a gain.
   write("nothing");
   watcher.turn({{0, 1.25F}, {1, 1.0F}}, 4);
   built = look();

@@ -27,14 +27,14 @@ std::optional<BareLoop::Seen> resultOf(BareLoop& loop) {
   return std::nullopt;
 }
 
-/// Result of a loop in a process that was stopped for a while.
+/// Result of a loop in a process that was stopped for some time.
 struct Stopped {
   BareLoop::Seen seen;
-  double least = 0.0;  ///< The shortest time that the stop can have taken [s].
+  double least = 0.0;  ///< Shortest time that the stop can have taken [s].
 };
 
-/// Runs a loop for `seconds` and half a second more in a separate process. Stops that process for
-/// `seconds` [s].
+/// Runs a loop in a separate process for `seconds` [s] plus half a second, and stops that process
+/// for `seconds`.
 Stopped stopFor(double seconds) {
   int ends[2] = {-1, -1};
   REQUIRE(pipe(ends) == 0);
@@ -80,7 +80,7 @@ TEST_CASE("the machine's lateness is measured for the requested time and returne
   CHECK(seen->worst > 0.0);
   CHECK((seen->late > 0) == (seen->worst > WatchLimits{}.late));
   CHECK(!loop.take());
-  // A loop that is not needed any more ends at once.
+  // A loop that is no longer needed ends at once.
   const Clock::time_point ends = Clock::now();
   { const BareLoop longer(3600.0, 1); }
   CHECK(Clock::now() - ends < std::chrono::minutes(1));
@@ -93,7 +93,7 @@ TEST_CASE("a pause of 100 ms counts as lateness, a longer stop of the program do
   CAPTURE(paused.seen.worst, paused.seen.late, paused.least);
   CHECK(paused.seen.worst >= paused.least - kTick);
   CHECK(paused.seen.late >= 1);
-  // The missed ticks are one delay.
+  // All ticks that were missed during the stop count as one delay.
   CHECK(paused.seen.late < 50);
 
   const Stopped stopped = stopFor(Reengagement::kPause + 0.2);

@@ -1,4 +1,4 @@
-/// Tests scenes with volumes in bricks: the forces, the rejected settings, and the fault if a
+/// Tests scenes with volumes in bricks: the forces, settings that are rejected, and the fault if a
 /// folder disappears.
 #include <algorithm>
 #include <chrono>
@@ -30,8 +30,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Writes the depth in a ball of radius 60 mm, in the middle of a cube of 128 mm, in voxels of half
-/// a millimetre.
+/// Writes a volume whose value is the depth in a ball of 60 mm radius, in the middle of a cube of
+/// 128 mm, with voxels of half a millimetre.
 void writeBall(const fs::path& folder) {
   BrickInput ball = formulaBricks("density", {255, 255, 255}, [](const VoxelAt& at) {
     return 60.0 - (0.5 * Vec3(at[0], at[1], at[2]) - Vec3::Constant(63.75)).norm();
@@ -56,7 +56,7 @@ SceneSpec specOf(const Json& scene, const fs::path& folder) {
   return spec;
 }
 
-/// A scene with the reader and the proxy of one hand.
+/// A scene, with the reader and the proxy of one hand.
 struct Touching {
   explicit Touching(BuiltScene of, const ForceLimits& limits = {20.0, 2000.0})
       : built(std::move(of)), state(std::make_unique<ProxyState>(limits)) {}
@@ -105,7 +105,7 @@ TEST_CASE("a scene of bricks gives the same forces as its volume in memory", "[s
   CHECK(other == 0);
   CHECK(coarse == 0);
   CHECK(bricks.built.windows.at("ball")->state().fetched > 8);
-  // If the folder itself is opened, the scene guess analyses its coarsest level.
+  // If a user opens the folder itself, the scene guess analyses its coarsest level.
   const SceneSpec guessed = openScene(folder / "ball.bricks/");
   REQUIRE(guessed.volumes.size() == 1);
   CHECK(guessed.volumes.begin()->second.file == folder / "ball.bricks");
@@ -147,7 +147,7 @@ TEST_CASE("a setting that bricks do not support is rejected with its path", "[sc
   many["volumes"]["ball"].erase("place");
   many["volumes"]["ball"]["instances"] = Json::parse(R"([{"scale": 0.001}])");
   CHECK_THAT(refusal(many, folder.path()), Contains(at + "instances"));
-  // A mode that needs the derivatives of a field would need that field of the whole volume.
+  // A mode that needs derivatives of a field would need that field for the whole volume.
   Json derived = ballJson("ball.bricks");
   derived["fields"] =
       Json::parse(R"({"steep": {"gradient": "ball"}, "how": {"magnitude": "steep"}})");
@@ -186,7 +186,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   CHECK(go(Vec3(0, 0, 0.055), 200).report.force.z() > 1.0);
   fs::copy(folder / "ball.bricks", folder / "away", fs::copy_options::recursive);
   fs::remove_all(folder / "ball.bricks");
-  // Bricks in memory are still felt. The first missing brick raises the fault.
+  // Bricks in memory are still used. The first missing brick raises the fault.
   Telemetry now = loop.latest();
   double step = 0.0;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -217,7 +217,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   now = go(Vec3(0, 0, 0.055), 200);
   CHECK(now.report.force.z() > 1.0);
   CHECK_FALSE(now.report.coarse);
-  // The same on the other side. Its bricks are fetched now.
+  // The same at the opposite side, whose bricks are fetched now.
   (void)go(Vec3(0.09, 0, 0.09), 300);
   (void)go(Vec3(0.09, 0, -0.09), 300);
   (void)go(Vec3(0, 0, -0.07), 300);
@@ -231,7 +231,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   CHECK_FALSE(now.report.coarse);
 }
 
-// With sanitizers this takes minutes. The other tests run the same code on small volumes.
+// With sanitizers this test would take minutes. Other tests run the same code on small volumes.
 #ifdef NDEBUG
 TEST_CASE("a volume of sixteen times its window gives the forces of the whole volume",
           "[.][data][bricks]") {
@@ -253,7 +253,7 @@ TEST_CASE("a volume of sixteen times its window gives the forces of the whole vo
   const auto feltWhole = [&] { return Touching(buildScene(of_whole)); };
   CHECK(static_cast<double>(window.state().bytes) <= 1.1 * whole / 16.0 * kMegabyte);
 
-  // At 0.3 m/s, waiting for the disk: the same in every bit.
+  // At 0.3 m/s, waiting for the disk: all bits are equal.
   Touching all = feltWhole();
   int held = 0;
   int other = 0;
@@ -271,7 +271,7 @@ TEST_CASE("a volume of sixteen times its window gives the forces of the whole vo
   CHECK(window.state().fetched > 2 * window.state().slots);  // bricks were evicted, too
   CHECK(window.state().failed == 0);
 
-  // At 2 m/s, without waiting: uses the bricks that arrive in time.
+  // At 2 m/s, without waiting: uses those bricks that arrive in time.
   spec.waits = false;
   Touching fast(buildScene(spec));
   double step = 0.0;

@@ -40,7 +40,7 @@ def snippet(number):
 
 
 class ZarrArray:
-    """The part of Zarr v2 that its specification requires of a reader; shares no code with palpate."""
+    """The parts of Zarr v2 that a reader must have by the specification; shares no code with palpate."""
     ZSTD = ctypes.CDLL(ctypes.util.find_library("zstd") or "libzstd.so.1")
     ZSTD.ZSTD_decompress.restype = ctypes.c_size_t
     ZSTD.ZSTD_decompress.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p,
@@ -89,7 +89,7 @@ class Case(unittest.TestCase):
 
 
 class Others(Case):
-    """The data that a tool finds which knows only Zarr and docs/bricks.md."""
+    """What a tool can read that knows only Zarr and docs/bricks.md."""
 
     def test_values_have_the_documented_positions(self):
         # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
@@ -293,7 +293,7 @@ class Verbs(Case):
         self.refused("brick", ball, self.dir / "n", "--compression", "x", says="--compression")
         self.refused("brick", self.dir / "none.vdb", self.dir / "n", says="no such file")
         self.refused("brick", self.dir / "labels.vdb", self.dir / "n", says="convert it")
-        # Damage by other programs.
+        # Damage that other programs cause.
         manifest = out / "palpate.bricks"
         whole = manifest.read_bytes()
         manifest.write_bytes(whole[:-5])
@@ -308,7 +308,7 @@ class Verbs(Case):
 
 
 class Felt(Case):
-    """The skin of a head through a window: 27 bricks and some coarser ones."""
+    """A hand on the skin of a head, through a window of 27 bricks and some coarser ones."""
 
     def skin(self):
         i, j, k = np.mgrid[0:300, 0:160, 0:160]

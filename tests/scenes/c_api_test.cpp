@@ -1,4 +1,4 @@
-/// Tests the C interface, above all its answers to wrong input.
+/// Tests the C interface, in particular its answers to invalid input.
 #include "palpate/scenes/bindings/c/c_api.h"
 
 #include <cmath>
@@ -18,7 +18,7 @@ namespace palpate::c_api_test {
 
 namespace {
 
-/// A scene from a .vdb file with a ball of 43 mm, and a hand in it.
+/// A scene with a ball of 43 mm from a .vdb file, and a hand in the scene.
 class Host {
  public:
   Host() {
@@ -41,7 +41,7 @@ class Host {
     CHECK(palpate_tick(hand, position, 0.0, 1e-3, &felt) == felt.fault);
     return felt;
   }
-  /// Presses from outside to below the surface.
+  /// Presses from outside to a place below the surface. Returns the last result.
   palpate_felt press() const {
     palpate_felt felt{};
     for (int i = 0; i < 1000; ++i) felt = tick(0.06 - 2e-5 * i);

@@ -1,4 +1,4 @@
-/// Tests the exploration path of a simulated hand, in scenes with known surfaces.
+/// Tests the path with which a simulated hand explores a scene, for scenes with known surfaces.
 #include "palpate/scenes/apps/common/finder.h"
 
 #include <cmath>
@@ -47,8 +47,9 @@ struct Run {
   double share = 0.0;        ///< Share of ticks with more than 0.2 N.
   double most = 0.0;         ///< Largest force [N].
   double farthest = 0.0;     ///< Largest distance of the arm from the origin [m].
-  std::vector<double> held;  ///< Largest force by mode [N].
-  std::vector<Vec3> came;    ///< Directions from which it was felt, each far from the last [unit].
+  std::vector<double> held;  ///< Largest force of each mode [N].
+  /// Unit directions from which the scene was felt, each far from the previous one.
+  std::vector<Vec3> came;
 };
 
 Run feel(const Scene& scene, const Vec3& about = Vec3::Zero()) {

@@ -1,4 +1,4 @@
-/// Tests OpenIGTLink messages against the protocol's own library, in both directions.
+/// Tests OpenIGTLink messages in both directions against the protocol's own library.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -24,7 +24,7 @@ ByteView bytesOf(igtl::MessageBase& message) {
           static_cast<std::size_t>(message.GetPackSize())};
 }
 
-/// Returns the head of a whole message, and checks it.
+/// Returns the head of a complete message, after checking it.
 IgtlHead headOf(ByteView bytes) {
   const IgtlHead head = readIgtlHead(bytes.first<kIgtlHead>());
   CHECK(head.size == bytes.size() - kIgtlHead);
@@ -32,7 +32,7 @@ IgtlHead headOf(ByteView bytes) {
   return head;
 }
 
-/// Unpacks palpate's message with the library.
+/// Unpacks a message of palpate with the library.
 template <class Message>
 typename Message::Pointer unpacked(const Bytes& bytes) {
   const auto header = igtl::MessageHeader::New();

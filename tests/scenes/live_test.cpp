@@ -1,4 +1,4 @@
-/// Tests what a window reads from a loop against the loop's own numbers.
+/// Compares what a window reads from a loop with the loop's own numbers.
 #include "palpate/scenes/library/live.h"
 
 #include <array>
@@ -21,7 +21,7 @@ namespace palpate::live_test {
 
 namespace {
 
-/// A ball of 4 cm with friction, and a drag.
+/// A ball of 4 cm with friction, and a viscosity mode.
 SceneSpec ballAndDrag() {
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
@@ -128,7 +128,7 @@ TEST_CASE("the shared memory has the same loads of primitives as explain", "[liv
   CHECK(row.force == Approx(tick.report.force.norm()));
   CHECK(row.apart == Approx((tick.probe - tick.report.proxy).norm()));
 
-  // The view of another process, by the descriptor.
+  // The memory as another process sees it, through the descriptor.
   const LiveShare other(dup(share.descriptor()));
   LiveTick same;
   REQUIRE(other.block().tick.read(same));

@@ -1,4 +1,5 @@
-/// Tests that the procedural volumes of palpate make have their stated properties.
+/// Tests that the procedural volumes that `palpate make` writes have the properties that the
+/// documents state.
 #include "palpate/scenes/library/made.h"
 
 #include <cmath>
@@ -18,7 +19,7 @@ using Catch::Matchers::Contains;
 
 namespace {
 
-/// Returns J_ab = d v_a / d x_b of the wind's formula, by differences over a step.
+/// Returns J_ab = d v_a / d x_b of the wind's formula, from differences over a step.
 Mat3 jacobian(const made::Wind& wind, const Vec3& p, double step) {
   Mat3 J;
   for (int b = 0; b < 3; ++b) {
@@ -63,7 +64,7 @@ TEST_CASE("the wind has no divergence, and its vortices have the stated circulat
     const Mat3 J = jacobian(wind, p, 1e-5);
     CHECK(std::abs(J.trace()) < 1e-4 * (1.0 + J.norm()));
   }
-  // Far behind, about one vortex: the share of the circulation that lies within the circle.
+  // Far behind the wing, around one vortex: the circulation inside the circle.
   const auto velocity = [&](const Vec3& p) { return wind.velocity(p); };
   const Vec3 right(5.0, 0.5 * wind.span, 0.0);
   const Vec3 left(5.0, -0.5 * wind.span, 0.0);
@@ -77,7 +78,7 @@ TEST_CASE("the wind has no divergence, and its vortices have the stated circulat
   const Vec3 curl(J(2, 1) - J(1, 2), J(0, 2) - J(2, 0), J(1, 0) - J(0, 1));
   CHECK(curl.x() == Approx(wind.circulation / (M_PI * wind.core * wind.core)).epsilon(0.01));
   CHECK(std::hypot(curl.y(), curl.z()) < 1e-3 * curl.x());
-  // The wing is lifted: faster above than below, and the air behind it goes down.
+  // The wing has lift: the air is faster above than below, and the air behind moves down.
   CHECK(wind.velocity({0, 0, 0.03}).x() > wind.stream + 1.0);
   CHECK(wind.velocity({0, 0, -0.03}).x() < wind.stream - 1.0);
   CHECK(wind.velocity({0.2, 0, 0}).z() < -1.0);
@@ -135,7 +136,7 @@ TEST_CASE("procedural level sets equal the distance to their surface", "[made]")
     const Vec3 at_bowl = 40.0 * p;
     const Vec3 at_wing = p.cwiseProduct(Vec3(0.06, 0.17, 0.03));
     CAPTURE(p.transpose());
-    // At the ridges of a distance, the differences see two sides.
+    // At the ridges of a distance, the differences mix two sides.
     if (made::bowl(at_bowl) > 0.0 && at_bowl.norm() > 1.0) {
       CHECK(slope(made::bowl, at_bowl, 1e-4) == Approx(1.0).epsilon(1e-3));
     }

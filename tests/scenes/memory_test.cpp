@@ -1,4 +1,4 @@
-/// Tests how a scene loads without enough memory.
+/// Tests the loading of a scene without enough memory.
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -35,7 +35,7 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
   std::ofstream(file)
       << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.1}}},
     "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 2, "solid": "below"}]})";
-  // With a cache, as for a watched file: parts of the previous scene are shared.
+  // With a cache, as for a file that is watched: the next scene shares parts of the previous one.
   SceneCache cache;
   const auto load = [&](SceneCache* kept) {
     return buildScene(openScene(file), nullptr, kept).scene;
@@ -58,7 +58,7 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
   REQUIRE(before.norm() > 0.9);
 
   long all = 0;
-  for (int i = 0; i < 2; ++i) {  // the first pass makes the data that all share
+  for (int i = 0; i < 2; ++i) {  // the first pass makes data that later loads share
     const FailScope none(-1);
     REQUIRE(load(nullptr) != nullptr);
     all = FailScope::seen();
@@ -70,10 +70,11 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
   const long step = std::max(1L, all / test::cases(300));
   for (long n = 1; n <= all; n += n < 200 ? 1 : step) {
     CAPTURE(n, all);
-    std::shared_ptr<const Scene> scene;  // outlives the scope: freeing OpenVDB's trees allocates
+    // Declared outside of the FailScope, because freeing OpenVDB's trees allocates.
+    std::shared_ptr<const Scene> scene;
     try {
       const FailScope fails(n);
-      // Every other load shares its volume with the felt scene.
+      // Every second load shares its volume with the scene in use.
       scene = load(n % 2 == 0 ? &cache : nullptr);
       tick(z);
       ++loaded;
@@ -90,9 +91,9 @@ TEST_CASE("a load that runs out of memory leaves the force of the current scene 
       "of %ld allocations: %ld loads without one were refused, %ld told by an error, %ld did "
       "without\n",
       all, refused, told, loaded);
-  // Relative to the loads that were tried.
+  // Relative to the number of attempted loads.
   CHECK(refused > (refused + told + loaded) / 4);
-  // A stream without memory reports a file that cannot be read.
+  // If a stream gets no memory, the load reports a file that cannot be read.
   CHECK(told <= 2);
   // With enough memory, the scene loads.
   CHECK(load(&cache) != nullptr);

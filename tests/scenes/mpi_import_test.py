@@ -98,7 +98,7 @@ class Case(unittest.TestCase):
         self.assertEqual([name for name in alone if alone[name] != other[name]], [])
 
     def check(self, ranks, file, *words):
-        """All numbers of ranks give the same bytes and the same report, except for memory."""
+        """All numbers of ranks must give the same bytes and the same report, except for memory."""
         name = f"{file.name}{len(list(self.dir.iterdir()))}"
         alone = self.dir / f"{name}_alone"
         report = json.loads(run(0, file, alone, "--bricks", "--json", *words).stdout)
@@ -125,7 +125,7 @@ class Bytes(Case):
         self.check([2], self.raw, *self.layout, "--tolerance", "3")
 
     def test_data_in_one_slab_give_the_same_bytes(self):
-        # Only the third slab is active, so that its rank has no active neighbours.
+        # Only the third slab is active, so its rank has no active neighbours.
         values = array.array("f", self.values)
         slab = SIZE[0] * SIZE[1] * 64
         for n in list(range(2 * slab)) + list(range(3 * slab, len(values))):
@@ -233,7 +233,7 @@ class Trouble(Case):
             done = subprocess.run([IMPORT, str(self.raw), str(self.dir / f"{name}.vdb"), *map(str, self.layout)],
                                   env={**os.environ, name: "0"}, capture_output=True, text=True, timeout=PATIENCE)
             self.assertEqual(done.returncode, 0, done.stderr)
-        # Under another MPI, every process takes itself for the first rank.
+        # If mpirun belongs to a different MPI, every process considers itself the first rank.
         done = subprocess.run([IMPORT, str(self.raw), str(self.dir / "many"), "--bricks", *map(str, self.layout)],
                               env={**os.environ, "PMI_RANK": "1", "PMI_SIZE": "2"}, capture_output=True, text=True,
                               timeout=PATIENCE)
@@ -274,7 +274,8 @@ class Trouble(Case):
         self.assert_same(files_in(alone), files_in(out))
 
     def processes(self, out, rank):
-        """Returns the processes of a rank: the one that mpirun has started, and its child, which does the work."""
+        """Returns the two processes of a rank: the one that mpirun has started, and its child process, which does the
+        work."""
         found = {}
         for one in Path("/proc").iterdir():
             try:

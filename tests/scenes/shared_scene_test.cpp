@@ -40,7 +40,7 @@ std::uint64_t largest(const SharedEdits& edits) {
   return count;
 }
 
-/// A scene with a wall and nameless followers. Its paths on the disk must stay secret.
+/// A scene with a wall and followers without names. Its paths on the disk must not be sent.
 Json scene() {
   return parseJson(R"({
     "$schema": "/home/secret/schema.json", "palpate": 1, "description": "/home/secret/notes",
@@ -64,7 +64,7 @@ std::string withStrength(Json of, double strength) {
   return of.dump();
 }
 
-/// Returns a message of another site with one edit, which sets the wall to `is`.
+/// Returns a message of another site with one edit, which sets the strength of the wall to `is`.
 std::string saying(const std::string& is, const std::string& of = R"(["modes", "wall", "0"])",
                    const std::string& at = R"([1, "boston"])") {
   return R"({"palpate_edits": 1, "rest": [], "edits": [{"of": )" + of + R"(, "at": )" + at +
@@ -89,13 +89,13 @@ TEST_CASE("sites end with the same edits after lost, late and repeated messages"
       const auto at = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
       const int what = random.integer(4);
       if (what == 0) {
-        // Now and then a site forgets all edits, and makes a stamp for the second time.
+        // Now and then a site forgets all edits, and uses a stamp a second time.
         if (forgets && random.integer(20) == 0) {
           sites[at].clear();
           forgot = true;
         }
         const std::string name(1, static_cast<char>('a' + random.integer(3)));
-        // Also numbers that are equal and written differently.
+        // Includes numbers that are equal but written differently.
         const int whole = random.integer(3);
         const Json value = random.integer(2) == 0 ? Json(whole) : Json(0.5 * whole);
         SharedEdits made = edit(name, value, largest(sites[at]) + 1, "site" + std::to_string(at));
@@ -109,7 +109,7 @@ TEST_CASE("sites end with the same edits after lost, late and repeated messages"
         merge(sites[at], made);
       } else if (what == 1) {
         const auto to = static_cast<std::size_t>(random.integer(static_cast<int>(count)));
-        // In the middle of the history, two groups of sites do not hear each other.
+        // In the middle of the history, two groups of sites are disconnected.
         const bool apart = step > 10 && step < 30 && (at < parted) != (to < parted);
         if (!apart) flying.emplace_back(to, sites[at]);
       } else if (!flying.empty()) {
@@ -118,12 +118,12 @@ TEST_CASE("sites end with the same edits after lost, late and repeated messages"
         if (what == 2) flying.erase(flying.begin() + static_cast<std::ptrdiff_t>(n));
       }
     }
-    // Late messages arrive, and then each site hears all others.
+    // Late messages arrive, and then all sites receive each other's edits.
     for (const auto& [to, edits] : flying) merge(sites[to], edits);
     for (const SharedEdits& one : sites) merge(sites[0], one);
     for (SharedEdits& one : sites) merge(one, sites[0]);
     for (const SharedEdits& one : sites) REQUIRE(textOf({one, {}}) == textOf({sites[0], {}}));
-    // If a site forgets an edit before another site hears of it, the edit is lost.
+    // If a site forgets an edit before another site receives it, the edit is lost.
     if (!forgot) REQUIRE(sites[0] == ever);
     const SharedEdits before = sites[0];
     CHECK_FALSE(merge(sites[0], before));
@@ -137,7 +137,7 @@ TEST_CASE("the edit with the largest stamp wins for each part", "[site]") {
   CHECK(edits == edit("wall", 1, 5, "boston"));
   CHECK_FALSE(merge(edits, edit("wall", 2, 5, "atlanta")));
   CHECK(merge(edits, edit("wall", 2, 5, "uppsala")));
-  // A restarted site makes another edit with the same stamp.
+  // After a restart, a site makes a different edit with the same stamp.
   CHECK(merge(edits, edit("wall", 3, 5, "uppsala")));
   CHECK_FALSE(merge(edits, edit("wall", 2, 5, "uppsala")));
   CHECK(merge(edits, edit("floor", 1, 1, "boston")));
@@ -181,7 +181,7 @@ TEST_CASE("local files and device settings are never sent to other sites", "[sit
                                           "follow of \"slope\" removed", "mode \"wall\"", "play",
                                           "volume \"ball\"", "volume \"new\""});
 
-  // The receiving site keeps its own files and settings.
+  // The receiving site keeps its own file names and settings.
   SharedScene other("uppsala", scene().dump());
   CHECK(other.hear("boston", *told).empty());
   SharedEdits all = other.edits();
@@ -252,7 +252,7 @@ TEST_CASE("malformed edits from another site are rejected", "[site]") {
   for (std::size_t i = 0; i < bad.size(); ++i) {
     CAPTURE(i, bad[i].substr(0, 200));
     CHECK_THROWS_AS(sharedTextFrom(bad[i]), Error);
-    // Prints one line a site, and ignores the edits.
+    // Prints one line per site, and ignores the edits.
     const auto lines = site.hear("boston", bad[i]);
     CHECK(lines.size() == (i == 0 ? 1U : 0U));
     CHECK(site.edits().empty());
@@ -288,8 +288,8 @@ TEST_CASE("a local edit changes only the parts that differ in the file", "[site]
   SharedScene boston("boston", scene().dump());
   SharedScene uppsala("uppsala", scene().dump());
   (void)boston.takeTold();
-  // Uppsala edits the wall's strength. Boston edits a nameless mode's strength, and then the wall's
-  // as well.
+  // Uppsala edits the wall's strength. Boston edits the strength of a mode without a name, and then
+  // also that of the wall.
   uppsala.edit(withStrength(scene(), 7));
   CHECK(boston.hear("uppsala", *uppsala.takeTold()).empty());
   CHECK(boston.takeNews());
@@ -310,19 +310,19 @@ TEST_CASE("a local edit changes only the parts that differ in the file", "[site]
   CHECK(strengths(boston) == std::vector<double>{4, 9, 2});
   CHECK(uppsala.hear("boston", *boston.takeTold()).empty());
   CHECK(strengths(uppsala) == std::vector<double>{4, 9, 2});
-  // A repeated message changes no edit, so the sites stop sending.
+  // A repeated message changes nothing, so the sites stop sending.
   CHECK(uppsala.takeNews());
   const std::string echo = *uppsala.takeTold();
   CHECK(boston.hear("uppsala", echo).empty());
   CHECK_FALSE(boston.takeNews());
   CHECK_FALSE(boston.takeTold());
 
-  // A late joiner hears of all edits from a site that has adopted them.
+  // A late joiner receives all edits from a site that has applied them.
   SharedScene late("late", scene().dump());
   CHECK(late.hear("uppsala", echo).empty());
   CHECK(strengths(late) == std::vector<double>{4, 9, 2});
 
-  // A site does not apply an edit of its own that is too long to send.
+  // A site does not apply its own edit if the edit is too long to send.
   Json large = mine;
   large["modes"][0]["strength"] = {{"piecewise", Json::array()}};
   for (int i = 0; i < 10000; ++i) {
@@ -377,7 +377,8 @@ TEST_CASE("edits that arrive during a build stay within the message size", "[sit
 }
 
 TEST_CASE("a site with another scene is reported in one line with the difference", "[site]") {
-  // A part with a name that every site would reject is not sent; all other parts are.
+  // If every site would reject a part because of its name, the part is not sent; all other parts
+  // are.
   Json odd = scene();
   odd["fields"][std::string(300, 'x')] = {{"curl", "ball"}};
   SharedScene boston("boston", withStrength(odd, 5));
@@ -389,7 +390,7 @@ TEST_CASE("a site with another scene is reported in one line with the difference
         "site boston: its scene differs from the one here: mode \"wall\": copy one file to the "
         "other site, or edit it again");
   CHECK(uppsala.hear("boston", told).empty());
-  // From then on the edited part is the same.
+  // From then on, all sites have the same edited part.
   SharedScene late("late", scene().dump());
   boston.edit(withStrength(odd, 6));
   CHECK(late.hear("boston", *boston.takeTold()).empty());
@@ -438,15 +439,16 @@ TEST_CASE("a site applies the edits that its scene supports and skips the others
   auto built = look();
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}});
-  // The scene keeps its shape, so the loop ramps the edit in like an edit of the user's own file.
+  // The scene has the same structure, so the loop applies the edit gradually, like an edit of the
+  // user's own file.
   const std::uint64_t shape = built->scene->shape;
   CHECK(shape == buildScene(openScene(file), {}, &cache).scene->shape);
-  // The recording has the scene that was felt. The message has all known edits.
+  // The recording contains the scene that was in use. The message contains all known edits.
   CHECK(Json::parse(watcher.text())["modes"][0]["strength"] == 2);
   CHECK(watcher.takeTold());
 
-  // One edit has a volume that is not here, and one has a kind that no schema has. The edits before
-  // and after them are felt.
+  // One edit names a volume that this site lacks, and one has an unknown kind of mode. The edits
+  // before and after them are applied.
   merge(all, one(skin("bone", "skull", 1), 2));
   merge(all, one({{"name", "odd"}, {"mode", "odd"}}, 3));
   merge(all, one(skin("rind", "ball", 1), 4));
@@ -455,7 +457,7 @@ TEST_CASE("a site applies the edits that its scene supports and skips the others
   REQUIRE(built);
   CHECK(strengths(*built) == std::map<std::string, double>{{"skin", 2}, {"rind", 1}});
 
-  // No part of this edit can be felt: the scene stays as it is.
+  // No part of this edit can be applied, so the scene does not change.
   merge(all, one(skin("bone", "skull", 2), 5));
   watcher.hear("boston", textOf({all, {}}));
   CHECK_FALSE(look());

@@ -32,7 +32,8 @@ namespace {
 using Scalar = std::function<float(const Vec3d&)>;
 using Vector = std::function<Vec3f(const Vec3d&)>;
 
-/// Returns noise of deviation 1 about 0, the same for the same place: a sum of 12 uniform numbers.
+/// Returns noise with mean 0 and deviation 1, a sum of 12 uniform numbers. The same place always
+/// gets the same noise.
 double noise(const Vec3d& p) {
   std::uint64_t x = 0x1234567ULL;
   for (int axis = 0; axis < 3; ++axis) {
@@ -48,7 +49,7 @@ double noise(const Vec3d& p) {
   return sum;
 }
 
-/// Returns the transform of a block of n^3 voxels of 1 about the origin.
+/// Returns the transform of a block of n^3 voxels of edge 1, centred at the origin.
 openvdb::math::Transform::Ptr centred(int n) {
   auto transform = openvdb::math::Transform::createLinearTransform(1.0);
   transform->postTranslate(Vec3d(-0.5 * (n - 1)));
@@ -57,7 +58,7 @@ openvdb::math::Transform::Ptr centred(int n) {
 SuggestInput scalar(const Scalar& value, int n = 48, const std::string& name = "density") {
   SuggestInput input;
   auto grid = makeGrid<openvdb::FloatGrid>(n, centred(n), value, name);
-  // Like the importer's grids: the background is the value of the image's surroundings.
+  // As in the importer's grids, the background is the value of the image's surroundings.
   openvdb::tools::changeBackground(grid->tree(), value(grid->indexToWorld(Vec3d(0.0))));
   input.grid = grid;
   input.extent.reset({0, 0, 0}, {n - 1, n - 1, n - 1});
@@ -69,7 +70,7 @@ SuggestInput vector(const Vector& value, const std::string& name = "velocity", i
   input.extent.reset({0, 0, 0}, {n - 1, n - 1, n - 1});
   return input;
 }
-/// Returns an input as from a mesh: no data beyond its voxels.
+/// Changes an input to that of a mesh, which has no data beyond its voxels.
 SuggestInput ofMesh(SuggestInput input) {
   input.inactive_is_data = false;
   return input;
@@ -82,7 +83,7 @@ std::vector<double> outputsOf(const Json& strength) {
   return outputs;
 }
 
-/// Returns the suggested scene, after the checks that hold for all scenes.
+/// Returns the suggested scene, after checks that hold for all scenes.
 Json suggested(const std::vector<SuggestInput>& grids) {
   const std::string text = suggestScene("data.vdb", grids);
   CAPTURE(text);
@@ -131,7 +132,7 @@ Scalar ball(double radius, double inside, double outside, double deviation) {
   };
 }
 
-/// Head of air, fat and muscle, bone and brain; smoothed over two voxels.
+/// A head of air, fat, muscle, bone and brain, smoothed over two voxels.
 float headInHounsfield(const Vec3d& p) {
   const double r = p.length();
   const auto step = [r](double radius) { return 1.0 / (1.0 + std::exp((r - radius) / 0.5)); };
@@ -169,7 +170,7 @@ TEST_CASE("a blurred ball has the same surface", "[guess]") {
 }
 
 TEST_CASE("inactive surroundings give a surface in an image but not in a mesh", "[guess]") {
-  // The importer leaves the surroundings inactive, with their value as the background.
+  // The importer makes the surroundings inactive, with their value as the background.
   const double deviation = GENERATE(0.0, 20.0);
   auto grid = openvdb::FloatGrid::create(0.0F);
   grid->setName("density");
@@ -196,13 +197,13 @@ TEST_CASE("inactive surroundings give a surface in an image but not in a mesh", 
 }
 
 TEST_CASE("the edge of an image is not a surface", "[guess]") {
-  // A slab that four faces of the image cut.
+  // A slab that ends at four faces of the image.
   const auto value = [](const Vec3d& p) {
     return static_cast<float>((p.z() > 8.0 ? 0.0 : 500.0) + 3.0 * noise(p));
   };
   const Json scene = suggested({scalar(value)});
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(250.0).margin(30.0));
-  // The image's edges alone are not a surface.
+  // The edges of the image alone must not count as a surface.
   SuggestInput block = scalar([](const Vec3d& p) { return static_cast<float>(noise(p)); });
   auto grid = openvdb::gridConstPtrCast<openvdb::FloatGrid>(block.grid)->deepCopy();
   openvdb::tools::changeBackground(grid->tree(), -1000.0F);
@@ -222,14 +223,14 @@ TEST_CASE("nested shells have two surfaces, the outer one weaker", "[guess]") {
   CHECK(surfaces[0]["value"].get<double>() == Approx(50.0).margin(15.0));
   CHECK(surfaces[1]["value"].get<double>() == Approx(200.0).margin(30.0));
   CHECK(surfaces[0]["strength"].get<double>() < surfaces[1]["strength"].get<double>());
-  // Between the surfaces is a drag.
+  // There is a viscosity mode between the surfaces.
   const Json knots = only(scene, "viscosity")["strength"]["piecewise"];
   CHECK(knots.front()[0] == surfaces[0]["value"]);
   CHECK(knots.back()[0] == surfaces[1]["value"]);
 }
 
 TEST_CASE("bone without an upper value is found where tissue ends", "[guess]") {
-  // Raw CT has air 0, tissue 1050, and bone of any value to 2500.
+  // Raw CT values: air 0, tissue 1050, bone up to 2500.
   const Json scene = suggested({scalar([](const Vec3d& p) {
     const double r = p.length();
     const double bone = 1800.0 + 600.0 * std::sin(0.9 * p.x()) * std::cos(1.1 * p.y() + p.z());
@@ -341,7 +342,7 @@ TEST_CASE("values that are not finite do not disturb the scene guess", "[guess]"
     return value(p);
   })});
   CHECK(only(scene, "isosurface")["value"].get<double>() == Approx(500.0).margin(60.0));
-  // The first of all voxels is not a number.
+  // The value of the first voxel is not a number.
   const Json flow = suggested({vector([](const Vec3d& p) {
     if (p.x() + p.y() + p.z() < -45.0) return Vec3f(NAN);
     return Vec3f(Vec3d(-p.y(), p.x(), 1.0));
@@ -411,14 +412,14 @@ TEST_CASE("the strength along a flow depends on the percentiles of its speed", "
 }
 
 TEST_CASE("only a flow with vorticity gets a viscosity by its curl", "[guess]") {
-  // Rankine's vortex: it turns as a solid within, without curl beyond.
+  // Rankine's vortex: rotates like a solid inside, and has no curl outside.
   const Json turning = suggested({vector([](const Vec3d& p) {
     const double r2 = std::max(36.0, p.x() * p.x() + p.y() * p.y());
     return Vec3f(Vec3d(-p.y(), p.x(), 0.0) * (36.0 / r2));
   })});
   const Json drag = only(turning, "viscosity");
   CHECK(turning["fields"][drag["of"].get<std::string>()].contains("curl"));
-  // A stagnation point: all strain.
+  // A stagnation point, which has strain only.
   const Json straining = suggested(
       {ofMesh(vector([](const Vec3d& p) { return Vec3f(Vec3d(p.x(), p.y(), -2.0 * p.z())); }))});
   CHECK(modesOf(straining, "viscosity").empty());
@@ -520,7 +521,7 @@ TEST_CASE("each volume has a unique name that is made from its grid's name", "[g
 }
 
 TEST_CASE("the guessed scene does not depend on the number of threads", "[guess]") {
-  // More voxels than the analysis looks at.
+  // The grid has more voxels than the analysis reads.
   const std::vector<SuggestInput> grids{
       scalar(ball(30.0, 1000.0, 0.0, 30.0), 96),
       vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), noise(p))); }, "flow", 96)};
@@ -581,14 +582,14 @@ TEST_CASE("a bare CT .vdb gets a skin surface and a bone surface", "[guess]") {
   const Json scene = Json::parse(guess.scene);
   CHECK_THAT(scene["volumes"]["ct"]["description"].get<std::string>(), Contains("Hounsfield"));
 
-  // If the user asks for CFD: levels of this image, not of the Hounsfield scale.
+  // If the user selects CFD, the levels are those of this image, not of the Hounsfield scale.
   const Json other = Json::parse(guessVdb(folder / "ct.vdb", GuessFor::kCfd).scene);
   for (const Json& mode : other["modes"]) CHECK(mode["name"] != "bone");
 }
 
 TEST_CASE("the Hounsfield scale is recognised in CT of a head, and not in other fields",
           "[guess]") {
-  // Air is the background of the image, and its voxels are left out.
+  // Air is the image's background, and its voxels are omitted.
   const Json head = suggested({scalar(headInHounsfield)});
   CHECK(head["modes"][0]["name"] == "skin");
   CHECK(head["modes"][1]["name"] == "bone");
@@ -658,7 +659,7 @@ TEST_CASE("vectors of length 1 are axial directions unless the user asks for CFD
   const Json cfd =
       Json::parse(suggest({"data.vdb", "", ""}, {vector(direction, "v1")}, GuessFor::kCfd).scene);
   CHECK_FALSE(cfd["volumes"]["v1"].contains("axial"));
-  // If the user asks for fibres, any vectors are axial.
+  // If the user selects fibres, all vectors count as axial.
   const auto flow = vector([](const Vec3d& p) { return Vec3f(Vec3d(-p.y(), p.x(), 3.0)); });
   const Json fibres = Json::parse(suggest({"data.vdb", "", ""}, {flow}, GuessFor::kFibres).scene);
   CHECK(fibres["volumes"]["velocity"]["axial"] == true);
@@ -707,7 +708,7 @@ TEST_CASE("the three component grids of a vector are not used as scalars", "[gue
   CHECK_THAT(guess.left[0], Contains("X Velocity, Y Velocity, Z Velocity") &&
                                 Contains("Velocity.x, Velocity.y and Velocity.z"));
 
-  // Under those names the grids are a vector, which turns.
+  // With these names, the grids are the components of a vector that rotates.
   const TemporaryFolder folder;
   openvdb::GridPtrVec grids;
   for (int axis = 0; axis < 3; ++axis) {
@@ -724,7 +725,7 @@ TEST_CASE("the three component grids of a vector are not used as scalars", "[gue
 }
 
 TEST_CASE("each material fraction gets a surface at one half, but the void does not", "[guess]") {
-  // A ball and a box apart in a void; at edges, fractions mix over a voxel or two.
+  // A ball and a box in a void. At edges, volume fractions change over one or two voxels.
   const auto within = [](double depth) { return std::clamp(0.5 + 0.5 * depth, 0.0, 1.0); };
   const auto steel = [=](const Vec3d& p) {
     return static_cast<float>(within(8.0 - (p - Vec3d(-9.0, 0.0, 0.0)).length()));
@@ -768,8 +769,8 @@ TEST_CASE("mixed gases get no material surface", "[guess]") {
 }
 
 TEST_CASE("a shock gets a surface at its steepest place", "[guess]") {
-  // A bow shock: free stream before it, and values that fall and rise behind it. It is smeared over
-  // some three cells, of two voxels each.
+  // A bow shock: free stream in front, and values that fall and rise behind it. It is smeared over
+  // about three cells of two voxels each.
   const Scalar bow = [](const Vec3d& p) {
     const double ahead = p.x() + 12.0 - 0.01 * (p.y() * p.y() + p.z() * p.z());
     const double behind =
@@ -815,7 +816,7 @@ TEST_CASE("labels get surfaces where isovalues can separate them", "[guess]") {
     return static_cast<float>(p.length() < 8.0 ? 3 : (p.length() < 16.0 ? 1 : 0));
   })});
   CHECK(shells["modes"][0]["name"] != "density all labels");
-  // Two values are one body, also if the user asks for labels.
+  // Two values make one body, even if the user selects labels.
   const auto mask = scalar(ball(12.0, 1.0, 0.0, 0.0), 40, "mask");
   for (const GuessFor what : {GuessFor::kAnything, GuessFor::kLabels}) {
     const Json body = Json::parse(suggest({"data.vdb", "", ""}, {mask}, what).scene);
@@ -825,7 +826,7 @@ TEST_CASE("labels get surfaces where isovalues can separate them", "[guess]") {
 }
 
 TEST_CASE("labels in tiles without voxels are analysed too", "[guess]") {
-  // All labels end at nodes of 8 voxels: after pruning, the grid has only tiles.
+  // All labels end at the borders of nodes of 8 voxels, so that pruning leaves only tiles.
   SuggestInput input = scalar(
       [](const Vec3d& p) {
         const auto within = [&p](double from, double to) {
@@ -886,7 +887,7 @@ TEST_CASE("the printed share of a material is its share of the whole volume", "[
       {"data.vdb", "", ""},
       {fraction("steel", [&](const Vec3d& p) { return steel(p) - water(p); }),
        fraction("water", water), fraction("air", [&](const Vec3d& p) { return 1.0 - steel(p); })});
-  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %, and a little more due to the blur.
+  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %; the blur adds a little.
   const std::string line = guess.made.at(0);
   const std::size_t at = line.find("It is ");
   REQUIRE(at != std::string::npos);
@@ -926,7 +927,7 @@ TEST_CASE("a distance field without metadata gets a surface at 0", "[guess]") {
     CHECK(surface["solid"] == "below");
     CHECK(scene["modes"].size() == 1);
   }
-  // A ramp by 1 a unit is not a distance.
+  // A ramp with slope 1 is not a distance.
   CHECK(modesOf(suggested({scalar([](const Vec3d& p) { return static_cast<float>(p.x()); })}),
                 "isosurface")
             .empty());

@@ -38,7 +38,7 @@ Json heartScene() {
   return scene;
 }
 
-/// Writes displacements, one file per frame.
+/// Writes displacements, with one file per frame.
 void writeFrames(const std::filesystem::path& folder, const std::string& before, int first,
                  int count) {
   for (int i = 0; i < count; ++i) {
@@ -62,7 +62,7 @@ TEST_CASE("a procedural heart is felt where its formula has moved the wall", "[s
   CHECK(heart.fields.count("u") == 0);
   const Placement place = heart.placements.at("heart");
   CHECK(heart.motions.at("heart")->topSpeed({}) > 0.02);
-  // Moves inwards from the side, and stays while the heart beats twice.
+  // The hand moves inwards from the side and stays there for two heartbeats.
   Reader reader;
   ProxyState state({1e3, 1e12});
   double off = 0.0;
@@ -87,7 +87,7 @@ TEST_CASE("a procedural heart is felt where its formula has moved the wall", "[s
   }
   CAPTURE(off, moved, speed);
   CHECK(held > 1200);
-  CHECK(moved > 3.0);   // the wall comes in by that [mm]
+  CHECK(moved > 3.0);   // [mm], by which the wall moves inwards
   CHECK(speed > 0.01);  // [m/s]
   CHECK(off < 0.15);    // [mm]: a voxel is one
 }
@@ -175,7 +175,7 @@ TEST_CASE("frames are the files of a pattern, and a missing one is an error",
 TEST_CASE("displacements from many files move a volume placed like the deformed one",
           "[scene][warp][sequence]") {
   const TemporaryFolder folder;
-  writeFrames(folder.path(), "u_", 1, 4);  // up by a quarter of a unit a frame
+  writeFrames(folder.path(), "u_", 1, 4);  // moves up by a quarter of a unit per frame
   const auto ball = makeGrid<openvdb::FloatGrid>(
       41, openvdb::math::Transform::createLinearTransform(1.0),
       [](const openvdb::Vec3d& p) {

@@ -18,7 +18,7 @@ inline BuiltScene built(const nlohmann::json& scene, const std::filesystem::path
   return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
 }
 
-/// Returns the reason why a scene is not built; "taken" if it is built.
+/// Returns the error with which a scene is rejected; "taken" if the scene is built.
 inline std::string refusal(const nlohmann::json& scene, const std::filesystem::path& folder) {
   try {
     (void)built(scene, folder);

@@ -19,18 +19,19 @@ namespace {
 constexpr double kRate = 1.0 / kMotionTick;  // [Hz]
 constexpr double kStrength = 3.0;            // [N]
 constexpr double kDepth = 2e-3;              // [m]
-constexpr double kDeeper = 1e-3;             // [m], of a hand that yields
-constexpr double kFollows = 5.0;             // [Hz], fastest change that a hand follows
-constexpr double kSeconds = 5.0;             // per slice
-constexpr int kApproach = 300;               // ticks from outside
-constexpr double kOutside = 4e-3;            // [m], start of the approach
-constexpr std::size_t kSettled = 500;        // ticks at the start that do not count
-constexpr double kStep = 25e-6;              // [m], of the encoder
-constexpr double kTurning = 0.08;            // [m]: radius that converts speed to angle
+// [m], by which the target of an arm's grip is deeper than the path.
+constexpr double kDeeper = 1e-3;
+constexpr double kFollows = 5.0;       // [Hz], fastest change that a hand follows
+constexpr double kSeconds = 5.0;       // [s] in each slice
+constexpr int kApproach = 300;         // ticks in which the hand comes from outside
+constexpr double kOutside = 4e-3;      // [m] from the skin, start of the approach
+constexpr std::size_t kSettled = 500;  // ticks at the start that do not count
+constexpr double kStep = 25e-6;        // [m], of the encoder
+constexpr double kTurning = 0.08;      // [m]: radius that converts speed to angle
 
 using Path = std::vector<Vec3>;
 
-/// Filters forwards and back, so that the result has no lag.
+/// Filters forwards and then backwards, so that the result is not delayed.
 void lowPass(std::vector<double>& values) {
   const double share = 1.0 - std::exp(-2.0 * std::numbers::pi * kFollows / kRate);
   const auto pass = [&](auto begin, auto end) {
@@ -108,7 +109,8 @@ Buzz buzzOf(const std::vector<Vec3>& forces) {
   return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0, kRate)};
 }
 
-/// Returns a force of k times the depth from value and slope at the hand, along the slope.
+/// Returns the penalty force: k times the depth, along the slope. Value and slope are read at the
+/// hand.
 Force penalty(const std::shared_ptr<const ScalarField>& field, double level, double sign,
               bool polynomial) {
   constexpr double kDeepest = 6e-3;  // [m]
@@ -125,7 +127,7 @@ Force penalty(const std::shared_ptr<const ScalarField>& field, double level, dou
   };
 }
 
-/// Runs the whole tick.
+/// Runs the engine's whole tick.
 class SteppedEngine {
  public:
   SteppedEngine(const std::shared_ptr<const ScalarField>& field, double level, bool above) {
@@ -137,8 +139,8 @@ class SteppedEngine {
   }
   Vec3 force(const Vec3& probe) {
     const Ticked r = tick_(probe);
-    constexpr double kMuch = 4.0;    // times the hand's path
-    constexpr double kAtAll = 5e-5;  // [m]
+    constexpr double kMuch = 4.0;    // ratio of the proxy's path to the hand's
+    constexpr double kAtAll = 5e-5;  // [m], smallest path of the proxy that counts
     const double way = (r.proxy - proxy_).norm();
     const bool settled = ticks_++ > kSettled;
     if (settled && way > kMuch * (probe - probe_).norm() + kAtAll) ++clicks_;

@@ -1,5 +1,6 @@
-/// Measures a hand that slides along the skin of a scan. The force above 100 Hz comes only from the
-/// shape and noise of the data. Compares penalty forces with the engine.
+/// Measures the force on a hand that slides along the skin of a scan. A hand cannot move at more
+/// than 100 Hz, so the force above 100 Hz comes only from the shape and noise of the data. Compares
+/// penalty forces with the engine.
 #pragma once
 
 #include <memory>
@@ -17,51 +18,53 @@ namespace palpate::bench {
                                 const Vec3& axis, double angle, double far, double near,
                                 FieldCache& cache);
 
-/// How the hand moves.
+/// The motion of the hand.
 enum class BuzzHand {
-  kLed,      ///< Along a path, independent of the force.
-  kEncoder,  ///< Like kLed, read in steps of 25 um.
-  kHeld,     ///< On an arm of 0.15 kg and 0.5 N s/m, moved by a grip of 300 N/m and 4 N s/m. The
-             ///< grip follows the path 1 mm deeper.
+  kLed,      ///< The hand follows a path, independent of the force.
+  kEncoder,  ///< Like kLed, but its position is read in steps of 25 um.
+  /// The hand is an arm of 0.15 kg and 0.5 N s/m in a grip of 300 N/m and 4 N s/m. The grip follows
+  /// the path 1 mm deeper.
+  kHeld,
 };
 
 /// The measurement of one force.
 struct Buzz {
   double force = 0.0;  ///< Mean [N].
-  double power = 0.0;  ///< Above 100 Hz [N^2].
+  double power = 0.0;  ///< Power of the force above 100 Hz [N^2].
 };
-/// Returns the power of forces at `rate` [Hz] above `least` [Hz], less their mean [N^2]. Skips the
-/// first 500 forces.
+/// Returns the power above `least` [Hz] of forces at `rate` [Hz], without their mean [N^2]. Skips
+/// the first 500 forces.
 [[nodiscard]] double powerAbove(const std::vector<Vec3>& forces, double least, double rate);
-/// Returns by how much `one` is quieter than `other` at the same mean force [dB].
+/// Returns how much less power above 100 Hz `one` has than `other`, for the same mean force [dB].
 [[nodiscard]] double quieter(const Buzz& one, const Buzz& other);
 
 /// The measurements of one slice.
 struct Buzzes {
-  int clicks = 0;   ///< Ticks in which the engine's proxy went much farther than the hand. Before,
-                    ///< a groove or a ridge held the proxy. Clicks come from the shape and are
-                    ///< heard above 100 Hz.
-  Buzz polynomial;  ///< Penalty force: depth from value and slope at the hand, along the slope of
-                    ///< the trilinear polynomial, which jumps at the faces of cells.
-  Buzz continuous;  ///< The same with the engine's gradient.
-  Buzz engine;      ///< The whole tick of an isosurface.
+  /// Number of ticks in which the engine's proxy moved much farther than the hand, because a groove
+  /// or a ridge had held it until then. Such clicks come from the shape and add power above 100 Hz.
+  int clicks = 0;
+  /// Penalty force along the slope of the trilinear polynomial, which jumps at the faces of cells.
+  /// Value and slope are read at the hand.
+  Buzz polynomial;
+  Buzz continuous;  ///< The same penalty force along the engine's gradient, which does not jump.
+  Buzz engine;      ///< The engine's whole tick with an isosurface.
 };
 
-/// A hand's path over a skin.
+/// A path of a hand over a skin.
 struct SkinWay {
   double level = 0.0;   ///< Value at the skin.
   bool above = true;    ///< True if the solid's values are above the level.
   double far = 0.12;    ///< Distance from the axis at which the search for the skin begins [m].
   double raise = 0.0;   ///< Height of the middle slice above the middle of the data [m].
-  double apart = 4e-3;  ///< Distance of slices [m].
+  double apart = 4e-3;  ///< Distance between two slices [m].
   int slices = 7;
   double speed = 0.02;  ///< [m/s]
   BuzzHand hand = BuzzHand::kLed;
 };
 
-/// Moves about the axis along z through the middle of the data, 5 s in each slice. The path is 2 mm
-/// below the skin, smoothed as by a hand that cannot follow changes faster than 5 Hz. Stiffness 500
-/// N/m, at most 3 N, 1 kHz.
+/// Moves a hand around the axis along z through the middle of the data, 5 s in each slice. The path
+/// is 2 mm below the skin and smoothed, because a hand cannot follow changes faster than 5 Hz.
+/// Stiffness 500 N/m, at most 3 N, 1 kHz.
 [[nodiscard]] std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field,
                                            const SkinWay& way);
 

@@ -3,8 +3,8 @@ import os
 
 
 def cases(usual, name):
-    """Returns PALPATE_CASES if it is a number, a part of `usual` if it is like "10%". In a room (PALPATE_ROOM) that
-    has changed (PALPATE_CHANGED) a percentage is at least 100."""
+    """Returns PALPATE_CASES if it is a number, or a share of `usual` if it is a percentage such as "10%". If this room
+    (PALPATE_ROOM) is listed in PALPATE_CHANGED, a percentage counts as at least 100."""
     text = os.environ.get("PALPATE_CASES", "100%")
     run = max(1, int(float(text[:-1]) * usual / 100 if text.endswith("%") else float(text)))
     if text.endswith("%") and os.environ.get("PALPATE_ROOM") in os.environ.get("PALPATE_CHANGED", "").split():

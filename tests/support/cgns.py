@@ -6,7 +6,7 @@ IDENTITY = ctypes.c_int64
 
 
 class Writer:
-    """A file of nodes. Each is a group with a name, a label and data."""
+    """A file that consists of nodes. A node is an HDF5 group with a name, a label and data."""
 
     def __init__(self, path):
         self.lib = ctypes.CDLL("libhdf5_serial.so.103")
@@ -69,12 +69,12 @@ class Writer:
         return group
 
     def close(self):
-        # Closes all open objects of the library.
+        # Closes all open objects of the HDF5 library.
         self.lib.H5close()
 
 
 def structured(path, size, place, arrays):
-    """Writes a zone of size points at `place(i, j, k)`; arrays: {name: value(x, y, z)}."""
+    """Writes a structured zone of `size` points at `place(i, j, k)`. arrays: {name: value(x, y, z)}."""
     writer = Writer(path)
     base = writer.node(writer.file, "Base", "CGNSBase_t", "I4", [2], struct.pack("<2i", 3, 3))
     sizes = [*size, *(n - 1 for n in size), 0, 0, 0]

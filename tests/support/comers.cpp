@@ -1,7 +1,7 @@
-/// Sites of this machine that only publish hands: palpate_comers DOMAIN SECONDS [FIRST COUNT].
-/// Without FIRST and COUNT seven sites come and go as fast as possible; else COUNT sites stay,
-/// named ZFIRST and so on. If the program lost its core for so long that the sites were nearly
-/// silent, it reports that on stderr.
+/// Runs sites that only publish hands: palpate_comers DOMAIN SECONDS [FIRST COUNT]. Without FIRST
+/// and COUNT, seven sites join and leave as fast as possible. With them, COUNT sites stay, named
+/// ZFIRST and so on. If the machine kept the program from running so long that its sites nearly
+/// counted as silent, the program reports this on stderr.
 #include <chrono>
 #include <cstdlib>
 #include <dds/dds.h>

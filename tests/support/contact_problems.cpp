@@ -74,7 +74,7 @@ class Touch {
     }
   }
 
-  /// Holds the hand still for 150 ms.
+  /// Keeps the hand still for 150 ms.
   void hold(const Vec3& hand) {
     ++result_.holds;
     bool stands = true;
@@ -85,8 +85,8 @@ class Touch {
     if (stands) ++result_.unfinished;
   }
   [[nodiscard]] const Vec3& proxy() const { return proxy_; }
-  /// Returns the proxy's distance before the true surface, from `free`, or before the interpolated
-  /// one. Negative if the proxy is behind both.
+  /// Returns the proxy's signed distance from the true surface, given as `free`, or from the
+  /// interpolated one, whichever is larger. Negative: the proxy is behind both.
   [[nodiscard]] double behind(double free) {
     return free < 0.0 ? std::max(free, probed_.off(proxy_, 0.0)) : free;
   }
@@ -109,7 +109,7 @@ Mat3 anyFrame(Random& random) {
   return Eigen::Quaterniond(Eigen::AngleAxisd(angle, random.direction())).toRotationMatrix();
 }
 
-/// Returns a place on V = 0, found from the free side.
+/// Returns a place on V = 0, searched from the free side.
 Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random) {
   for (;;) {
     Vec3 a = middle + random.inCube(reach);
@@ -124,9 +124,9 @@ Vec3 onSurface(Probed& probed, const Vec3& middle, double reach, Random& random)
   }
 }
 
-constexpr double kReach = 22.0;  // [voxels], of a wandering hand
+constexpr double kReach = 22.0;  // [voxels], how far a wandering hand may go
 
-/// Runs a wandering hand. `free` returns the distance to the true surface.
+/// Runs a hand that wanders at random. `free` returns the distance to the true surface.
 void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& field,
             const Vec3& middle, const ContactRuns& runs, Random& random, ContactResult& result,
             double most = 4.0) {
@@ -271,7 +271,7 @@ ContactResult pressNoise(double grain, const ContactRuns& runs) {
     std::vector<double> corners(kCorners * kCorners * kCorners);
     for (double& corner : corners) corner = 0.3 + random.uniform(-1.0, 1.0);
     const auto value = [&](const Vec3& p) {
-      // The border of the grid is free.
+      // Outside of the grid's border is free space.
       const double border = (p - middle).cwiseAbs().maxCoeff();
       return grain * betweenCorners(corners, kCorners, p / grain) +
              2.0 * std::max(0.0, border - 18.0);

@@ -18,7 +18,7 @@ namespace {
 
 using methods::Balance;
 
-/// Returns the text of a power of ten, or of a multiple of one.
+/// Returns the text of a number that is a power of ten or a multiple of one.
 std::string word(double number) {
   const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
   char text[32];
@@ -50,11 +50,14 @@ Contender makeSet(std::string name, std::string setting,
   return {std::move(name), std::move(setting), solve};
 }
 
-/// How the step adapts in our reading of the paper's solver.
+/// How the step adapts in our version of the paper's solver.
 enum class Pace {
-  kSteady,   ///< Solves the most independent problems (euler_adaptive.h).
-  kHalving,  ///< Half the cost, a few per cent fewer solved; the paper's 30 to 40 iterations.
-  kSlow,     ///< Shrinks by 3 %: solves the most along motions, in a thousand steps or more.
+  kSteady,  ///< Solves the most problems that are independent of each other (euler_adaptive.h).
+  /// Costs half of kSteady and solves a few per cent fewer problems. Needs 30 to 40 iterations, as
+  /// the paper says.
+  kHalving,
+  /// Shrinks by 3 %. Solves the most problems along motions, in a thousand steps or more.
+  kSlow,
 };
 Contender makePaper(double tolerance, Pace pace) {
   methods::EulerAdaptiveParams params;
@@ -78,7 +81,7 @@ Contender makePaper(double tolerance, Pace pace) {
   return makeSet(kPaper, setting, methods::eulerAdaptive, params);
 }
 
-/// Returns the engine's solver; `warm`: with memory of the last balance.
+/// Returns the engine's solver. With `warm`, it keeps the memory of the last balance.
 Contender makeOurs(double tolerance, bool warm) {
   SolverParams params;
   params.tolerance = tolerance;

@@ -20,27 +20,28 @@ struct Answer {
 
 /// A method at one setting.
 struct Contender {
-  std::string method;  ///< Its name in charts.
-  std::string
-      setting;  ///< Its tolerance (for the fixed step: the step) as 1e-3; empty: it has no setting.
-  /// Solves a problem. The primitives are the problem's, in memory that was just written, as in a
-  /// tick.
+  std::string method;   ///< Name of the method in charts.
+  std::string setting;  ///< The method's tolerance, or the step of the fixed-step method, such as
+                        ///< 1e-3. Empty: the method has no setting.
+  /// Solves a problem. The primitives are those of the problem, in memory that was just written, as
+  /// in a tick.
   std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
-  /// Called before a balance that does not follow from the previous balance.
+  /// Called before a balance that does not continue the previous one.
   std::function<void()> forget = [] {};
 };
 
-/// Names in charts of the engine's solver and of our reading of the paper's solver.
+/// Names in charts of the engine's solver and of our version of the paper's solver.
 inline constexpr const char* kOurs = "palpate";
 inline constexpr const char* kOursWarm = "palpate, warm";
 inline constexpr const char* kPaper = "Euler, adaptive step";
 
-/// Returns all methods. The engine's solver starts without memory. For motions the list also has
-/// the solver that remembers the last balance.
+/// Returns all methods. The engine's solver starts without memory. For motions, the list also has
+/// the engine's solver with the memory of the last balance.
 [[nodiscard]] std::vector<Contender> makeContenders(bool motion);
 
-/// Returns the methods of figure 7. Of our readings of the paper's solver the list has the one that
-/// needs as many iterations as the paper says. The engine's solver is called as in the tick.
+/// Returns the methods of figure 7. Of our versions of the paper's solver, the list has the one
+/// that needs the number of iterations that the paper gives. The engine's solver is called as in a
+/// tick.
 [[nodiscard]] std::vector<Contender> makeFigure7Contenders();
 
 }  // namespace palpate::bench

@@ -1,4 +1,5 @@
-/// Values at the corners of cubes, linear between them: the data of rough volumes.
+/// Random values at the corners of cubes, interpolated linearly between them: the data of rough
+/// volumes.
 #pragma once
 
 #include <algorithm>
@@ -9,8 +10,9 @@
 
 namespace palpate::bench {
 
-/// Returns the value at q, in cubes from the first corner, all coordinates >= 0. There are side^3
-/// corners, the last axis fastest. Beyond the last corner the value is that of the last corner.
+/// Returns the value at q, measured in cubes from the first corner; all coordinates are >= 0. There
+/// are side^3 corners, and the last axis varies fastest. Beyond the last corner the value is that
+/// of the last corner.
 inline double betweenCorners(const std::vector<double>& corners, std::size_t side, const Vec3& q) {
   const Vec3 low = q.array().floor();
   const double last = static_cast<double>(side) - 1.0;

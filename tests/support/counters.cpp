@@ -17,7 +17,7 @@ namespace {
 
 thread_local bool counting = false;
 thread_local palpate::test::Counts total;
-// Allocations of all threads while a FailScope lives, and the number of the one that fails.
+// Number of allocations of all threads while a FailScope lives, and index of the one that fails.
 std::atomic<bool> failing{false};
 std::atomic<long> allocated{0};
 std::atomic<long> fails{0};
@@ -29,7 +29,7 @@ std::atomic<long> fails{0};
          ++allocated == fails;
 }
 
-/// Returns the function of that name in the next library.
+/// Returns the function with this name from the next library.
 template <class F>
 F next(const char* name) {
   return reinterpret_cast<F>(dlsym(RTLD_NEXT, name));
@@ -38,7 +38,8 @@ F next(const char* name) {
 }  // namespace
 
 #if PALPATE_SANITIZED
-// A sanitizer owns the allocator. It calls back at every allocation, including operator new's.
+// Under a sanitizer, which owns the allocator, its hooks count all allocations, including those of
+// operator new.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
                                                                            std::size_t),
                                                          void (*freed)(const volatile void*));
@@ -57,8 +58,8 @@ const int kHooked = __sanitizer_install_malloc_and_free_hooks(onAllocated, onFre
 extern "C" {
 
 #if !PALPATE_SANITIZED
-// glibc's own allocator under another name, so that malloc itself, and with it operator new, can be
-// counted.
+// glibc's own allocator under another name. Replacing malloc allows its calls, and so those of
+// operator new, to be counted.
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
 void* __libc_realloc(void*, std::size_t);

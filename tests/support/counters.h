@@ -1,5 +1,5 @@
-/// Counts operations that a tick must not do, on this thread. Tests prove their absence by
-/// counting.
+/// Counts operations of this thread that a tick must not do. A test shows that a tick does not do
+/// them if the counts are zero.
 #pragma once
 
 #include <cstddef>
@@ -8,12 +8,13 @@ namespace palpate::test {
 
 /// Events since the construction of the scope.
 struct Counts {
-  long allocations = 0;  ///< malloc and related functions, and so operator new.
-  long locks = 0;        ///< pthread mutexes and read-write locks taken (not under a sanitizer).
-  long exceptions = 0;   ///< throw expressions.
+  long allocations = 0;  ///< Calls of malloc and related functions, and so of operator new.
+  /// Pthread mutexes and read-write locks that were taken (not counted under a sanitizer).
+  long locks = 0;
+  long exceptions = 0;  ///< throw expressions.
 };
 
-/// Starts counting on this thread; `counts()` reads. One at a time.
+/// Starts to count on this thread. Only one object at a time.
 class CountScope {
  public:
   CountScope();
@@ -23,10 +24,10 @@ class CountScope {
   [[nodiscard]] static Counts counts();
 };
 
-/// While this object lives, the n-th allocation of kLarge bytes or more, counted over all threads
-/// from its construction, fails once, as if memory were exhausted. Smaller allocations succeed: a
-/// program gets them from memory that it already has. One at a time. Does not work under a
-/// sanitizer, which owns the allocator.
+/// While this object lives, the n-th allocation of kLarge bytes or more fails once, as if memory
+/// were exhausted. Counts all threads from the construction on. Smaller allocations succeed,
+/// because a program gets them from memory that it already has. Only one object at a time. Does not
+/// work under a sanitizer, which owns the allocator.
 class FailScope {
  public:
   static constexpr std::size_t kLarge = 512;  ///< [bytes]
@@ -34,7 +35,7 @@ class FailScope {
   ~FailScope();
   FailScope(const FailScope&) = delete;
   FailScope& operator=(const FailScope&) = delete;
-  /// Returns false under a sanitizer.
+  /// Returns true if this build supports a FailScope; false under a sanitizer.
   [[nodiscard]] static bool works();
   /// Returns the number of allocations of kLarge bytes or more so far.
   [[nodiscard]] static long seen();

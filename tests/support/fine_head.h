@@ -1,5 +1,5 @@
-/// A real volume with a finer grid: VTK's head of PALPATE_DATA with interpolated voxels between its
-/// own.
+/// A real volume on a finer grid: VTK's head from PALPATE_DATA, with interpolated voxels between
+/// the original ones.
 #pragma once
 
 #include <algorithm>
@@ -18,11 +18,11 @@
 
 namespace palpate::test {
 
-/// CT of a head, 64 x 64 x 93 voxels of 3.2, 3.2 and 1.5 mm. The skin is at the value 500.
-/// Trilinear between voxels.
+/// CT scan of a head: 64 x 64 x 93 voxels of 3.2, 3.2 and 1.5 mm. The skin is at the value 500. The
+/// values between voxels are trilinear.
 class FineHead {
  public:
-  /// @param data   PALPATE_DATA.
+  /// @param data   Folder PALPATE_DATA.
   /// @param voxel  Edge of a voxel of the resulting volume [mm]; 0.3 gives 209 million voxels.
   FineHead(const std::filesystem::path& data, double voxel) : voxel_(voxel) {
     values_.reserve(static_cast<std::size_t>(kCount[0]) * kCount[1] * kCount[2]);
@@ -69,13 +69,13 @@ class FineHead {
     const float high = row(0, 1) + t[1] * (row(1, 1) - row(0, 1));
     return low + t[2] * (high - low);
   }
-  /// Returns the distance of the outermost skin from the middle, in a direction [mm].
+  /// Returns the distance from the middle to the outermost skin, in a direction [mm].
   [[nodiscard]] double skin(const Vec3& direction) const {
     double r = 120.0;
     while (r > 1.0 && at(centre() + r * direction) < 500.0F) r -= 0.2;
     return r;
   }
-  /// Returns the input of a brick writer; it must not outlive this object.
+  /// Returns the input of a brick writer. It refers to this object, which must outlive it.
   [[nodiscard]] BrickInput input() const {
     BrickInput out;
     out.name = "density";
@@ -100,17 +100,18 @@ class FineHead {
     };
     return out;
   }
-  /// Returns a hand's path about the head, `depth` mm below the skin. It has a length [m] and
-  /// begins above the forehead. The positions are in W [m]: the head has its real size and its
+  /// Returns a hand's path about the head, `depth` mm below the skin and `length` [m] long, which
+  /// begins above the forehead. The positions are in W [m]: the head has its real size, and its
   /// middle is the origin.
   [[nodiscard]] std::vector<Vec3> way(double length, double step, double depth) const {
     std::vector<Vec3> out;
     double angle = 0.0;
     while (static_cast<double>(out.size()) * step < length) {
-      // The path rises and falls while it circles the head, so it hardly visits a place twice.
+      // The path rises and falls while it circles the head, so it rarely visits a place twice.
       const Vec3 d =
           Vec3(std::cos(angle), std::sin(angle), 0.4 * std::sin(1.7 * angle)).normalized();
-      // The depth is below the mean of the skin near by: a hand does not follow each fold.
+      // The depth is measured from the mean of the nearby skin, because a hand does not follow each
+      // fold.
       double r = 0.0;
       for (int n = -4; n <= 4; ++n) {
         const double beside = angle + 0.02 * n;

@@ -16,8 +16,8 @@ def put(path, kind, body):
 
 
 def box(folder, size, edge, fields, times=("0", "0.5", "1")):
-    """size: cells along x, y, z; fields: {name: (kind, dimensions, value(x, y, z, time))}, for each cell; the value
-    of a vector has three numbers."""
+    """Writes a box. size: cells along x, y, z. fields: {name: (kind, dimensions, value(x, y, z, time))}, one value per
+    cell; the value of a vector has three numbers."""
     nx, ny, nz = size
 
     def point(i, j, k):

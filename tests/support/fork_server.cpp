@@ -1,8 +1,9 @@
-/// A library to preload: stops a program at the start of its main(), and forks it for each request.
+/// A library to preload. It stops a program at the start of its main(), and forks it for each
+/// request.
 ///
-/// A short run spends most of its time on loading and relocating up to 130 libraries. A fork
-/// already has these libraries, and has its own memory, files and status. The request brings its
-/// arguments, variables, folder and standard streams (tests/support/process.py).
+/// A short run spends most of its time on loading and relocating up to 130 libraries. A fork has
+/// these libraries already, and still has its own memory, files and exit status. A request contains
+/// arguments, environment variables, folder and standard streams (tests/support/process.py).
 /// PALPATE_FORK_SERVER holds the number of the socket.
 #include <array>
 #include <cerrno>
@@ -24,17 +25,18 @@ namespace {
 using Main = int (*)(int, char**, char**);
 Main program_main = nullptr;
 
-/// Precedes the strings of a request.
+/// Header that precedes the strings of a request.
 struct Header {
-  std::uint32_t bytes;      ///< The length of all strings, with their final zeros.
-  std::uint32_t arguments;  ///< Their number. The folder precedes them, the variables follow.
+  std::uint32_t bytes;  ///< Length of all strings, including their final zeros.
+  /// Number of arguments. The folder precedes them, the environment variables follow.
+  std::uint32_t arguments;
 };
 
 [[noreturn]] void fail() {
   _exit(125);
 }
 
-/// Reads exactly `count` bytes; false at the end of the requests.
+/// Reads exactly `count` bytes. Returns false if there are no more requests.
 bool readAll(int socket, void* to, std::size_t count) {
   auto* at = static_cast<char*>(to);
   while (count > 0) {
@@ -64,10 +66,11 @@ bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
   return true;
 }
 
-/// Ends a forked process after the handlers that its main() has registered. Handlers of libraries
-/// would wait for threads that a fork does not have (log4cplus, of OpenVDB, starts some before
-/// main()). So no fork is searched for leaks. With AddressSanitizer that search takes 0.3 s, and it
-/// takes the parent's threads for the fork's.
+/// Ends a forked process after the exit handlers that its main() has registered. Handlers of
+/// libraries would wait for threads that a fork does not have, such as those that log4cplus (used
+/// by OpenVDB) starts before main(). So forks are not searched for memory leaks. With
+/// AddressSanitizer, the search would take 0.3 s and would take the parent's threads for those of
+/// the fork.
 void endBeforeLibraries(int status, void*) {
   std::cout.flush();
   std::fflush(nullptr);
@@ -121,7 +124,7 @@ int serve(int, char**, char**) {
 
 }  // namespace
 
-/// Runs serve() in place of the program's main().
+/// Replaces glibc's function so that serve() runs in place of the program's main().
 extern "C" __attribute__((visibility("default"))) int __libc_start_main(Main real_main, int argc,
                                                                         char** argv, void (*init)(),
                                                                         void (*fini)(),

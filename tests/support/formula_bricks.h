@@ -1,4 +1,4 @@
-/// Makes dense bricks from a formula, so that no grid has to be in memory.
+/// Makes dense bricks from a formula, so that the volume need not be in memory.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,8 @@
 
 namespace palpate::test {
 
-/// Returns voxels [0, upper] given by a function of their index, all active, of 1 unit.
+/// Returns voxels [0, upper] whose values are a function of their index. All are active, and have
+/// edges of 1 unit.
 inline BrickInput formulaBricks(const std::string& name, const VoxelAt& upper,
                                 const std::function<double(const VoxelAt&)>& value) {
   BrickInput out;

@@ -19,7 +19,7 @@
 
 namespace {
 
-/// Runs a program on each core that computes and never waits, for the lifetime of this object.
+/// Keeps every core busy during this object's life: one program per core computes without a pause.
 class BusyNeighbours {
  public:
   BusyNeighbours() {
@@ -54,9 +54,9 @@ class BusyNeighbours {
   std::vector<pid_t> children_;
 };
 
-/// Runs tests that depend on how the machine schedules ([host]) beside busy neighbours. Prints a
+/// Runs tests that depend on how the machine schedules ([host]) while every core is busy. Prints a
 /// line for each test: its result, its seconds, its name. Random tests print how many cases they
-/// had.
+/// ran.
 struct Surroundings : Catch::TestEventListenerBase {
   using TestEventListenerBase::TestEventListenerBase;
 

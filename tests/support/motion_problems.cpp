@@ -49,7 +49,7 @@ typename GridT::Ptr denseGrid(const Coord& size, const typename GridT::ValueType
   return grid;
 }
 
-/// Return two directions across each other, slanted to the grid.
+/// Returns the first of two orthogonal directions that are oblique to the grid.
 const Vec3& firstAxis() {
   static const Vec3 u = Vec3(1, 0.37, -0.21).normalized();
   return u;
@@ -59,7 +59,7 @@ const Vec3& secondAxis() {
   return w;
 }
 
-/// Returns a soft step of a width in voxels, 1 inside.
+/// Returns a smooth step from 0 to 1 (inside), `width` voxels wide.
 double ramp(double depth, double width) {
   const double t = std::clamp(depth / width + 0.5, 0.0, 1.0);
   return t * t * (3.0 - 2.0 * t);
@@ -156,7 +156,7 @@ SurfaceMotion torusMotion(double major, double minor, double depth) {
   motion.field = scalarGrid(106, motion.distance);
   motion.floor = (1.0 / minor + 1.0 / (major - minor)) / 8.0;
   const double r = minor - depth;
-  // The hand winds three times about the tube in a lap.
+  // The hand winds around the tube three times per lap.
   const double speed = std::hypot(major, 3.0 * r);
   const auto at = [=](double a, double far) {
     const Vec3 ring = std::cos(a) * u + std::sin(a) * w;
@@ -181,10 +181,11 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
     return hollow ? -distance : distance;
   };
   motion.field = scalarGrid(turned ? 66 : 65, motion.distance);
-  // A quarter of the path, in the plane of two axes; the others are turned by 90 degrees each.
+  // A quarter of the path, in the plane of two axes. The other quarters are turned by 90 degrees
+  // each.
   std::vector<Vec3> quarter;
   if (hollow) {
-    // Along the wall into the edge, and down it into the corner and back.
+    // Along the wall into the edge, then down the edge into the corner and back.
     const double h = kHalf + depth;
     quarter = {{h, -h, 3.1}, {h, 0.0, 3.1}, {h, h, 3.1}, {h, h, h}, {h, h, 3.1}};
   } else {
@@ -223,7 +224,7 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
 
 namespace {
 
-/// One mode on one field, with a thread's reader and state.
+/// One mode on one field, with a reader and the state of a thread.
 struct Engine {
   std::unique_ptr<const Scene> scene;
   Reader reader;
@@ -251,7 +252,7 @@ Ticked tickedOf(const StepReport& r) {
           r.status == StepStatus::kHairpin};
 }
 
-/// Returns the hands of a path. They are computed before any timing.
+/// Returns the hand's positions on a path. They are computed before the timing starts.
 std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, long ticks) {
   std::vector<Vec3> hands;
   hands.reserve(static_cast<std::size_t>(ticks));
@@ -261,7 +262,7 @@ std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, 
   return hands;
 }
 
-/// Runs all ticks. Returns the median time of one [ns], from batches.
+/// Runs all ticks. Returns the median time per tick [ns], from batches.
 double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vector<Ticked>& ticked) {
   const std::size_t batch = hands.size() < 640 ? 16 : 64;
   std::vector<double> times;
@@ -275,7 +276,7 @@ double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vecto
                     static_cast<double>(batch));
     begun = std::chrono::steady_clock::now();
   }
-  // A path of a few ticks is one batch.
+  // A path of a few ticks makes a single batch.
   if (times.empty() && !hands.empty()) {
     const auto now = std::chrono::steady_clock::now();
     times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() /
@@ -314,11 +315,11 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   Probed probed(std::get<0>(motion.field));
   const double pace = voxelsPerTick(speed);
 
-  // First, the hand moves slowly down onto the surface.
+  // The hand first moves slowly down onto the surface.
   constexpr int kDown = 200;
   Vec3 above = motion.outside;
   if (anywhere) {
-    // The method holds at any level, so the hand begins at the true surface.
+    // The method may hold any level, so the hand starts at the true surface.
     Vec3 below = motion.hand(0.0);
     for (int i = 0; i < 60; ++i) {
       const Vec3 middle = 0.5 * (above + below);
@@ -333,7 +334,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
 
   MotionResult out;
   const auto ticks = static_cast<long>(laps * motion.lap / pace);
-  // Both ends have several laps, because a small sphere has few ticks in one.
+  // Start and end have several laps each, because a small sphere has few ticks per lap.
   const auto lap = static_cast<long>(std::max(1.0, laps / 10.0) * motion.lap / pace);
   struct Mean {
     double sum = 0.0;
@@ -348,7 +349,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   Mean last;
   double held = 0.0;
   double squares = 0.0;
-  double level = 0.0;  // of the first tick that held
+  double level = 0.0;  // level in the first tick that held
   const std::vector<Vec3> hands = handsOf(motion.hand, pace, ticks);
   std::vector<Ticked> ticked;
   out.nanoseconds = tickAll(hands, method, ticked);
@@ -388,7 +389,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
 
 namespace {
 
-/// Returns the exact interpolant of voxels.
+/// Returns the exact trilinear interpolation of voxels.
 Vec3 blend(const std::function<Vec3(int, int, int)>& voxel, const Eigen::Vector3i& cell,
            const Vec3& p) {
   Vec3 sum = Vec3::Zero();
@@ -407,7 +408,7 @@ Eigen::Vector3i cellOf(const Vec3& p) {
   return p.array().floor().cast<int>();
 }
 
-/// Caches eight voxels, because the tracer reads the same ones many times.
+/// Caches eight voxels for the tracer, which reads the same voxels many times.
 class Cell {
  public:
   Cell(const std::function<Vec3(int, int, int)>& voxel, const Eigen::Vector3i& cell) : cell_(cell) {
@@ -470,7 +471,8 @@ Vec3 goOn(const std::function<Vec3(int, int, int)>& voxel, Vec3 p, double way, d
   return p;
 }
 
-/// Returns the distance of p from a course near its point i, and moves i along.
+/// Returns the distance from p to a course near the course's point i. Updates i to the nearest
+/// point.
 double fromCourse(const Stream& s, const Vec3& p, std::size_t& i) {
   const auto last = static_cast<long>(s.x.size()) - 1;
   auto best = static_cast<long>(i);
@@ -556,7 +558,7 @@ FieldPtr fieldAbout(const Stream& s, const std::string& interpolation) {
 
 namespace {
 
-/// Rounds a vector as a grid of floats stores it.
+/// Rounds a vector to floats, as a grid stores it.
 Vec3 stored(const Vec3& v) {
   return v.cast<float>().cast<double>();
 }
@@ -591,7 +593,8 @@ std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
 std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
                                   double length, std::size_t count, double pull,
                                   const std::string& interpolation) {
-  constexpr double kSlow = 0.35;  // below it Taylor-Green's flow turns on the spot
+  // Relative speed below which Taylor-Green's flow turns on the spot.
+  constexpr double kSlow = 0.35;
   test::Random random(7);
   std::vector<Stream> streams;
   while (streams.size() < count) {
@@ -691,11 +694,11 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
   for (std::size_t i = 1; i < proxies.size(); ++i) {
     const Vec3& p = proxies[i];
     const double off = fromCourse(stream, p, near);
-    // The course's bend is unknown past its end.
+    // The bend of the course is unknown beyond its end.
     if (near + 1 < stream.x.size()) out.off_max = std::max(out.off_max, off);
     if (!judged) continue;
     const Vec3& before = proxies[i - 1];
-    // Searches for the nearest place of the exact stream through the last proxy.
+    // Searches for the nearest point of the exact stream through the previous proxy.
     double way = (p - before).dot(stream.directionAt(before));
     Vec3 departure;
     for (int pass = 0; pass < 3; ++pass) {
@@ -747,7 +750,7 @@ Shell makeShell(const std::string& kind, double thickness, double level) {
 
 ShellResult pressShell(const Shell& shell, double degrees, double load, long count,
                        const StepParams& step) {
-  constexpr double kStrength = 2.34375;  // [N]: 6 voxels of spring
+  constexpr double kStrength = 2.34375;  // [N]: stretches the spring by 6 voxels
   constexpr double kSpring = 6.0;
   constexpr int kTicks = 8;
   constexpr int kHeld = 25;

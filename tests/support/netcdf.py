@@ -9,7 +9,7 @@ CLASSIC, NETCDF4 = 0, 0x1000
 
 
 def write(path, dimensions, variables, title="", form=CLASSIC, packed=False):
-    """dimensions: {name: length}; variables: {name: (type, dimensions, attributes, values)}."""
+    """Writes a file. dimensions: {name: length}. variables: {name: (type, dimensions, attributes, values)}."""
     library = ctypes.CDLL(ctypes.util.find_library("netcdf"))
 
     def call(name, *words):

@@ -1,16 +1,16 @@
 /// The passivity observer and controller of Hannaford and Ryu (2002), time domain, impedance
-/// causal. The energy tank replaced it.
+/// causal. The engine used it before the energy tank.
 #pragma once
 
 #include "palpate/engine/types.h"
 
 namespace palpate::methods {
 
-/// Sums the work at the port as software sees it. If the sum is negative, control() adds a damper
-/// to the force. The damper would bring the sum back to zero over the step before.
+/// Sums the work at the port as software sees it. If the sum is negative, control() adds a damping
+/// force that would have returned the sum to zero in the previous step.
 ///
-/// The observer knows neither the encoder's error, nor delay, nor the arm's friction, and acts a
-/// step late. tests/engine/passivity_test.cpp counts how often energy still comes out.
+/// The observer does not know the encoder's error, the delay or the arm's friction, and acts a step
+/// late. tests/engine/passivity_test.cpp counts how often energy still comes out.
 class PassivityObserver {
  public:
   /// @param wanted  Force on the hand [N].

@@ -15,8 +15,8 @@ namespace palpate::bench {
 
 namespace {
 
-constexpr int kPieces = 4;      // straight paths a tick
-constexpr double kSoft = 25.0;  // [N/m], Tank's cap
+constexpr int kPieces = 4;      // straight pieces of the hand's path per tick
+constexpr double kSoft = 25.0;  // [N/m], as the cap in Tank
 
 /// Returns a number in [0, 1) from an integer.
 double hashed(std::uint64_t a) noexcept {
@@ -45,11 +45,12 @@ class Draw {
   std::uniform_real_distribution<double> unit_{0.0, 1.0};
 };
 
-/// Gives the amplifiers' force, by its own clock. The code is independent of the tank's.
+/// Applies the amplifiers' force, with its own clock. Shares no code with the tank.
 class Wire {
  public:
   Wire(double delay, double lag) : delay_(delay), lag_(lag) {}
-  /// Sends a force. `off` is added to the delay; a force never overtakes another.
+  /// Sends a force with an additional delay `off`. Forces arrive in the order in which they were
+  /// sent.
   void send(const Vec3& force, double now, double off) {
     last_ = std::max(last_, now + delay_ + off);
     orders_.push_back({last_, force});
@@ -145,8 +146,9 @@ class Scene {
   double filtered_ = 0.0;
 };
 
-/// Returns the deviation of a force's delay from its mean, -1 to 1. By kind: constant, random, in
-/// turn, or early while the force grows and late while it falls (or the reverse).
+/// Returns the deviation of a force's delay from its mean, from -1 to 1. The kinds are: constant,
+/// random, alternating, early while the force grows and late while it falls, and the reverse of
+/// that.
 double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   const double either = draw.uniform(-1.0, 1.0);
   switch (kind % 6) {
@@ -165,7 +167,8 @@ double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   }
 }
 
-/// Returns the position at a time, from positions at ascending times. Drops older ones.
+/// Returns the position at a time, from positions at ascending times. Drops positions that are no
+/// longer needed.
 Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   while (past.size() > 2 && past[1].first <= time) past.pop_front();
   const auto& [from, a] = past[0];
@@ -174,8 +177,9 @@ Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
   return a + share * (b - a);
 }
 
-/// Returns the path of a hand that knows everything, for a tick of this length. The hand moves
-/// along the force, best against the arm's friction, and to and fro over the encoder's steps.
+/// Returns the path of a hand that knows the whole state, for a tick of this length. The hand moves
+/// along the force, as fast as is best against the arm's friction, and to and fro over the
+/// encoder's steps.
 Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double time, double mood,
               Draw& draw) {
   const Vec3 best = time / (2.0 * run.viscous) * force;
@@ -189,7 +193,7 @@ Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double 
     return way;
   }
   if (mood < 0.8) {
-    // Moves each axis to just before, or just past, the place where its reading changes.
+    // Moves each axis to a place directly before or after the one at which its reading changes.
     Vec3 way;
     for (int a = 0; a < 3; ++a) {
       const double edge = (std::floor(x[a] / d + 0.5) + (force[a] > 0.0 ? 0.5 : -0.5)) * d;
@@ -236,7 +240,8 @@ PassivityRun randomRun(std::uint64_t seed, bool fractional) {
 
 namespace {
 
-/// Returns a value even in its logarithm, by the run's number.
+/// Returns a value between `least` and `most` whose logarithm is evenly distributed over the runs'
+/// numbers.
 double within(double least, double most, std::uint64_t seed, std::uint64_t cycle) {
   const double share = static_cast<double>(seed % cycle) / static_cast<double>(cycle);
   return least * std::pow(most / least, share);
@@ -277,7 +282,8 @@ class Interruptions {
     kZero,    ///< The tank is reset, and zero is sent.
   };
   What next(Draw& draw) {
-    if (!(run_.forgets > 0.0)) return What::kNone;  // draws no number: older runs stay equal
+    // Does not draw a number, so that earlier runs stay the same.
+    if (!(run_.forgets > 0.0)) return What::kNone;
     if (left_ == 0 && draw.uniform(0, 1) < run_.forgets) {
       left_ = 1 + static_cast<int>(draw.uniform(0.0, run_.away + 1.0));
     }
@@ -314,7 +320,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   Tank tank;
   methods::PassivityObserver observer;
 
-  // The hand begins outside: inside a wall the force would need energy that the hand has not put
+  // The hand starts outside. Inside a wall, the force would need energy that the hand has not put
   // in.
   Vec3 x = 1e-3 * draw.direction() - 2e-3 * scene.normal();
   Vec3 v = draw.uniform(0.0, 0.6) * draw.direction();
@@ -334,8 +340,8 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   std::deque<std::pair<double, Vec3>> past{{-1.0, x}, {0.0, x}};
   Vec3 read = x;
   Vec3 before = x;
-  Vec3 mean = Vec3::Zero();  // force over the last tick
-  Vec3 gone = Vec3::Zero();  // the force that was sent last
+  Vec3 mean = Vec3::Zero();  // mean force over the last tick
+  Vec3 gone = Vec3::Zero();  // force that was sent last
   long ticks = 0;
   long scaled = 0;
   double asked = 0.0;
@@ -372,12 +378,12 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
       sent *= share;
       if (run.tells_weak) tank.weaken(share, params.arm);
     }
-    // The last interval is judged when the tank has seen it.
+    // The last interval is judged after the tank has seen it.
     result.margin = std::min(result.margin, energy + tank.debt());
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // Without doubt no number is drawn, so that runs are the same in every version.
+    // Without doubt in the delay no number is drawn, so that runs are the same in all versions.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);
@@ -392,7 +398,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
 
     dt = run.period * (1.0 - draw.uniform(0.0, run.jitter));
     if (run.late > 0.0 && draw.uniform(0, 1) < run.late) dt = run.period * draw.uniform(1.0, 10.0);
-    // The forces during this tick, for a hand that knows them.
+    // The forces during this tick, which an adversary knows.
     std::array<Vec3, kPieces> forces;
     mean.setZero();
     const double piece = dt / kPieces;
@@ -405,7 +411,8 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     for (std::size_t i = 0; i < kPieces; ++i) {
       Vec3 moved;
       if (run.adversary) {
-        // Against viscous friction the best path is faster while the force is stronger.
+        // Against viscous friction, the best path is faster while the force is larger than its
+        // mean.
         moved = way / kPieces + piece / (2.0 * run.viscous) * (forces[i] - mean);
       } else {
         Vec3 pull = Vec3::Zero();
@@ -435,7 +442,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
 }
 
 void PassivityTally::add(const PassivityResult& r) {
-  // Rounding of sums of up to 2,000 ticks of up to a joule.
+  // Rounding error of sums of up to 2,000 ticks with up to one joule each.
   constexpr double kRounding = 1e-12;
   const bool more = r.margin < -kRounding || r.spare < -kRounding;
   add(PassivityTally{1, r.least < -kRounding, r.least<-1e-3, more, r.debt> 0.0, r.least, r.margin,
@@ -457,7 +464,7 @@ void PassivityTally::add(const PassivityTally& other) {
 
 namespace {
 
-/// Returns a slightly changed run.
+/// Returns a copy of a run with slight changes.
 PassivityRun changed(PassivityRun run, Draw& draw) {
   const auto turn = [&](double& x, double least, double most) {
     if (draw.uniform(0, 1) < 0.3) {
@@ -508,7 +515,7 @@ PassivityTally playSearched(std::uint64_t seed, long plays, bool at_once) {
     if (at_once) run.delay = run.doubt = run.lag = run.reading_jitter = 0.0;
     const PassivityResult result = play(run, Keeper::kTank);
     tally.add(result);
-    // In units of the energy that the largest force can take out in a tick.
+    // In units of the energy that the largest force can extract in a tick.
     const double unit = run.peak * run.peak * run.period / (4.0 * run.viscous);
     if (result.spare / unit < least) {
       least = result.spare / unit;

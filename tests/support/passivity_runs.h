@@ -1,4 +1,5 @@
-/// Runs millions of hands, arms and scenes, to see whether energy comes out of the hand's port.
+/// Simulates millions of hands, arms and scenes, to see whether energy comes out of the hand's
+/// port.
 #pragma once
 
 #include <cstdint>
@@ -10,48 +11,53 @@ namespace palpate::bench {
 
 /// The sources of forces. All but the plain wall can create energy by themselves.
 enum class ActiveScene : std::uint8_t {
-  kWall,       ///< Stiff and damped; past its stable stiffness about half of the time.
-  kWaves,      ///< Force by place, also across the direction in which it changes: not a gradient.
+  kWall,  ///< Stiff and damped; in about half of the runs stiffer than the stability limit.
+  /// The force depends on the place, and also has a part across its direction of change, so it is
+  /// not a gradient.
+  kWaves,
   kUndamped,   ///< A wall with damping of the wrong sign, filtered.
   kNoise,      ///< Random by place and time.
-  kMoving,     ///< A wall that moves.
-  kSticky,     ///< A wall with 1.5 times the force when the hand leaves.
+  kMoving,     ///< A moving wall.
+  kSticky,     ///< A wall whose force is 1.5 times larger while the hand leaves.
   kAppearing,  ///< A wall that suddenly appears.
-  kWhirl,      ///< A force round an axis.
+  kWhirl,      ///< A force that circles an axis.
 };
 inline constexpr int kActiveScenes = 8;
 
 enum class Keeper : std::uint8_t { kNobody, kObserver, kTank };
 
-/// One hand at one arm in one scene.
+/// One hand on one arm in one scene.
 struct PassivityRun {
-  double mass = 0.1;        ///< [kg]
-  double viscous = 0.5;     ///< [N s/m], true.
-  double coulomb = 0.02;    ///< [N], true.
-  double encoder = 1e-5;    ///< Step of each of three axes [m].
-  double period = 1e-3;     ///< [s]
-  double jitter = 0.0;      ///< Ticks come after (1 - jitter) to 1 of the period.
-  double forgets = 0.0;     ///< Share of ticks in which an interruption begins that resets the
-                            ///< tank, as if a switch opened, or a scene or a fault ended. The reset
-                            ///< comes at once, or
-  int away = 0;             ///< up to so many ticks later; until then zero is sent.
-  int every = 1;            ///< A new position comes every so many ticks.
-  bool tells_age = true;    ///< Other positions are reported as old.
-  bool tells_doubt = true;  ///< The tank knows the doubt of the delay and the readings' jitter.
-  double late = 0.0;        ///< Share of ticks that come after up to ten periods.
-  double delay = 0.0;       ///< [s]
-  double doubt = 0.0;       ///< The delay of each force varies by plus or minus this time [s].
-  double reading_jitter = 0.0;  ///< Positions are up to twice this time old; the age varies [s].
+  double mass = 0.1;      ///< [kg]
+  double viscous = 0.5;   ///< [N s/m], true.
+  double coulomb = 0.02;  ///< [N], true.
+  double encoder = 1e-5;  ///< Encoder step along each of three axes [m].
+  double period = 1e-3;   ///< [s]
+  double jitter = 0.0;    ///< The time between two ticks is (1 - jitter) to 1 of the period.
+  /// Share of ticks in which an interruption begins that resets the tank, such as an opened switch,
+  /// or the end of a scene or fault. The reset comes at once, or.
+  double forgets = 0.0;
+  int away = 0;           ///< up to this many ticks later; until the reset, zero is sent.
+  int every = 1;          ///< A new position comes once in this number of ticks.
+  bool tells_age = true;  ///< In all other ticks, the position is reported as old.
+  /// The tank knows the doubt in the delay and the jitter of the readings.
+  bool tells_doubt = true;
+  double late = 0.0;            ///< Share of ticks that come late, by up to ten periods.
+  double delay = 0.0;           ///< [s]
+  double doubt = 0.0;           ///< The delay of each force varies by plus or minus this time [s].
+  double reading_jitter = 0.0;  ///< Positions have a varying age of up to twice this time [s].
   double lag = 0.0;             ///< [s]
-  double weak = 0.0;            ///< Share of ticks in which motors give less than their command.
-  bool tells_weak = true;       ///< The tank knows of the weak motors.
-  double grip = 0.0;            ///< The hand's spring [N/m]; 0: the hand has let go.
-  double grip_damping = 0;      ///< [N s/m]
-  double release = 9.0;         ///< When the hand lets go [s].
-  bool adversary = false;       ///< The hand is not a spring: it sees the next force and the
-                                ///< encoder's steps, and moves to gain most energy.
-  double peak = 5.0;            ///< [N]
-  double known_viscous = 1.0;   ///< Share of the friction that the tank knows.
+  /// Share of ticks in which the motors give less than they are told.
+  double weak = 0.0;
+  bool tells_weak = true;   ///< The tank knows when the motors give less.
+  double grip = 0.0;        ///< Stiffness of the hand [N/m]; 0: the arm is released.
+  double grip_damping = 0;  ///< [N s/m]
+  double release = 9.0;     ///< Time at which the hand lets go [s].
+  /// The hand is not a spring: it knows the next force and the encoder's steps, and moves so that
+  /// it gains the most energy.
+  bool adversary = false;
+  double peak = 5.0;           ///< [N]
+  double known_viscous = 1.0;  ///< Share of the true friction that the tank knows.
   double known_coulomb = 1.0;
   ActiveScene scene = ActiveScene::kWall;
   double stiffness = 500.0;  ///< [N/m]
@@ -62,56 +68,58 @@ struct PassivityRun {
   std::uint64_t seed = 0;  ///< Seed of the random numbers during the run.
 };
 
-/// Returns a random run in the ranges of the design notes.
+/// Returns a random run within the ranges of the design notes.
 ///
-/// @param fractional  Delays may also be parts of a period.
+/// @param fractional  Delays may also be fractions of a period.
 [[nodiscard]] PassivityRun randomRun(std::uint64_t seed, bool fractional);
 
-/// Gives the run an amplifier that lags by 0.03 to 3 periods.
+/// Gives the run an amplifier whose lag is 0.03 to 3 periods.
 void letLag(PassivityRun& run);
-/// Gives the run a delay with a doubt of 0.03 to 3 periods; half of the runs also have amplifiers
-/// that lag.
+/// Gives the run a delay with a doubt of 0.03 to 3 periods. Half of the runs also get amplifiers
+/// with a lag.
 void doubtDelay(PassivityRun& run);
 /// Gives the run positions that are up to a period old.
 void shakeReadings(PassivityRun& run);
-/// Gives the run a tank that is reset often, and positions every 1 to 8 ticks.
+/// Gives the run a tank that is reset often, and new positions only every 1 to 8 ticks.
 void forgetOften(PassivityRun& run);
 
 struct PassivityResult {
-  double least = 0.0;    ///< Lowest energy that the hand had put in, over all samples [J].
-  double margin = 0.0;   ///< Lowest value of that energy + debt: below zero breaks the promise.
-  double spare = 0.0;    ///< Smallest difference between that sum and the tank's energy, while the
-                         ///< tank's is positive [J]; below zero breaks the promise too.
+  double least = 0.0;  ///< Smallest energy that the hand had put in, over all samples [J].
+  /// Smallest sum of that energy and the debt [J]; below zero the tank's promise is broken.
+  double margin = 0.0;
+  /// Smallest difference between that sum and the tank's energy, while the latter is positive [J].
+  /// Below zero the promise is broken too.
+  double spare = 0.0;
   double debt = 0.0;     ///< [J]
-  double scaled = 0.0;   ///< Share of ticks in which the keeper changed the force.
-  double lost = 0.0;     ///< Mean share of the force that was lost.
-  double nominal = 0.0;  ///< The largest force [N].
+  double scaled = 0.0;   ///< Share of ticks in which the controller changed the force.
+  double lost = 0.0;     ///< Mean share of the force that the controller removed.
+  double nominal = 0.0;  ///< Largest force [N].
 };
 
-/// Plays the run. The result is exact but for rounding. The arm moves along straight pieces for any
-/// cause, and the work of the acting force is integrated in closed form.
+/// Simulates the run. The result is exact except for rounding. The arm moves along straight pieces,
+/// whatever moves it, and the work of the acting force is integrated in closed form.
 [[nodiscard]] PassivityResult play(const PassivityRun& run, Keeper keeper);
 
 /// Sums of many runs.
 struct PassivityTally {
   long runs = 0;
-  long active = 0;      ///< Runs in which energy came out, more than rounding,
-  long large = 0;       ///< more than a millijoule,
-  long broken = 0;      ///< more than the tank promises.
-  long indebted = 0;    ///< Runs in which the tank could not pay for something.
+  long active = 0;      ///< Number of runs in which more energy came out than rounding explains,
+  long large = 0;       ///< number with more than a millijoule,
+  long broken = 0;      ///< number with more than the tank promises.
+  long indebted = 0;    ///< Number of runs in which the tank had less energy than it needed.
   double worst = 0.0;   ///< Lowest energy [J].
   double margin = 0.0;  ///< Lowest PassivityResult::margin.
   double debt = 0.0;    ///< Largest debt [J].
-  double scaled = 0.0;  ///< Sums over the runs.
+  double scaled = 0.0;  ///< Sums over all runs.
   double lost = 0.0;
 
   void add(const PassivityResult& r);
   void add(const PassivityTally& other);
 };
 
-/// Searches for the worst run. The search starts from a random run and changes a run a little each
-/// time. It continues from the run that left the tank the least to spare. Plays `plays` runs of 0.2
-/// s. The search also changes delays in doubt, lag, jitter and resets of the tank.
+/// Searches for the worst run. The search starts from a random run and changes it slightly in each
+/// step, from the run in which the tank had the least to spare. Simulates `plays` runs of 0.2 s.
+/// The search also changes the delay's doubt, lag, jitter and resets of the tank.
 ///
 /// @param at_once  Keeps delay, doubt, lag and the readings' jitter at 0: a position is then known
 ///                 as soon as it was read.

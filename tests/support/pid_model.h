@@ -1,5 +1,6 @@
-/// A model of a device of USB's PID class: its descriptor and its answers to reports. The model is
-/// independent of the driver: it finds fields where the descriptor was written.
+/// A model of a device of USB's PID class: its descriptor and its answers to reports. The model
+/// shares no code with the driver: it finds fields at the places where it wrote them into the
+/// descriptor.
 #pragma once
 
 #include <algorithm>
@@ -14,25 +15,27 @@
 
 namespace palpate::test {
 
-/// The properties of a device. The two layouts are those of real firmware: OpenFFBoard (a bitmap of
-/// commands, +-32767) and VPforce (reports 101 to 113, +-4096, 1 disables and 2 enables).
+/// Properties of a device. The two layouts are those of real firmware: OpenFFBoard (commands as a
+/// bitmap, +-32767) and VPforce (reports 101 to 113, +-4096, command 1 disables and 2 enables).
 struct PidShape {
-  bool rhino = false;  ///< Laid out as VPforce; else as OpenFFBoard.
+  bool rhino = false;  ///< True: layout of VPforce; false: layout of OpenFFBoard.
   int axes = 2;        ///< 1 to 3.
   bool pool = true, gain = true, free = true, create = true, control = true, state = true;
   bool extras = true;    ///< Set Effect has a trigger, a delay, directions and similar fields.
   bool duration = true;  ///< Effects have a duration.
   int duration_bits = 16;
-  // Faults.
-  int load_status = 1;          ///< 1: success, 2: full, 3: error, 0: no status.
-  bool load_zero = false;       ///< It reports success with the index 0.
-  int load_refused = 0;         ///< Number of requests that it does not answer.
-  int load_stale = 0;           ///< Number of answers that still are of the effect before.
-  int at_once = 16;             ///< Number of effects that it plays at a time.
-  double longest = 1e9;         ///< [s]: an effect ends after this time at the latest.
-  int wakes_with = 0;           ///< Magnitude of a new effect.
-  bool stops_deaf = false;      ///< After a stop of all effects it needs another enable.
-  bool deaf_to_starts = false;  ///< It does not restart an effect that plays.
+  // Defects of the device.
+  int load_status = 1;     ///< 1: success, 2: full, 3: error, 0: no status.
+  bool load_zero = false;  ///< The device reports success with the index 0.
+  int load_refused = 0;    ///< Number of requests that the device does not answer.
+  /// Number of answers that still have the index of the previous effect.
+  int load_stale = 0;
+  int at_once = 16;      ///< Number of effects that can play at the same time.
+  double longest = 1e9;  ///< Longest time that an effect plays [s].
+  int wakes_with = 0;    ///< Magnitude of a new effect.
+  /// After a stop of all effects, the device needs to be enabled again.
+  bool stops_deaf = false;
+  bool deaf_to_starts = false;  ///< The device does not restart an effect that is playing.
 };
 
 class PidModel {
@@ -52,7 +55,7 @@ class PidModel {
   [[nodiscard]] const std::vector<std::byte>& descriptor() const { return descriptor_; }
   [[nodiscard]] int full() const { return shape_.rhino ? 4096 : 32767; }
 
-  /// Takes an output report, its number first.
+  /// Takes an output report, with its number first.
   void output(std::span<const std::byte> report, double now) {
     if (report.empty()) return;
     ++outputs_;
@@ -122,7 +125,7 @@ class PidModel {
     return out;
   }
 
-  /// Returns the force of a motor, as a share of its largest.
+  /// Returns the force of a motor, as a share of the largest force.
   [[nodiscard]] double share(int axis, double now) const {
     if (!active_ || !power_) return 0.0;
     double sum = 0.0;
@@ -148,13 +151,14 @@ class PidModel {
   void setSafety(bool on) { safety_ = on; }
   void setActive(bool on) { active_ = on; }
   [[nodiscard]] bool active() const { return active_; }
-  [[nodiscard]] long strange() const { return strange_; }  ///< Reports of unknown numbers.
-  [[nodiscard]] long outputs() const { return outputs_; }  ///< All reports to it.
+  /// Number of reports with an unknown number.
+  [[nodiscard]] long strange() const { return strange_; }
+  [[nodiscard]] long outputs() const { return outputs_; }  ///< Number of output reports.
   [[nodiscard]] long starts() const { return starts_; }
   [[nodiscard]] double gainShare() const {
     return static_cast<double>(gain_) / static_cast<double>(mostGain());
   }
-  /// Return the number of effects that exist, and of effects that play.
+  /// Return the number of existing effects, and of playing effects.
   [[nodiscard]] int made() const {
     return static_cast<int>(
         std::count_if(effects_.begin(), effects_.end(), [](const Effect& e) { return e.used; }));
@@ -164,9 +168,9 @@ class PidModel {
       return e.used && plays(e, now);
     }));
   }
-  /// Returns the durations that effects were given, raw.
+  /// Returns the raw durations that effects were given.
   [[nodiscard]] const std::vector<std::int64_t>& durations() const { return durations_; }
-  /// Returns the number of a report by its name, as "control".
+  /// Returns the report number that belongs to a name, such as "control".
   [[nodiscard]] int id(const char* name) const { return ids_.at(name); }
 
  private:
@@ -188,8 +192,8 @@ class PidModel {
     if (!e.started) return false;
     if (now - e.at > shape_.longest) return false;
     if (!shape_.duration) return true;
-    // Some firmware reads 0 or the largest duration as endless. This model then does not play the
-    // effect.
+    // Some firmware takes 0 or the largest duration as endless. This model does not play such
+    // effects.
     if (e.duration == 0 || e.duration >= (1 << shape_.duration_bits) - 1) return false;
     return now - e.at <= 1e-3 * static_cast<double>(e.duration);
   }
@@ -212,7 +216,7 @@ class PidModel {
       return nullptr;
     }
     Effect& e = effects_[static_cast<std::size_t>(index - 1)];
-    // A driver that numbers blocks itself creates them by using them.
+    // A driver that numbers the blocks itself creates a block by its first use.
     if (!shape_.create && !e.used) {
       e.used = true;
       e.gain = mostGain();
@@ -254,7 +258,7 @@ class PidModel {
   }
   void control(std::span<const std::byte> body) {
     const std::int64_t said = get("control.control", body);
-    // Bits of enable, disable, stop, reset; or the same by number.
+    // A command is a bit (enable, disable, stop, reset), or its number.
     const auto is = [&](int bit) {
       if (!shape_.rhino) return (said >> bit & 1) != 0;
       constexpr int kNumbers[] = {2, 1, 3, 4};
@@ -273,7 +277,7 @@ class PidModel {
     }
   }
 
-  // The descriptor.
+  // The functions below write the descriptor.
   void item(int tag, std::int64_t value) {
     int length = 4;
     if (value >= -128 && value <= 127) {

@@ -14,7 +14,7 @@
 
 namespace palpate::test {
 
-/// A field and its own cache.
+/// A field with its own cache.
 struct Probe {
   FieldPtr field;
   FieldCache cache{};
@@ -39,7 +39,8 @@ inline Placement slanted() {
   return placement;
 }
 
-/// Returns a property derived from a vector and its Jacobian; a scalar is in the first component.
+/// Returns a property derived from a vector and its Jacobian. A scalar is the first component of
+/// the result.
 inline Vec3 onTheFly(Derivation what, const VectorSample& s) {
   switch (what) {
     case Derivation::kMagnitude:

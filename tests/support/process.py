@@ -1,9 +1,9 @@
 """Runs programs as subprocess.run does. A run of palpate is a fork of a process that has loaded its libraries.
 
-The fork saves the time that loading takes (tests/support/fork_server.cpp). PALPATE_FORK_LIBRARY names the
-libraries to preload. Without it, or with options that a fork cannot have, a new process is started. A fork of palpate-import
-runs `palpate import`. All runs of a program share one address layout, and libraries are not unloaded at their end:
-tests of either use subprocess.run."""
+The fork saves the time that loading takes (tests/support/fork_server.cpp). PALPATE_FORK_LIBRARY names the libraries to
+preload. Without it, or with options that a fork cannot have, a new process is started. A fork of palpate-import runs
+`palpate import`. All forks of a program share one address layout, and their libraries are not unloaded at the end. So
+tests of layout or unloading use subprocess.run."""
 import array
 import atexit
 import contextlib
@@ -24,7 +24,7 @@ servers = {}
 
 
 class Server:
-    """A program, stopped at the start of its main()."""
+    """A program that is stopped at the start of its main()."""
     def __init__(self, program):
         self.socket, its = socket.socketpair()
         self.lock = threading.Lock()
@@ -42,7 +42,7 @@ class Server:
         return struct.unpack("i", self.socket.recv(4, socket.MSG_WAITALL))[0]
 
     def start(self, words, environment, folder, streams):
-        """Starts a process and returns its identity. The next received number is its status."""
+        """Starts a process and returns its id. The next number that is received is its exit status."""
         strings = [folder, *words, *(name + b"=" + value for name, value in environment.items())]
         text = b"".join(string + b"\0" for string in strings)
         rights = array.array("i", streams)
@@ -53,7 +53,7 @@ class Server:
 
 
 def exchange(given, ours, deadline):
-    """Writes `given` to ours[0] and returns all that comes from ours[1] and ours[2], or None at the deadline."""
+    """Writes `given` to ours[0]. Returns everything that comes from ours[1] and ours[2], or None at the deadline."""
     taken = {ours[1]: [], ours[2]: []}
     with selectors.DefaultSelector() as selector:
         for stream in taken:
@@ -128,7 +128,7 @@ def run_forked(server, words, how):
 
 
 def at_start(environment):
-    """Returns the variables that a program's libraries read before its main()."""
+    """Returns the environment variables that the program's libraries read before main()."""
     return {name: value for name, value in environment.items()
             if str(name).startswith(("ASAN_", "GLIBC_", "LD_", "LSAN_", "MALLOC_", "OMP_", "TBB_", "UBSAN_"))}
 

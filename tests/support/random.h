@@ -24,7 +24,7 @@ inline AskedCases& askedCases() {
   return asked;
 }
 
-/// Returns whether this process tests a room (PALPATE_ROOM) that is listed in PALPATE_CHANGED.
+/// Returns true if this process tests a room (PALPATE_ROOM) that is listed in PALPATE_CHANGED.
 inline bool roomHasChanged() {
   const char* room = std::getenv("PALPATE_ROOM");
   const char* changed = std::getenv("PALPATE_CHANGED");
@@ -33,9 +33,9 @@ inline bool roomHasChanged() {
          std::string::npos;
 }
 
-/// Returns how many random cases to run: PALPATE_CASES if it is a number, that share of `usual` if
-/// it is a percentage ("10%"), `usual` if it is not set. A percentage does not limit a room that
-/// has changed. At least 1.
+/// Returns how many random cases to run: PALPATE_CASES if it is a number, a share of `usual` if it
+/// is a percentage ("10%"), `usual` if it is not set. For a room that has changed, a percentage
+/// counts as at least 100. Returns at least 1.
 inline long cases(long usual) {
   const char* text = std::getenv("PALPATE_CASES");
   long run = usual;
@@ -52,12 +52,12 @@ inline long cases(long usual) {
   return run;
 }
 
-/// Returns the same for a number of laps, slices or runs. Never more than the usual.
+/// Like cases(), for a number of laps, slices or runs, but never more than `usual`.
 inline long share(long usual) {
   return std::min(cases(usual), usual);
 }
 
-/// Returns the same numbers for the same seed on every machine.
+/// Random numbers that are the same for the same seed on every machine.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
@@ -80,7 +80,7 @@ class Random {
       if (n > 0.1 && n < 1.0) return v / n;
     }
   }
-  /// Returns a primitive of any kind, strengths to 3 N, within 2 mm of the origin.
+  /// Returns a primitive of any kind within 2 mm of the origin, with a strength of up to 3 N.
   Primitive primitive() {
     return {static_cast<PrimitiveKind>(integer(4)), inCube(2e-3), direction(), uniform(0.0, 3.0)};
   }

@@ -10,7 +10,8 @@ __extension__ using Real = __float128;  // 113 bits
 
 Real sqrtOf(Real x) {
   if (!(x > 0)) return 0;
-  // Scaled into a double's range; each of Heron's steps doubles the digits.
+  // Scales the argument into a double's range. Each of Heron's steps then doubles the number of
+  // correct digits.
   Real scale = 1;
   while (x * scale * scale < Real(1e-200)) scale *= Real(1e100);
   x *= scale * scale;
@@ -54,7 +55,7 @@ struct Sym {
   Real yz = 0;
 };
 
-/// Adds H += c (a b^T + b a^T) / 2.
+/// Adds c (a b^T + b a^T) / 2 to H.
 void addOuter(Sym& H, Real c, const Vec& a, const Vec& b) {
   H.xx += c * a.x * b.x;
   H.yy += c * a.y * b.y;
@@ -86,15 +87,16 @@ struct Term {
   Vec at;
   Vec q;
   Real s;
-  Vec z;  ///< -f / s, within the unit ball; of a plane without the constant half of its force
+  Vec z;  ///< -f / s, within the unit ball; for a plane without the constant half of its force
 };
 
-/// Returns the offset that raises a primitive's potential with its length: for planes along q.
+/// Returns the offset whose length raises the primitive's potential; for planes it is along q.
 Vec away(const Term& t, const Vec& x) {
   const Vec d = x - t.at;
   if (t.kind == PrimitiveKind::kPoint) return d;
   if (t.kind == PrimitiveKind::kLine) {
-    // Projects twice: near the line, the rounding error along q is not small beside the rest.
+    // Projects twice, because near the line the rounding error along q is not small compared to the
+    // rest.
     const Vec once = d - dot(t.q, d) * t.q;
     return once - dot(t.q, once) * t.q;
   }
@@ -125,13 +127,13 @@ class Potential {
     for (const Term& t : terms_) {
       const Vec d = away(t, x);
       const Real length = sqrtOf(dot(d, d));
-      // max(0, t) = (t + |t|)/2
+      // for a plane, max(0, t) = (t + |t|) / 2
       e += t.kind == PrimitiveKind::kPlane ? t.s * (length - dot(t.q, d)) / 2 : t.s * length;
     }
     return e;
   }
 
-  /// Returns the forces on the proxy by the z: eq. (14) without the spring.
+  /// Returns the primitives' force on the proxy from their z: eq. (14) without the spring.
   [[nodiscard]] Vec force() const {
     Vec f = push_;
     for (const Term& t : terms_) {
@@ -140,13 +142,13 @@ class Potential {
     return f;
   }
 
-  /// Returns D(f): the least over all x of k/2 |x|^2 - f.x, and each primitive's bound -s max over
-  /// its ball.
+  /// Returns D(f): the minimum over all x of k/2 |x|^2 - f.x, plus for each primitive the bound -s
+  /// max over its ball.
   [[nodiscard]] Real dual() const {
     const Vec f = force();
     Real d = -dot(f, f) / (2 * k_);
     for (const Term& t : terms_) {
-      // s |P (x - a)| >= s z.(x - a) for every x, |z| <= 1, z in the range of P.
+      // Uses s |P (x - a)| >= s z.(x - a) for every x, |z| <= 1, z in the range of P.
       d += t.kind == PrimitiveKind::kPlane ? t.s / 2 * dot(t.q - t.z, t.at) : -t.s * dot(t.z, t.at);
     }
     return d;
@@ -164,7 +166,8 @@ class Potential {
     return g;
   }
 
-  /// Takes one Newton step on the rounded potential from x. Returns false if no descent is left.
+  /// Takes one Newton step on the rounded potential from x. Returns false if the potential cannot
+  /// be lowered further.
   bool improve(Vec& x, Real mu) {
     Sym H{k_, k_, k_, 0, 0, 0};
     const Vec g = gradient(x, mu);
@@ -173,8 +176,9 @@ class Potential {
       const Real s = plane ? t.s / 2 : t.s;
       const Vec d = away(t, x);
       const Real length = sqrtOf(dot(d, d) + mu * mu);
-      // s/length (P - z d^T/length): the exact z = d/length gives the Hessian. The last z, within
-      // its ball, carries the answer to the next mu better (Andersen et al. 2000).
+      // The term is s/length (P - z d^T/length). With z = d/length this is the Hessian. With the
+      // last z, moved into its ball, the answer is a better start for the next mu (Andersen et al.
+      // 2000).
       const Real c = s / length;
       if (!plane) {
         H.xx += c;
@@ -188,8 +192,9 @@ class Potential {
     const Vec step = solve(H, -1 * g);
     const Real slope = dot(g, step);
     if (!(slope < 0)) return false;
-    // The step is halved while it climbs out again. The slope rises along the step, as E is convex.
-    // The slope is more precise than E itself: differences of E drown in rounding.
+    // Halves the step while the potential still rises at its end. Uses the slope, which rises along
+    // the step because E is convex. The slope is more precise than E, whose differences are lost in
+    // rounding.
     Real t = 1;
     while (t > Real(1e-30) && dot(gradient(x + t * step, mu), step) > -slope / 2) t /= 2;
     for (Term& term : terms_) {
@@ -203,7 +208,7 @@ class Potential {
     return -slope > k_ * mu * mu / 100;
   }
 
-  /// Sets z from the rounded norms at x.
+  /// Sets z from the gradients of the rounded norms at x.
   void place(const Vec& x, Real mu) {
     for (Term& t : terms_) {
       const Vec d = away(t, x);
@@ -213,7 +218,7 @@ class Potential {
   }
 
  private:
-  /// Moves z into the unit ball.
+  /// Shortens z to the unit ball.
   static void pull(Term& t) {
     const Real length = sqrtOf(dot(t.z, t.z));
     if (length > 1) t.z = (1 / length) * t.z;
@@ -246,7 +251,7 @@ Reference solveReference(const Vec3& probe, double stiffness,
   const auto number = [](Real r) { return static_cast<double>(r); };
   Reference out;
   out.offset = {number(x.x), number(x.y), number(x.z)};
-  // The offset is rounded to double, and E and D to 113 bits of their own size.
+  // The offset is rounded to double, E and D to 113 bits relative to their own magnitude.
   const Real value = potential.value(x);
   const Real dual = potential.dual();
   const Real gap = absOf(value - dual) + Real(1e-31) * (absOf(value) + absOf(dual));

@@ -1,10 +1,10 @@
-"""Checks that all programs have in common when they refuse an input."""
+"""Checks that apply to all programs that refuse an input."""
 import os
 
 
 def refusal(case, folder, call):
-    """Runs `call`: checks that it gives one clear line on stderr, no output on stdout, and leaves no file in
-    `folder`. Returns the result of `call`, and the line. The caller checks the status."""
+    """Runs `call`. Checks that it prints one clear line on stderr and nothing on stdout, and leaves no file in
+    `folder`. Returns the result of `call`, and the line. The caller checks the exit status."""
     before = sorted(os.listdir(folder))
     done = call()
     lines = done.stderr.splitlines()

@@ -1,13 +1,14 @@
-/// Runs two programs, each in a network of its own, with a link between them that is as bad as
-/// requested.
+/// Runs two programs, each in its own network, with a link between them whose defects are given as
+/// options.
 ///
 ///     palpate_relay [--delay-ms D] [--jitter-ms J] [--loss P] [--twice P] [--overtaken P]
 ///                   [--mbit R] [--seed N] [--seconds S] -- ONE... -- OTHER...
 ///
-/// ONE is at 10.77.0.1, OTHER at 10.77.0.2. Neither sees any other network, nor is seen. The seed
-/// and the number of packets before decide which packets are lost, late, doubled or overtaken. Ends
-/// with OTHER and with its status, or after S seconds with 124, and ends ONE too. SIGUSR1 separates
-/// the two, the next SIGUSR1 joins them again. At the end prints a line of JSON on standard error.
+/// ONE is at 10.77.0.1, OTHER at 10.77.0.2. Both are separated from all other networks. The seed
+/// and the number of earlier packets decide which packets are lost, late, doubled or overtaken.
+/// Ends when OTHER ends, with the status of OTHER, or after S seconds with 124, and then ends ONE
+/// too. SIGUSR1 disconnects the two, the next SIGUSR1 connects them again. At the end prints a line
+/// of JSON on standard error.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -60,8 +61,8 @@ void write(const char* file, const std::string& text) {
   if (!done) fail(file);
 }
 
-/// Moves this process into a network of its own, in which it has full rights. Processes that it
-/// starts end with the first of its children.
+/// Moves this process into its own network, in which it has full rights. When the first of its
+/// children ends, all processes that it started end.
 void leaveNetworks() {
   const std::string user = "0 " + std::to_string(getuid()) + " 1";
   const std::string group = "0 " + std::to_string(getgid()) + " 1";
@@ -79,7 +80,7 @@ void ask(int socket, unsigned long what, ifreq& of, const char* name) {
   if (ioctl(socket, what, &of) != 0) fail(name);
 }
 
-/// Returns a descriptor through which packets go in and out.
+/// Returns the descriptor of a network device that this process reads and writes.
 int makeTun(const std::string& address) {
   const int tun = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (tun < 0) fail("/dev/net/tun");
@@ -152,7 +153,7 @@ int receive(int from) {
 struct End {
   pid_t child = 0;
   int tun = -1;
-  int go = -1;  ///< A byte into it starts the program.
+  int go = -1;  ///< writing a byte to it starts the program
 };
 
 int statusOf(int how) {
@@ -176,7 +177,7 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
     }
     char byte = 0;
     if (read(pair[1], &byte, 1) != 1) _exit(77);
-    // When the first process of the namespace ends, all others end.
+    // When the first process of the namespace ends, the kernel ends all others.
     const pid_t first = fork();
     if (first != 0) {
       int how = 0;
@@ -198,22 +199,23 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
 
 struct Badness {
   double delay = 0.0;      // [ms]
-  double jitter = 0.0;     // [ms], uniform, on top
+  double jitter = 0.0;     // [ms], uniform, added to the delay
   double loss = 0.0;       // share
   double twice = 0.0;      // share
-  double overtaken = 0.0;  // share, that waits for one more delay
+  double overtaken = 0.0;  // share of the packets that wait for one more delay
   double mbit = 0.0;       // [Mbit/s]; 0: unlimited
   std::uint64_t seed = 1;
 };
 
-/// One direction: the packets on their way.
+/// One direction of the link: the packets that are under way.
 class Way {
  public:
   Way(const Badness& of, std::uint64_t seed) : of_(of), random_(seed) {}
 
   void take(std::string packet, Clock::time_point now) {
     ++sent_;
-    // All numbers are drawn each time: the fate of a packet does not depend on that of others.
+    // Draws all numbers for each packet, so that the fate of a packet does not depend on that of
+    // others.
     const std::array<double, 4> draw{uniform(), uniform(), uniform(), uniform()};
     constexpr std::size_t kMost = 1U << 16U;
     if (parted != 0 || draw[0] < of_.loss || waiting_.size() >= kMost) {
@@ -237,7 +239,7 @@ class Way {
     }
     waiting_.emplace(due, std::move(packet));
   }
-  /// Writes the packets that are due.
+  /// Writes the packets whose time has come.
   void give(int tun, Clock::time_point now) {
     while (!waiting_.empty() && waiting_.begin()->first <= now) {
       const std::string& packet = waiting_.begin()->second;
@@ -270,7 +272,7 @@ class Way {
   long overtaken_ = 0;
 };
 
-/// Passes on all packets that have come.
+/// Takes over all packets that have come.
 void drain(int tun, Way& way, Clock::time_point now) {
   std::array<char, 1U << 16U> packet{};
   while (true) {

@@ -20,7 +20,7 @@ inline constexpr double kBallRadius = 0.03;  ///< [m]
 inline FieldPtr ballField() {
   return makeSphere(Vec3::Zero(), kBallRadius);
 }
-/// Returns a volume "ball", solid inside, with a strength [N].
+/// Returns a volume "ball", solid inside, whose surface has a strength [N].
 inline GraphSpec ballSpec(double strength = 3.0) {
   GraphSpec spec;
   spec.modes.resize(1);
@@ -35,7 +35,7 @@ inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double stren
   return makeScene(ballSpec(strength), {{"ball", ball}}, coupling);
 }
 
-/// A device that reports a set position and keeps the force that it receives.
+/// A device that reports the position that a test sets, and stores the force that it receives.
 class TestDevice final : public Device {
  public:
   TestDevice() {
@@ -53,10 +53,10 @@ class TestDevice final : public Device {
   [[nodiscard]] double given() const noexcept override { return share; }
 
   HandState hand;
-  double share = 1.0;  ///< Share of a force that its motors can give.
+  double share = 1.0;  ///< Share of a force that the motors can give.
   Vec3 sent = Vec3::Zero();
   long writes = 0;
-  int write_ms = 0;  ///< Duration of a write.
+  int write_ms = 0;  ///< Duration of a write [ms].
   DeviceInfo about;
 };
 

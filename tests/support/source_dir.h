@@ -1,12 +1,12 @@
-/// The location of the tests' sources, for files beside them.
+/// The path of the tests' sources, for files in the same folders.
 #pragma once
 
 #include <string>
 
 namespace palpate::test {
 
-/// Returns the project's root, absolute. Only one small source contains the path. So all other
-/// sources compile to the same bytes in any clone, and the compiler cache finds them.
+/// Returns the project's root as an absolute path. Only one small source contains this path, so all
+/// other sources compile to the same bytes in any clone, and the compiler cache finds them.
 [[nodiscard]] std::string sourceDir();
 
 }  // namespace palpate::test

@@ -16,7 +16,7 @@ from pathlib import Path
 
 
 def smoke(test):
-    """Marks a test that the sanitizers run as well: the shortest one that reaches what no Catch2 test reaches."""
+    """Marks a test that sanitizers run too: the shortest test that reaches code which no Catch2 test reaches."""
     test.smoke = True
     return test
 
@@ -27,7 +27,7 @@ def name_of(test):
 
 
 class Lines(unittest.TestResult):
-    """Prints a line for each test, and remembers those that failed."""
+    """Prints a line for each test, and stores the tests that failed."""
     def __init__(self):
         super().__init__()
         self.passed = 0

@@ -22,7 +22,7 @@ class Terminal:
         self.drawn = ""
 
     def look(self, seconds):
-        """Reads the output that comes within this time. Returns false if the program has ended."""
+        """Reads the output that comes within this time. Returns False if the program has ended."""
         if not select.select([self.own], [], [], seconds)[0]:
             return True
         try:
@@ -32,7 +32,8 @@ class Terminal:
         return True
 
     def until(self, pattern, seconds=120):
-        """Returns whether the output matches the regular expression. If it does not, ends the program."""
+        """Returns True if the output matches the regular expression within the time. If it does not, ends the
+        program."""
         end = time.monotonic() + seconds
         while not re.search(pattern, self.drawn):
             if time.monotonic() > end or not self.look(0.1):
@@ -45,7 +46,7 @@ class Terminal:
         os.write(self.own, key)
 
     def ended(self, seconds=120):
-        """Returns the program's status, and how long it took to end."""
+        """Returns the program's exit status, and the time that the program took to end."""
         begin = time.monotonic()
         while self.look(0.1) and time.monotonic() < begin + seconds:
             pass

@@ -1,4 +1,5 @@
-/// Checks the statements of docs/tick.md, "What holds", in each tick of the motion tests.
+/// Checks the statements of the section "What holds" in docs/tick.md in each tick of the motion
+/// tests.
 #pragma once
 
 #include <algorithm>
@@ -9,13 +10,14 @@
 
 namespace palpate::bench {
 
-/// Returns whether provenStep() checks. A benchmark that times ticks switches the checks off.
+/// Returns a reference that switches the checks of provenStep() on or off. A benchmark that times
+/// ticks switches them off.
 inline bool& proving() {
   static bool on = true;
   return on;
 }
 
-/// Runs hapticStep(); throws std::logic_error if the tick breaks the theorem.
+/// Runs hapticStep(). Throws std::logic_error if the tick violates the theorem.
 inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState& hand,
                              ProxyState& state, double dt) {
   const Vec3 before = state.proxy();
@@ -35,7 +37,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   must(r.status != StepStatus::kFault, "fault", 0.0);
   must(r.substeps <= kMostSubsteps, "more readings than stated", r.substeps);
 
-  // Energy: the energy that the proxy's one move adds to the spring is counted.
+  // Energy: the tick reports the energy that a single move of the proxy adds to the spring.
   if (placed && slices == 1) {
     const double rise =
         0.5 * k * (offset.squaredNorm() - (before - hand.position).squaredNorm()) - r.injected;
@@ -43,7 +45,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   }
   if (r.status > StepStatus::kHairpin) return r;
 
-  // Strength: in a converged tick no primitive bears more than its strength.
+  // Strength: in a converged tick, no primitive bears more than its strength.
   double strengths = 0.0;
   for (const Primitive& primitive : state.primitives().items()) strengths += primitive.strength;
   double voxel = 0.0;
@@ -52,7 +54,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   if (std::any_of(varying.begin(), varying.end(), [](const Varying& v) { return !v.surface; })) {
     for (const FieldFrame& frame : scene.graph.vector_frames) voxel = std::max(voxel, frame.voxel);
   }
-  // Strengths that vary are those at the last reading, at most the tolerance away.
+  // Varying strengths are those of the last reading, which is at most the tolerance away.
   const double once = scene.step.tolerance_voxels * voxel;
   for (const Varying& one : varying) strengths += one.slope.norm() * once;
   // The proxy is within the tolerance of its answer, and the answer is within the tolerance of the
@@ -62,7 +64,8 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
       k * (offset.norm() - r.waiting.norm() - tolerance - r.error_bound) - (1.0 + 1e-9) * strengths;
   must(over <= 1e-9, "force above all strengths [N]", over);
 
-  // Surfaces: the proxy is not behind a surface that was seen and holds, by the values themselves.
+  // Surfaces: judged by the values themselves, the proxy is not behind a surface that was read and
+  // holds.
   for (std::size_t i = 0; i < scene.graph.modes.size(); ++i) {
     const auto* mode = std::get_if<IsosurfaceMode>(&scene.graph.modes[i]);
     const auto* of = std::get_if<IsosurfaceMemory>(&state.memory(i).of);
@@ -81,7 +84,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
     if (!at.inside || !(slope > 0.0)) continue;
     const double behind =
         skin.sign * (mode->level - at.value) * skin.metres_per_unit / (slope * skin.voxel);
-    // If the last step crosses a face of a cell, the error may be 1.5 times the tolerance.
+    // If the last step crosses a cell's face, the error may be 1.5 times the tolerance.
     must(behind <= 1.5 * scene.step.tolerance_voxels + r.error_bound / skin.voxel,
          "behind a surface that holds [voxels]", behind);
   }

@@ -9,13 +9,13 @@ inline constexpr bool kSanitized = true;
 inline constexpr bool kSanitized = false;
 #endif
 
-/// Selects the combinations that a test runs: all, or with sanitizers the first and each `every`-th
-/// after it. Sanitizers look for faults that no combination may have, and make each ten times as
-/// slow.
+/// Selects the combinations that a test runs: all of them, or with sanitizers the first and then
+/// each `every`-th. Sanitizers make each combination ten times as slow, and the faults that they
+/// detect do not depend on the combination.
 class Thinned {
  public:
   explicit Thinned(int every) : every_(kSanitized ? every : 1) {}
-  /// Call once for each combination.
+  /// Returns true if the present combination is to be run. Call it once for each combination.
   bool runs() { return number_++ % every_ == 0; }
 
  private:

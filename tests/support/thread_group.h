@@ -11,7 +11,7 @@
 
 namespace palpate::test {
 
-/// State shared by the threads.
+/// State that the threads share.
 struct ThreadMeeting {
   explicit ThreadMeeting(int size)
       : brought(static_cast<std::size_t>(size)),
@@ -39,7 +39,7 @@ class ThreadGroup final : public ProcessGroup {
   [[nodiscard]] bool giveUp() noexcept override { return meet({}, true, nullptr) == rank_; }
 
  private:
-  /// Returns the first rank that gives up, or the size.
+  /// Waits for all ranks. Returns the first rank that gives up, or the number of ranks.
   int meet(Bytes own, bool gives_up, std::vector<Bytes>* all) {
     const auto mine = static_cast<std::size_t>(rank_);
     meeting_.brought[mine] = std::move(own);
@@ -57,7 +57,7 @@ class ThreadGroup final : public ProcessGroup {
 };
 
 /// Runs `work` on `size` ranks. Returns how many ranks threw an exception. If exactly one rank
-/// threw, throws its exception.
+/// threw an exception, throws this exception.
 inline int byThreads(int size, const std::function<void(ProcessGroup&)>& work) {
   ThreadMeeting meeting(size);
   std::vector<std::exception_ptr> told(static_cast<std::size_t>(size));

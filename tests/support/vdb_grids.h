@@ -1,4 +1,4 @@
-/// OpenVDB grids for the samplers' tests that vdb_files.h does not have as files.
+/// OpenVDB grids for the samplers' tests, in addition to the files of vdb_files.h.
 #pragma once
 
 #include <functional>
@@ -14,7 +14,8 @@ void writeVdb(const std::filesystem::path& file, const openvdb::GridPtrVec& grid
 /// Returns the level set of a sphere about the origin, half-width 3 voxels, named "ball".
 openvdb::FloatGrid::Ptr makeBall(double radius, double voxel);
 
-/// Returns a dense block of voxels [0, n)^3 given by a function of their file-space position.
+/// Returns a dense block of voxels [0, n)^3 whose values are a function of their position in the
+/// file's space.
 template <class GridT>
 typename GridT::Ptr makeGrid(
     int n, const openvdb::math::Transform::Ptr& transform,

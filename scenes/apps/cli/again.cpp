@@ -11,7 +11,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kGrid = 1e-5;  // [m]
+// [m]: coordinates for options are rounded to multiples of this length.
+constexpr double kGrid = 1e-5;
 
 Vec3 roundedTo(const Vec3& p) {
   return (p / kGrid).array().round().matrix() * kGrid;
@@ -32,7 +33,8 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
   Vec3 probe = most.probe;
   Vec3 proxy = most.proxy;
   if (most.motion) {
-    // Moves the moment to the motion's start: one pose moves proxy and hand.
+    // If the mode's volume moves, maps hand and proxy to the volume's pose at time 0. Both use the
+    // pose at the proxy.
     const Vec3 rest = most.pose.toRest(proxy);
     const Pose first = most.motion->poseOf(rest, 0.0);
     probe = first(most.pose.toRest(probe));
@@ -48,13 +50,14 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
     again.push = roundedTo(probe - again.at);
     double off = 0.0;
     if (scene.id == most.scene) {
-      constexpr double kTick = 1e-3;  // [s], as in explain
+      constexpr double kTick = 1e-3;  // [s]: period of a tick in `palpate explain`
       Reader reader;
       ProxyState state(pathLimits());
       static_cast<void>(restAt(scene, reader, state, again.at, kTick));
       const Vec3 hand = again.at + again.push;
       const StepReport r = hapticStep(scene, reader, {hand}, state, kTick);
-      // Compares the springs only: the damper depends on the hand's speed.
+      // Compares the magnitudes of the spring forces without the damper, because the damper's force
+      // depends on the hand's speed.
       off = std::abs(r.stiffness * (r.proxy - hand).norm() - most.stiffness * pressed.norm());
     }
     if (off >= least) continue;

@@ -1,4 +1,4 @@
-/// Reproduces a moment of a run for `palpate explain`.
+/// Reproduces one tick of a run as a command of `palpate explain`.
 #pragma once
 
 #include <optional>
@@ -8,23 +8,24 @@
 
 namespace palpate::cli {
 
-/// Formats a place for options, to a hundredth of a millimetre: "0.012,0,-0.00351".
+/// Formats a position [m] for an option, rounded to 0.01 mm: "0.012,0,-0.00351".
 [[nodiscard]] std::string placeWords(const Vec3& p);
 
-/// Input for `palpate explain`.
+/// The motion of the hand that `palpate explain` gets as --at and --push.
 struct Again {
-  Vec3 at = Vec3::Zero();    ///< Position of the hand at rest [m].
-  Vec3 push = Vec3::Zero();  ///< Its move from there [m].
+  Vec3 at = Vec3::Zero();    ///< Position at which the hand rests before the tick [m].
+  Vec3 push = Vec3::Zero();  ///< Move of the hand from `at` within the tick [m].
 };
 
-/// Returns the hand's move to that moment. The hand starts before the proxy, so that a surface
-/// finds it on its free side. If the moment belongs to `scene`, tries several start distances
-/// and returns the best. Unset if no force is within a tenth: one move cannot reproduce surfaces
-/// that the proxy had passed or left. Moving volumes are evaluated where they were when the scene
-/// began.
+/// Returns the motion of the hand that reproduces `most` in one tick. The hand starts on the
+/// proxy's side of a surface, so that the surface stops the proxy. If `scene` is the scene of
+/// `most`, tries several start distances and returns the one whose spring force is nearest to that
+/// of `most`. Returns no value if the best force differs by more than 10 %: one tick cannot
+/// reproduce surfaces that the proxy had already passed or left. Moving volumes are at their pose
+/// of time 0.
 [[nodiscard]] std::optional<Again> againOf(const Most& most, const Scene& scene);
 
-/// Returns "palpate explain SCENE --at x,y,z --push x,y,z", quoted for a shell.
+/// Returns "palpate explain SCENE --at x,y,z --push x,y,z". SCENE is quoted for a shell.
 [[nodiscard]] std::string explainLine(const std::string& scene, const Again& again);
 
 }  // namespace palpate::cli

@@ -1,4 +1,4 @@
-/// Measures the lateness of the machine itself.
+/// Measures how late the operating system wakes an idle real-time thread.
 #pragma once
 
 #include <atomic>
@@ -7,24 +7,23 @@
 
 namespace palpate::cli {
 
-/// A real-time thread of 1 kHz without work, for a limited time. Its delays come from the machine
-/// and from other programs.
+/// A real-time thread that wakes 1000 times a second without doing any work, for a limited time.
+/// Its delays are therefore due to the machine and to other programs.
 class BareLoop {
  public:
-  /// Result of the measurement.
   struct Seen {
-    double worst = 0.0;  ///< The largest delay [s].
-    int late = 0;        ///< Delays of more than WatchLimits::late.
+    double worst = 0.0;  ///< The largest delay of a wake-up [s].
+    int late = 0;        ///< Number of delays longer than WatchLimits::late.
   };
 
-  /// Starts the thread. `priority` has to be below that of the loops. Throws std::system_error if
-  /// the system gives no thread.
+  /// Starts the thread and measures for `seconds` [s]. `priority` must be below the priority of the
+  /// haptic loops. Throws std::system_error if the system cannot create a thread.
   BareLoop(double seconds, int priority);
   ~BareLoop();
   BareLoop(const BareLoop&) = delete;
   BareLoop& operator=(const BareLoop&) = delete;
 
-  /// Returns the result once, after the thread has ended; otherwise unset.
+  /// Returns the result in the first call after the thread has ended; otherwise no value.
   [[nodiscard]] std::optional<Seen> take();
 
  private:

@@ -1,4 +1,4 @@
-/// Reports a volume in bricks.
+/// Reports the content of a volume in bricks, for `palpate info`.
 #pragma once
 
 #include "palpate/samplers/bricks/bricks.h"
@@ -6,9 +6,9 @@
 
 namespace palpate::cli {
 
-/// Returns the report as docs/formats.md defines it.
+/// Returns the report in the format that docs/formats.md defines.
 [[nodiscard]] OrderedJson bricksJson(const BrickManifest& manifest);
-/// Prints one line for each level and one for the total.
+/// Prints one line for each level and one line for the total.
 void sayBricks(const BrickManifest& manifest);
 
 }  // namespace palpate::cli

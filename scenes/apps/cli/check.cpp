@@ -1,4 +1,4 @@
-/// palpate check: validates a scene and prints what a tick will do, and why.
+/// palpate check: validates a scene, and prints what each mode will do in a tick and why.
 #include <cmath>
 #include <cstdint>
 #include <variant>
@@ -15,12 +15,13 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kFeelRate = 1000.0;  // [Hz]
+// [Hz]: rate for the stability margin; the default of `palpate feel`
+constexpr double kFeelRate = 1000.0;
 
 std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by,
                      bool is_strength = false) {
   std::string text;
-  // A constant strength acts where the mode's `by` has data.
+  // A constant strength acts only where the field named by the mode's `by` has data.
   const bool mask = is_strength && transfer.factors.size() == 1 && !by.empty();
   for (const TransferSpec::Factor& factor : transfer.factors) {
     if (!text.empty()) text += " times ";
@@ -50,7 +51,7 @@ std::string describe(const GuideSpec& guide, const std::string& in) {
   return text + (in.empty() ? " (metres)" : " (in the units of " + in + ")");
 }
 
-/// `in`: the volume that defines a guide's units.
+/// Describes a mode in one line. `in` is the volume that defines a guide's units; empty: metres.
 std::string describe(const ModeSpec& mode, const std::string& in) {
   std::string text = wordFor(mode.kind);
   text += mode.kind == ModeKind::kGuide ? ": " + describe(mode.guide, in) : " of " + mode.of;
@@ -74,7 +75,7 @@ std::string describe(const ModeSpec& mode, const std::string& in) {
   return text;
 }
 
-/// Returns the properties that the compiled graph reads from each field, as text.
+/// Returns the properties that the compiled graph reads from each field, one text for each field.
 std::vector<std::string> wanted(const Graph& graph, const ScalarRead& read) {
   std::vector<std::string> out;
   if (read.value >= 0) out.emplace_back("value");
@@ -93,11 +94,12 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   return out;
 }
 
-/// Returns the cells at which an isosurface leaves its data; null if they were not searched for.
+/// Returns the number of cells at which an isosurface meets missing data, and the first of these
+/// places. Returns null if this was not searched for.
 OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
   const auto volume = built.volumes.find(mode.of);
   if (volume == built.volumes.end() || built.windows.count(mode.of) != 0) return nullptr;
-  // A computed volume is sampled as its source.
+  // A computed volume has the sampling of the volume that it is computed from.
   const auto computed = built.computed.find(mode.of);
   const std::string& source = computed == built.computed.end() ? mode.of : computed->second.from;
   const auto found =
@@ -108,13 +110,13 @@ OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene
   return json;
 }
 
-/// Returns the number of instances of a volume that has its own; 0: no instances.
+/// Returns the number of instances that the volume `name` itself defines; 0: none.
 std::size_t instancesOf(const SceneSpec& spec, const std::string& name) {
   const auto volume = spec.volumes.find(name);
   return volume == spec.volumes.end() ? 0 : volume->second.instances.size();
 }
 
-/// Adds a graph's reads and actions; `places` is the number of its instances.
+/// Adds what a graph reads and does. `places` is the number of instances of the graph.
 void addGraph(const Graph& graph, std::size_t places, const SceneSpec& spec,
               const BuiltScene& built, OrderedJson& json) {
   const auto add = [&](const char* list, OrderedJson entry) {
@@ -151,7 +153,7 @@ void addGraph(const Graph& graph, std::size_t places, const SceneSpec& spec,
   for (const std::string& name : graph.unused) json["left_out"].push_back(name);
 }
 
-/// Returns the coupling of a scene, and its stability margin on the simulated arm.
+/// Returns the coupling of a scene and its stability margin on the simulated arm.
 OrderedJson couplingOf(const SceneSpec& spec, const BuiltScene& built) {
   OrderedJson json = {{"stiffness", built.scene->coupling.stiffness},
                       {"damping", spec.coupling.damping}};
@@ -159,13 +161,13 @@ OrderedJson couplingOf(const SceneSpec& spec, const BuiltScene& built) {
     json["stiffness_most"] = spec.graph.stiffness->highest();
     json["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
   }
-  // The arm on which feel tries a scene.
+  // The default simulated arm, which `palpate feel` also uses.
   const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kFeelRate);
   json["room"] = roomFor(arm.info(), kFeelRate, stiffestCoupling(spec));
   return json;
 }
 
-/// Adds what a volume was read or computed from, and its size in memory.
+/// Adds the source of a volume, a file or a derivation, and the volume's size in memory.
 void addContents(const std::string& name, const std::shared_ptr<const Volume>& grid,
                  const SceneSpec& spec, const BuiltScene& built, OrderedJson& volume) {
   const auto window = built.windows.find(name);
@@ -251,13 +253,13 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   return json;
 }
 
-/// Returns a place [m] of the report as text.
+/// Returns a position [m] from the report as text.
 std::string placeText(const OrderedJson& at) {
   return fmt::format("({}, {}, {})", rounded(at[0].get<double>()), rounded(at[1].get<double>()),
                      rounded(at[2].get<double>()));
 }
 
-/// Returns a warning about a surface that leaves its data; empty if it does not.
+/// Returns a warning if a surface meets missing data; otherwise an empty text.
 std::string edgeRemark(const OrderedJson& edge) {
   if (edge.is_null() || edge["open_cells"] == 0) return "";
   return fmt::format(

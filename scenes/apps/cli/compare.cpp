@@ -28,7 +28,8 @@ struct CompareOptions {
   bool json = false;
 };
 
-/// Returns a field in which two ticks differ, among inputs or outputs.
+/// Returns the first field in which two ticks differ; null if none does. Compares either the inputs
+/// of the ticks or their outputs.
 const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
   const auto fields = recordedFields();
   const auto* x = reinterpret_cast<const char*>(&a);
@@ -40,7 +41,8 @@ const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, boo
   return nullptr;
 }
 
-/// Returns a tick's inputs, without its duration, its lateness and the number of its scene.
+/// Returns a copy of the tick whose scene number, durations and lateness are 0, since these may
+/// differ between equal runs.
 RecordedTick given(RecordedTick tick) {
   tick.scene = 0;
   tick.tick_ns = tick.wake_ns = tick.late_ticks = 0;
@@ -52,13 +54,13 @@ Vec3 vector(const std::array<double, 3>& v) {
   return {v[0], v[1], v[2]};
 }
 
-/// A largest value, and its tick.
+/// The largest of the values passed to add(), with its tick.
 struct Largest {
   double value = 0.0;
   std::optional<RecordedTick> tick;
 
   void add(double x, const RecordedTick& in) {
-    // A value that is not a number counts as the largest difference.
+    // An infinite or NaN difference counts as the largest one.
     if (!std::isfinite(x)) x = std::numeric_limits<double>::infinity();
     if (tick && !(x > value)) return;
     value = x;
@@ -75,16 +77,16 @@ struct Largest {
 };
 
 struct Difference {
-  std::int64_t ticks = 0;   ///< Ticks in both recordings.
-  std::int64_t only_a = 0;  ///< Ticks in only this recording.
+  std::int64_t ticks = 0;   ///< Number of ticks that both recordings have.
+  std::int64_t only_a = 0;  ///< Ticks that only the first recording has.
   std::int64_t only_b = 0;
-  std::int64_t differing = 0;              ///< Ticks with different outputs.
-  std::optional<RecordedTick> other_hand;  ///< First tick with a different input,
-  const char* given = "";                  ///< and its field.
-  std::optional<RecordedTick> first;       ///< First tick with a different output,
-  const char* field = "";                  ///< and its field.
-  Largest force;                           ///< [N]
-  Largest proxy;                           ///< [m]
+  std::int64_t differing = 0;              ///< Number of ticks whose outputs differ.
+  std::optional<RecordedTick> other_hand;  ///< First tick whose inputs differ,
+  const char* given = "";                  ///< and the field in which they differ.
+  std::optional<RecordedTick> first;       ///< First tick whose outputs differ,
+  const char* field = "";                  ///< and the field in which they differ.
+  Largest force;                           ///< Largest difference of the forces [N].
+  Largest proxy;                           ///< Largest difference of the proxies [m].
   std::map<std::string, std::array<std::int64_t, 2>> statuses;
 
   [[nodiscard]] bool alike() const {
@@ -193,8 +195,8 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   }
 }
 
-/// Returns the explain command for the largest difference, in A's scene; empty if it cannot be
-/// reproduced.
+/// Returns the `palpate explain` command for the tick with the largest difference, in the scene of
+/// the first recording. Returns an empty text if one command cannot reproduce that tick.
 std::string explained(const Recording& a, const Largest& force) {
   if (!force.tick || !(force.value > 0.0)) return {};
   try {
@@ -212,7 +214,8 @@ std::string explained(const Recording& a, const Largest& force) {
   } catch (const Interrupted&) {
     throw;
   } catch (const std::exception&) {
-    return {};  // files are gone or memory is short: the difference is still printed
+    // If files are missing or memory is short, only the command is left out of the report.
+    return {};
   }
 }
 

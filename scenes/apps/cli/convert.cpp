@@ -1,4 +1,4 @@
-/// palpate convert: writes a recording as a table.
+/// palpate convert: writes a recording as a table, in CSV or HDF5.
 #include <array>
 #include <cctype>
 #include <cstring>
@@ -22,7 +22,7 @@ struct ConvertOptions {
   std::string out;
 };
 
-/// Returns the column name of a field's element: "force_x", "drives_0".
+/// Returns the column name of element `i` of a field, such as "force_x" or "drives_0".
 std::string columnOf(const RecordedField& field, std::size_t i) {
   if (field.count == 1) return field.name;
   constexpr std::array kAxes{"x", "y", "z"};
@@ -71,7 +71,7 @@ void writeCsv(const Recording& recording, const std::string& path) {
   out.commit();
 }
 
-/// Decides by the file name.
+/// Returns true if the file name has an ending of HDF5 files.
 bool isHdf5(const std::string& path) {
   std::string ending = std::filesystem::path(path).extension().string();
   for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));

@@ -6,7 +6,6 @@
 
 namespace palpate::cli {
 
-/// Options of `palpate devices`.
 struct DevicesOptions {
   std::string profile;
   std::string test;

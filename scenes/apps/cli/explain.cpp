@@ -1,4 +1,4 @@
-/// palpate explain: runs one tick, and prints the causes of its force.
+/// palpate explain: runs one tick of a scene, and prints the causes of its force.
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -20,7 +20,8 @@ std::string text(const OrderedJson& value) {
   return list;
 }
 
-/// Formats, for example, "2 (1.5 where speed is 0.3, times 1.33)".
+/// Formats a transfer function with its present values, for example "2 (1.5 where speed is 0.3,
+/// times 1.33)".
 std::string transferText(const OrderedJson& transfer) {
   std::string factors;
   for (const OrderedJson& factor : transfer["factors"]) {
@@ -57,7 +58,7 @@ void printMode(const OrderedJson& mode) {
   }
 }
 
-/// Returns true if a vector is large enough to print [N].
+/// Returns true if a component of the force exceeds 1e-9 N, so that the force is printed.
 bool told(const OrderedJson& force) {
   constexpr double kLeast = 1e-9;
   return std::any_of(force.begin(), force.end(),
@@ -92,8 +93,8 @@ void printBalance(const OrderedJson& json) {
   say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
 }
 
-/// Prints how far the proxy got towards each balance; a free step is printed without further
-/// details.
+/// Prints for each sub-step how far the proxy moved towards its balance. For a sub-step without
+/// primitives, prints only the move.
 void printSteps(const OrderedJson& steps) {
   for (const OrderedJson& step : steps) {
     const std::string end = text(step["end"]);
@@ -111,7 +112,7 @@ void printSteps(const OrderedJson& steps) {
   }
 }
 
-/// Prints the result as text. `json`: as docs/formats.md defines it.
+/// Prints the result as text. `json` has the format that docs/formats.md defines.
 void printTick(const OrderedJson& json) {
   say("scene     {}\n", text(json["scene"]));
   say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),

@@ -1,11 +1,11 @@
 #!/usr/bin/python3
 """Draws a run of `palpate feel`: JSON on standard input, a picture on standard output.
 
-The argument is the format, png, pdf or svg. With --check the program only checks whether matplotlib is installed.
+The argument is the format, png, pdf or svg. With --check, the script only checks whether matplotlib is installed.
 """
 import sys
 
-sys.dont_write_bytecode = True  # for the imported module in this folder
+sys.dont_write_bytecode = True  # importing picture_style must not write a file into this folder
 
 from picture_style import AXES, BLUE, GREEN, ORANGE, RED, SKY, save, use  # noqa: E402
 
@@ -19,17 +19,17 @@ from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.patheffects import Stroke, Normal  # noqa: E402
 
-# The layout of a page, from the left and from the top [in]. It does not depend on the content.
+# Positions and sizes on a page [in], from the left and from the top. They do not depend on the content.
 WIDTH, LEFT, GAP, PANELS, HIGHEST = 7.2, 0.45, 0.45, 4.5, 3.0
 GREY_BAR, FORCE_BAR, BAR = 6.0, 6.68, 0.1
 TITLE, LINE, ROW_TITLE, LABELS, TIME, NOTE = 0.28, 0.14, 0.36, 0.4, 1.1, 0.15
-ROBUST = (0.5, 99.5)  # [%] of the values: values outside are black or white
-FAR = 0.1             # relative to the longest side: at this distance a path has its least opacity
+ROBUST = (0.5, 99.5)  # percentiles of the values that are black and white
+FAR = 0.1             # distance from a slice at which the path is faintest, relative to the longest side
 FAINT = 0.2
 LEVELS = ((SKY, "-"), (GREEN, "--"), (ORANGE, ":"), (RED, "-."))
-# The patient's directions along -x and +x, -y and +y, -z and +z.
+# Letters for the patient's directions along -x and +x, -y and +y, -z and +z.
 LETTERS = (("L", "R"), ("P", "A"), ("I", "S"))
-# The least force is visible on black; on white the rim makes the largest force visible.
+# Colours of the force. The smallest is visible on black; a dark rim makes the largest visible on white.
 FORCES = ListedColormap(plt.get_cmap("plasma")(np.linspace(0.4, 0.97, 256)))
 RIM, RIM_ALPHA, LINE_WIDTH = 1.8, 0.6, 1.0
 MOST = {"marker": "o", "linestyle": "none", "markersize": 5, "markerfacecolor": "none",
@@ -47,7 +47,7 @@ def amount(value, unit):
 
 
 def grey_range(slices):
-    """Returns one range for all slices: robust, not empty, without the unknown values."""
+    """Returns the range of the values of all slices without outliers and unknown values; its width is never zero."""
     values = np.concatenate([s[np.isfinite(s)] for s in slices])
     if not len(values):
         return 0.0, 1.0
@@ -58,14 +58,14 @@ def grey_range(slices):
 
 
 def longest_of(field):
-    """Returns the length that few vectors in the slices exceed; 0 without vectors."""
+    """Returns the 98th percentile of the lengths of the vectors in the slices; 0 if there are none."""
     lengths = [math.hypot(*v) for piece in field["slices"] for line in piece.get("vectors", [])
                for v in line if v is not None]
     return float(np.percentile(lengths, 98)) if lengths else 0.0
 
 
 def thinned(path, force, step):
-    """Returns rows of a path: the ends of every stretch of length `step`, and the row of the largest force."""
+    """Returns the rows of a path to draw: the ends of sections of length `step`, and that of the largest force."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     leaves = np.flatnonzero(np.diff(np.floor(way / step)))
     more = [0, int(np.argmax(force)), len(path) - 1]
@@ -92,7 +92,7 @@ class Picture:
         self.most = float(self.force.max()) if len(self.force) else 0.0
         self.far = FAR * self.size.max()
         fields = data["fields"]
-        self.levels = {}  # the colour and line of each field and mode
+        self.levels = {}  # colour and line style for each pair of field and mode
         for field in fields:
             for level in field["levels"]:
                 self.levels[field["name"], level["mode"]] = LEVELS[len(self.levels) % len(LEVELS)]
@@ -100,7 +100,7 @@ class Picture:
         self.arrows = {field["name"]: longest for field in fields
                        if (longest := longest_of(field)) > 0.0}
         marks = self.legend()
-        # All slices have the same scale.
+        # All slices are drawn at the same scale.
         self.scale = min(PANELS / (2 * self.size[0] + self.size[1]),
                          HIGHEST / max(self.size[1], self.size[2]))
         row = ROW_TITLE + max(1.0, self.scale * max(self.size[1], self.size[2])) + LABELS
@@ -126,12 +126,12 @@ class Picture:
                          parse_math=False)
 
     def axes(self, left, top, width, height):
-        """Adds axes at a place [in]."""
+        """Adds axes at a position on the page [in]."""
         return self.figure.add_axes((left / WIDTH, 1 - (top + height) / self.height, width / WIDTH,
                                      height / self.height))
 
     def note(self):
-        """Describes the axes."""
+        """Sets the labels of the axes."""
         space = self.data["space"]
         time = self.data["stands_at"]
         when = "" if time is None else f"; moving volumes are drawn at {time:.2f} s"
@@ -157,7 +157,7 @@ class Picture:
             ax = self.axes(left, top, width, height)
             left += width + GAP
             extent = (self.low[a], self.high[a], self.low[b], self.high[b])
-            ax.set_facecolor("#CFE3F2")  # the colour of unknown values
+            ax.set_facecolor("#CFE3F2")  # colour of places without data
             image = ax.imshow(values, origin="lower", extent=extent, cmap="gray", vmin=low,
                               vmax=high)
             image.set_gid(f"slice-{number}-{AXES[a]}{AXES[b]}")
@@ -186,7 +186,7 @@ class Picture:
                        extent=extent, colors=colour, linestyles=style, linewidths=0.8)
 
     def draw_vectors(self, ax, field, piece, longest):
-        """Draws arrows, or lines without heads if the sign has no meaning; the longest ones fill a cell."""
+        """Draws arrows, or lines without heads if the vectors have no sign. The longest ones fill a cell."""
         a, b = piece["axes"]
         rows = piece["vectors"]
         nothing = [np.nan, np.nan]
@@ -198,7 +198,7 @@ class Picture:
         known = np.isfinite(vectors[..., 0])
         lengths = np.hypot(vectors[..., 0], vectors[..., 1])
         known &= lengths > 0.1 * longest  # a dot shows no direction
-        # Longer vectors are cut to the robust length.
+        # Vectors above the 98th percentile are drawn with its length.
         shown = vectors / np.maximum(1.0, lengths / longest)[..., None]
         grid = np.meshgrid(x, y)
         axial = field["kind"] == "axial"
@@ -211,7 +211,7 @@ class Picture:
         arrows.set_gid("fibres" if axial else "arrows")
 
     def draw_path(self, ax, a, b):
-        """Draws the path: faint where it is far from the slice, and below the nearer stretches."""
+        """Draws the path. Sections that are farther from the slice are fainter, and lie below nearer ones."""
         if len(self.path) < 2:
             return
         normal = 3 - a - b
@@ -244,7 +244,7 @@ class Picture:
         normal = 3 - a - b
         unit = f" {self.unit}" if self.unit else ""
         digits = max(1, 2 - math.floor(math.log10(self.size.max())))
-        at = f"{round(self.through[normal], digits) + 0.0:.{digits}f}"  # no -0.0
+        at = f"{round(self.through[normal], digits) + 0.0:.{digits}f}"  # turns -0.0 into 0.0
         ax.set_title(f"{AXES[normal]} = {at}{unit}", fontsize=7, pad=3, parse_math=False)
         if not self.data["space"]["patient"]:
             return
@@ -268,7 +268,7 @@ class Picture:
         ax.grid(linewidth=0.3, alpha=0.5)
 
     def legend(self):
-        """Returns the legend: labels, and the mark before each."""
+        """Returns the legend: for each label, the mark before it."""
         marks = {"proxy's path in the slice": path_mark(1.0),
                  f"{amount(self.far, self.unit or 'units')} or more from the slice": path_mark(FAINT)}
         if self.data["felt"]:

@@ -1,4 +1,4 @@
-/// Ends a run of `palpate feel` or `palpate view`: files, report and exit status.
+/// Writes the results of `palpate feel` and `palpate view`: files, report and exit status.
 #pragma once
 
 #include <optional>
@@ -10,8 +10,8 @@
 
 namespace palpate::cli {
 
-/// Files of a run. They are opened before the run, so that a wrong path ends the program at once.
-/// Each file is complete or absent.
+/// Output files of a run. They are opened before the run, so that a path that cannot be written
+/// ends the program at once. Each file appears complete or not at all.
 struct Outputs {
   explicit Outputs(const FeelOptions& options) {
     if (!options.picture.empty()) picture.emplace(options.picture);
@@ -23,12 +23,12 @@ struct Outputs {
   std::optional<WholeFile> summary;
 };
 
-/// Returns processor, compiler and build type, for summaries and recordings.
+/// Returns the processor, the compiler and the build type, for summaries and recordings.
 [[nodiscard]] OrderedJson machineJson();
 
 /// Ends a run: completes recordings, prints results and draws pictures. Returns the exit status.
-/// `run.scene` and `built` are as at the end of the run. `search`: cost of the simulated hand's
-/// search; null if there was none.
+/// `run.scene` and `built` are the last scene of the run. `search` is the cost of the search for
+/// the simulated hand's path; null if no hand was simulated.
 [[nodiscard]] int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
                            Outputs& outputs);
 

@@ -10,9 +10,10 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kStep = 1.02;  // ratio of coarse bins
+constexpr double kStep = 1.02;  // Ratio of the upper to the lower bound of a bin
 
-/// Returns the statuses of the ticks that did not converge; empty: all did.
+/// Lists how many ticks ended with each status other than converged; an empty text if all ticks
+/// converged.
 std::string troublesOf(const OrderedJson& statuses) {
   std::string troubles;
   for (const auto& [status, count] : statuses.items()) {
@@ -93,7 +94,8 @@ Felt::Felt(const Scene& scene, double rate)
 
 std::vector<int> Felt::loadsOf(std::span<const std::string> modes) const {
   std::vector<int> loads;
-  std::map<std::string, std::size_t> after;  // where to search for the next mode with this name
+  // For each name, index from which to search for its next mode
+  std::map<std::string, std::size_t> after;
   const std::size_t own = carriers_.size() - (parts_ ? 1 : 0);
   for (const std::string& name : modes) {
     std::size_t& i = after[name];
@@ -112,7 +114,7 @@ void Felt::expect(const Scene& scene) {
 
 void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const StepReport& r = tick.report;
-  // A tick's force does work while the hand moves to the next reading.
+  // The force of the last tick acts until this tick's reading, and does work along the hand's move.
   const Vec3 moved = durations_.count() > 0 ? Vec3(tick.probe - last_probe_) : Vec3::Zero();
   net_energy_ += last_force_.dot(moved);
   last_probe_ = tick.probe;
@@ -124,8 +126,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   if (felt == nullptr) return;
   const TickForces forces = addForces(*felt, r, state);
 
-  // A force during a fast move lasts only for that moment.
-  constexpr double kFast = 0.1;  // [m/s]
+  // During a fast move the force counts half, because the hand feels it only for a moment.
+  constexpr double kFast = 0.1;  // [m/s]: a hand above this speed moves fast
   const double size = r.force.norm();
   const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
   if (forces.most <= 0.0 || worth <= most_.worth) return;
@@ -153,7 +155,7 @@ void Felt::countTick(const Telemetry& tick) noexcept {
   substeps_ += r.substeps;
   primitives_ += r.primitives;
   iterations_ += r.iterations;
-  constexpr double kPulled = 1e-3;  // [N]: smallest force that a hand feels
+  constexpr double kPulled = 1e-3;  // [N]: smallest force that a hand can feel
   pulled_ += static_cast<std::int64_t>(r.left * tick.input.pull.norm() > kPulled);
   force_max_ = std::max(force_max_, r.force.norm());
   strong_ += static_cast<std::int64_t>(r.force.norm() > kStrong);
@@ -168,7 +170,8 @@ void Felt::countTick(const Telemetry& tick) noexcept {
 
 void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
   drained_ += static_cast<std::int64_t>(r.share < 1.0);
-  // If the tank acts, r.force is the remaining force; if it only monitors, it is the whole force.
+  // If the tank acts, r.force is the reduced force. If the tank only monitors, r.force is the whole
+  // force.
   const double size = r.force.norm();
   const bool acts = state.limits().tank.use == TankUse::kAct;
   const double asked = acts && r.share > 0.0 ? size / r.share : acts ? r.wanted.norm() : size;
@@ -181,7 +184,7 @@ void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
 }
 
 Felt::SceneFelt* Felt::enterScene(std::uint64_t id) noexcept {
-  // Each scene is announced here before it is published. An unknown scene is therefore in the
+  // expect() gets each scene before the loop does. An unknown scene must therefore be in the
   // mailbox.
   if (!expected_.current() || expected_.current()->id != id) expected_.refresh();
   if (!expected_.current() || expected_.current()->id != id) return nullptr;
@@ -217,7 +220,8 @@ Felt::TickForces Felt::addForces(SceneFelt& felt, const StepReport& r,
 
 void Felt::addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
                    TickForces& forces) noexcept {
-  // Sum of the mode's primitives; after a fault they may be missing.
+  // Adds the forces of the mode's primitives. After a fault the list of forces can be shorter than
+  // the number of primitives.
   Vec3 force = Vec3::Zero();
   const auto count = static_cast<std::size_t>(tick.memory.emitted);
   if (count <= forces.left.size()) {
@@ -238,8 +242,8 @@ void Felt::addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
 }
 
 void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept {
-  constexpr double kNewtons = 1e-3;  // smallest force that a hand feels
-  constexpr double kPause = 0.05;    // [s]
+  constexpr double kNewtons = 1e-3;  // [N]: smallest force that a hand can feel
+  constexpr double kPause = 0.05;    // [s]: a new contact follows at least this time without force
   const std::int64_t now = durations_.count();
   const Side side = sideOf(tick.memory);
   if (side == Side::kYielded && tick.last != Side::kYielded) ++mode.yields;

@@ -1,4 +1,4 @@
-/// Accumulates the results of a run for its summary, tick by tick.
+/// Accumulates the results of a run for its summary, one tick at a time.
 #pragma once
 
 #include <array>
@@ -18,15 +18,16 @@
 
 namespace palpate::cli {
 
-inline constexpr double kStrong = 0.2;  ///< [N]: a hand certainly feels a larger force.
+inline constexpr double kStrong = 0.2;  ///< [N]: smallest force that any user notices.
 
-/// Histogram of durations, exact below 65,536 ns and to 2 % above. Its size does not grow with the
-/// run.
+/// Histogram of durations. Bins are 1 ns wide below 65,536 ns, and above that 2 % wide. Its size
+/// does not depend on the number of durations.
 class Durations {
  public:
   Durations() : counts_(kExact + kCoarse) {}
   void add(std::int64_t ns);
-  /// Returns the duration at or below which this share of all durations lies; 0 if empty.
+  /// Returns the smallest duration that the fraction `share` of all durations does not exceed [ns];
+  /// 0 if there are none.
   [[nodiscard]] std::int64_t percentile(double share) const;
   [[nodiscard]] std::int64_t count() const noexcept { return count_; }
   [[nodiscard]] std::int64_t max() const noexcept { return max_; }
@@ -39,68 +40,69 @@ class Durations {
   std::int64_t max_ = 0;
 };
 
-/// The moment with the strongest force while the hand was nearly at rest.
+/// The tick with the strongest force. The force counts half if the hand moved faster than 0.1 m/s.
 struct Most {
-  double force = 0.0;         ///< [N]; 0: no force was felt.
-  double time = 0.0;          ///< Since the start [s].
-  Vec3 probe = Vec3::Zero();  ///< [m]
-  Vec3 proxy = Vec3::Zero();  ///< [m]
-  double stiffness = 0.0;     ///< [N/m]
-  std::string mode;           ///< The mode with the largest load.
-  std::uint64_t scene = 0;    ///< Scene::id.
-  MotionPtr motion;           ///< Motion that carries the mode; null: at rest.
+  double force = 0.0;         ///< [N]; 0: no mode gave a force.
+  double time = 0.0;          ///< Time since the start of the run [s].
+  Vec3 probe = Vec3::Zero();  ///< Position of the hand [m].
+  Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
+  double stiffness = 0.0;     ///< Stiffness of the coupling [N/m].
+  std::string mode;           ///< Name of the mode with the largest force.
+  std::uint64_t scene = 0;    ///< Scene::id of the tick.
+  MotionPtr motion;           ///< Motion of the mode's volume; null: at rest.
   Pose pose;                  ///< Pose of this motion at `time`.
 };
 
-/// Forces of the modes of a run's first scene, and of all its parts together [N].
+/// Magnitude of the force of each mode of the run's first scene, then of all its parts together
+/// [N].
 using Loads = std::array<double, kMaxModes + 1>;
 
-/// Accumulates a run, on the thread of its ticks.
-// The mailbox keeps its sides on separate cache lines.
+/// Accumulates a run. The thread of the loop calls add().
+// The padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
 class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   Felt(const Scene& scene, double rate);
 
-  /// Adds one tick after it was sent. Does not allocate memory.
+  /// Adds a tick whose force was sent to the device. RT: no allocation.
   void add(const Telemetry& tick, const ProxyState& state) noexcept;
-  /// Announces the scene of coming ticks. Call it from another thread, before the scene is
-  /// published.
+  /// Announces the scene of the next ticks. Call it from the thread that publishes the scene,
+  /// before publishing it.
   void expect(const Scene& scene);
 
-  /// Returns the names for loads(): the modes of the run's first scene, then "parts" if it has
-  /// some.
+  /// Returns the names of the entries of loads(): the modes of the run's first scene, then "parts"
+  /// if that scene has parts.
   [[nodiscard]] const std::vector<std::string>& carriers() const noexcept { return carriers_; }
-  /// Returns the force of each carrier's primitives together in the last tick [N]. In a later scene
-  /// a mode is the one with the same name; if several share the name, their order decides. A mode
-  /// that is absent has 0.
+  /// Returns the force of each carrier in the last tick [N]. In a later scene, the mode of the same
+  /// name counts for the carrier. If several modes have that name, they count in their order. A
+  /// carrier without a mode has force 0.
   [[nodiscard]] std::span<const double> loads() const noexcept {
     return {loads_.data(), carriers_.size()};
   }
   /// Returns the fault that cut the force in the last tick.
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
-  /// Returns false if no mode ever contributed to a force.
+  /// Returns true if a mode contributed to the force in any tick.
   [[nodiscard]] bool anything() const;
-  /// Returns the moment with the strongest force.
   [[nodiscard]] Most most() const;
-  /// Returns the impulse of each mode over the run, by its name [N s]; parts of one kind are
-  /// summed.
+  /// Returns the force of each mode, integrated over the run, by the mode's name [N s]. Parts of
+  /// one kind are added up.
   [[nodiscard]] std::map<std::string, double> impulses() const;
   /// Returns the content of the summary file, without the fields that the caller adds.
   [[nodiscard]] OrderedJson summary() const;
-  /// Returns the same as text.
+  /// Returns the content of summary() as text for the user.
   [[nodiscard]] Legible words() const;
 
  private:
   struct ModeFelt {
     std::int64_t active = 0;  ///< Ticks in which the mode contributed to the force.
     std::int64_t last_active = -1;
-    std::int64_t touches = 0;  ///< Times it began to, after at least 50 ms without force.
-    std::int64_t yields = 0;   ///< Times a surface was pushed through.
-    double impulse = 0.0;      ///< Sum of the magnitudes of its force over all ticks [N].
-    double held = 0.0;         ///< Largest force of its primitives [N],
-    Vec3 at = Vec3::Zero();    ///< and the proxy's position at that tick [m].
+    /// Number of contacts: the force began after at least 50 ms without force.
+    std::int64_t touches = 0;
+    std::int64_t yields = 0;  ///< Number of times the proxy was pushed through a surface.
+    double impulse = 0.0;     ///< Sum over all ticks of the magnitude of the mode's force [N].
+    double held = 0.0;        ///< Largest force of the mode [N],
+    Vec3 at = Vec3::Zero();   ///< and the proxy's position in that tick [m].
   };
-  /// Contacts of a graph's modes after the last tick.
+  /// Side of each surface on which the proxy was after the last tick, for the modes of one graph.
   struct Contacts {
     std::size_t part = NearPart::kNone;
     std::array<Side, kMaxModes> of{};
@@ -109,18 +111,19 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   struct SceneFelt {
     std::uint64_t id = 0;  ///< Scene::id. The scene itself may be freed.
     std::vector<std::string> names;
-    std::vector<MotionPtr> motions;  ///< Graph::motions
+    std::vector<MotionPtr> motions;  ///< Graph::motions of the scene,
     std::vector<int> motion_of;      ///< and Graph::mode_motions.
     std::size_t volumes = 0;         ///< Number of volumes that are read.
     std::vector<ModeFelt> modes;
-    std::size_t own = 0;       ///< Number of the scene's own modes; those of parts follow.
-    std::vector<int> load_of;  ///< For own modes: index of the load; -1: no load.
-    std::vector<std::size_t> modes_of_part;  ///< First mode of each part; equal parts share it.
+    std::size_t own = 0;       ///< Number of modes outside parts; the modes of parts follow them.
+    std::vector<int> load_of;  ///< For each mode outside parts: index of its carrier; -1: none.
+    /// Index of each part's first mode; parts of one group share their modes.
+    std::vector<std::size_t> modes_of_part;
   };
-  /// Same as Most, during ticks.
+  /// The data of Most in the form that a tick can store without allocation.
   struct Moment {
-    double worth = 0.0;  ///< [N]
-    double force = 0.0;  ///< [N]
+    double worth = 0.0;  ///< Force, halved if the hand is fast [N].
+    double force = 0.0;  ///< Magnitude of the force [N].
     double time = 0.0;
     Vec3 probe = Vec3::Zero();
     Vec3 proxy = Vec3::Zero();
@@ -129,18 +132,18 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::size_t mode = 0;
     Pose pose;
   };
-  /// Forces of a tick's modes while they are added.
+  /// Forces of the modes of one tick, while addMode() adds them.
   struct TickForces {
-    std::span<const Vec3> left;    ///< Forces of the primitives of modes that are yet to come.
+    std::span<const Vec3> left;    ///< Forces of the primitives whose modes were not added yet.
     double most = 0.0;             ///< Largest force of a mode [N],
     std::size_t main = 0;          ///< and the mode's index.
     Vec3 of_parts = Vec3::Zero();  ///< Sum of the forces of all parts' modes [N].
   };
-  /// State of a mode in one tick.
+  /// State of one mode in one tick.
   struct ModeTick {
     const Vec3& proxy;         ///< Position of the proxy [m].
-    const ModeMemory& memory;  ///< State after the tick.
-    Side& last;                ///< Side after the previous tick; countMode() updates it.
+    const ModeMemory& memory;  ///< State of the mode after the tick.
+    Side& last;  ///< Side of the surface after the previous tick; countMode() updates it.
   };
   void countTick(const Telemetry& tick) noexcept;
   void addTank(const StepReport& r, const ProxyState& state) noexcept;
@@ -157,22 +160,24 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   double rate_;
   std::vector<std::string> carriers_;
-  bool parts_ = false;  ///< The last carrier is "parts".
+  bool parts_ = false;  ///< True if the last carrier is "parts".
   Loads loads_{};
-  /// All scenes, for the thread that calls expect.
+  /// All scenes of the run; only the thread that calls expect() uses them.
   std::vector<std::shared_ptr<SceneFelt>> scenes_;
-  Mailbox<std::shared_ptr<SceneFelt>> expected_;  ///< From there to the ticks' thread.
+  /// Carries a scene from expect() to the loop's thread.
+  Mailbox<std::shared_ptr<SceneFelt>> expected_;
   Durations durations_;
   Durations wakes_;
   std::int64_t late_ = 0;
   double last_time_ = 0.0;
   Fault fault_ = Fault::kNone;
-  std::array<std::int64_t, kFaults> faults_{};  ///< Number of times that each cut the force.
+  std::array<std::int64_t, kFaults> faults_{};  ///< For each fault, how often it cut the force.
   std::array<std::int64_t, kStepStatuses> statuses_{};
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;
-  std::int64_t coarse_ = 0;  ///< Ticks that read coarser data, because finer data were missing.
+  /// Ticks that read a coarser brick level, because finer bricks were not loaded.
+  std::int64_t coarse_ = 0;
   std::int64_t traced_ = 0;
   std::int64_t walked_ = 0;
   std::int64_t substeps_ = 0;
@@ -181,27 +186,26 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double force_max_ = 0.0;
   double bound_max_ = 0.0;
   double net_energy_ = 0.0;
-  // Energy tank.
   std::int64_t still_ = 0;    ///< Ticks in which the force faded because the arm did not move.
-  std::int64_t drained_ = 0;  ///< Ticks that the tank could not pay for.
-  double lost_ = 0.0;         ///< Sum of the force that it could not pay for [N],
-  double asked_ = 0.0;        ///< and of all force [N].
+  std::int64_t drained_ = 0;  ///< Ticks in which the energy tank reduced the force.
+  double lost_ = 0.0;         ///< Sum over all ticks of the force that the tank removed [N],
+  double asked_ = 0.0;        ///< and of the force before this reduction [N].
   double least_energy_ = 0.0;
   double debt_ = 0.0;
   double refilled_ = 0.0;
   TankUse tank_ = TankUse::kOff;
   double injected_ = 0.0;
   // Parts.
-  std::int64_t near_ = 0;  ///< Sum of the numbers of near parts.
+  std::int64_t near_ = 0;  ///< Sum over all ticks of the number of parts that were near the hand.
   std::int64_t most_near_ = 0;
-  std::int64_t crowded_ = 0;  ///< Ticks without room for some parts.
-  double missing_ = 0.0;      ///< Largest force error from missing parts [N].
-  std::uint64_t scene_ = 0;   ///< Scene of the contacts below.
+  std::int64_t crowded_ = 0;  ///< Ticks in which the near parts did not all fit.
+  double missing_ = 0.0;      ///< Largest force of parts that did not fit [N].
+  std::uint64_t scene_ = 0;   ///< Scene::id that own_ and slots_ belong to.
   Contacts own_;
   std::array<Contacts, kMaxNearParts> slots_;
   Moment most_;
-  std::int64_t strong_ = 0;  ///< Ticks with more than kStrong.
-  std::int64_t pulled_ = 0;  ///< Ticks with a pull from remote hands.
+  std::int64_t strong_ = 0;  ///< Ticks with a force above kStrong.
+  std::int64_t pulled_ = 0;  ///< Ticks in which a hand at another site pulled this hand.
   Vec3 last_probe_ = Vec3::Zero();
   Vec3 last_force_ = Vec3::Zero();
 };

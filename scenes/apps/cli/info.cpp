@@ -1,5 +1,5 @@
-/// palpate info: lists the content of a .vdb or of a volume in bricks, and the properties
-/// that can be felt in it.
+/// palpate info: lists the content of a .vdb or of a volume in bricks, and the properties that
+/// modes can read from it.
 #include <fmt/format.h>
 
 #include "palpate/samplers/bricks/bricks.h"

@@ -9,7 +9,8 @@
 namespace palpate::cli {
 namespace {
 
-/// A background process must not change or read the terminal.
+/// Returns true if this process is in the foreground. A background process must not change or read
+/// the terminal.
 bool ours() {
   return tcgetpgrp(0) == getpgrp();
 }
@@ -38,7 +39,7 @@ Keys::~Keys() {
 }
 
 void Keys::run() {
-  constexpr int kLook = 10;  // [ms]
+  constexpr int kLook = 10;  // [ms]: time between two readings of the keys
   while (!quit_) {
     if (ours()) {
       look();
@@ -52,7 +53,7 @@ void Keys::run() {
 }
 
 void Keys::look() {
-  // Checked each time: after a stop and restart, a shell may have restored its own settings.
+  // Checks the mode each time, because a shell restores its own mode while this process is stopped.
   if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
     termios raw = usual_;
     raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);

@@ -1,4 +1,4 @@
-/// Keyboard control during a run.
+/// Reads keys from the terminal during a run.
 #pragma once
 
 #include <atomic>
@@ -11,15 +11,16 @@
 
 namespace palpate::cli {
 
-/// Terminal keys during a run: Esc cuts the force, Enter restores it. If a sequence is played, its
-/// keys are: space, 0 , . - + r. A separate thread reads the keys, so that they also work while the
-/// program waits to print. The terminal is left alone while another program uses it.
+/// Reads keys from the terminal during a run: Esc cuts the force, Enter restores it. If a sequence
+/// is played, these keys control it: space, 0 , . - + r. A separate thread reads the keys, so that
+/// they also work while the main thread is blocked by output. While another program is in the
+/// foreground, the terminal is left unchanged.
 class Keys {
  public:
-  /// `clock`: controlled by keys if `frame`, the length of a step [s], is above 0.
+  /// @param frame  Length of a step of the playback [s]. If it is above 0, keys control `clock`.
   Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame);
   ~Keys();
-  /// Sets the length of a step for another scene.
+  /// Sets the length of a playback step [s] for a new scene.
   void step(double frame) { frame_ = frame; }
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
@@ -34,7 +35,7 @@ class Keys {
   std::atomic<double> frame_;
   termios usual_{};
   bool shown_;
-  bool raw_ = false;  ///< The terminal delivers each key at once.
+  bool raw_ = false;  ///< The terminal delivers each key at once, not line by line.
   std::atomic<bool> quit_{false};
   std::thread thread_;
 };

@@ -1,5 +1,5 @@
-/// `palpate`: the program, with one file for each verb. docs/verbs.md describes the verbs;
-/// docs/scene.md and docs/formats.md describe their input and output.
+/// `palpate`: the main program, with one source file for each verb. docs/verbs.md describes the
+/// verbs; docs/scene.md and docs/formats.md describe their input and output.
 #include <algorithm>
 #include <array>
 #include <csignal>
@@ -24,8 +24,8 @@ namespace palpate::cli {
 
 using Body = std::function<int()>;
 
-// Each verb's own file adds it to the program; its body runs after parsing and returns the exit
-// status.
+// Each verb's source file defines its function, which adds the verb to the program. The verb's body
+// runs after parsing and returns the exit status.
 void addInfo(CLI::App& app, Body& body);
 void addImport(CLI::App& app, Body& body);
 void addBrick(CLI::App& app, Body& body);
@@ -57,7 +57,7 @@ constexpr std::array kVerbs{addInfo,      addImport,  addBrick,   addScene,   ad
 
 namespace {
 
-/// Returns name, version and commit; below, the build and the installed importer.
+/// Returns several lines: name, version and commit, then the build and the installed importer.
 std::string versionLines() {
   using namespace palpate;
   const bool with_vtk = std::filesystem::exists(cli::programFolder() / "palpate-import");
@@ -67,7 +67,7 @@ std::string versionLines() {
 
 int run(const std::vector<std::string>& words);
 
-/// Adds a verb that calls run() again.
+/// Adds the verb `help`, which calls run() with the option --help.
 void addHelp(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("help", "Prints the help of a verb");
   auto about = std::make_shared<std::string>();
@@ -78,10 +78,10 @@ void addHelp(CLI::App& app, std::function<int()>& body) {
   });
 }
 
-/// `words`: the command line without the program's name.
+/// Runs the program. `words` is the command line without the program's name.
 int run(const std::vector<std::string>& words) {
   using namespace palpate;
-  // An error in C's stdin would look like the end of the input.
+  // The synchronised std::cin would report a read error of C's stdin as the end of the input.
   std::ios::sync_with_stdio(false);
   CLI::App app{
       "palpate: feel a volume. Loads .vdb volumes and scenes, and computes the forces on a hand "
@@ -95,7 +95,7 @@ int run(const std::vector<std::string>& words) {
   for (const auto& add : cli::kVerbs) add(app, body);
   addHelp(app, body);
 
-  // A mistyped verb gets its own message.
+  // Reports an unknown verb before CLI11 does, and suggests the verb with the nearest name.
   const std::string first = words.empty() ? "" : words[0];
   std::vector<std::string> verbs;
   for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
@@ -121,24 +121,26 @@ int run(const std::vector<std::string>& words) {
     return cli::kBadInput;
   }
   const int status = body();
-  // The run failed if its output did not arrive.
+  // If the output could not be written completely, the run has failed.
   if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
     throw Error("standard output", "it cannot be written", "check the disk or the pipe");
   }
   return status;
 }
 
-/// Opens closed standard streams: the next opened file would get their numbers.
+/// Opens /dev/null for closed standard streams. Otherwise the next opened files would get the
+/// numbers of these streams.
 void holdStandardStreams() {
   for (const int fd : {0, 1, 2}) {
     if (fcntl(fd, F_GETFD) == -1) (void)open("/dev/null", fd == 1 ? O_RDONLY : O_RDWR);
   }
-  // Writing to a closed pipe or beyond a limit then returns an ordinary error.
+  // Then a write to a closed pipe, or beyond the file size limit, returns an ordinary error.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
 }
 
-/// Restores SIGCHLD, since a parent may have ignored it: the exit status of children is needed.
+/// Restores the default handling of SIGCHLD, because the exit status of child processes is needed.
+/// A parent process may have set SIGCHLD to be ignored.
 void hearChildren() {
   std::signal(SIGCHLD, SIG_DFL);
 }

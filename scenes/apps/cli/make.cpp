@@ -1,4 +1,4 @@
-/// palpate make: writes volumes from formulas, for examples and trials.
+/// palpate make: writes volumes that are computed from formulas, for examples and first tests.
 #include <optional>
 
 #include <fmt/format.h>

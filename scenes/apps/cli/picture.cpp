@@ -17,21 +17,22 @@
 namespace palpate::cli {
 namespace {
 
-constexpr int kPixels = 256;  // along the longest side of the slices
-constexpr int kArrows = 18;   // also along the longest side
+constexpr int kPixels = 256;  // Number of values along the longest side of a slice
+constexpr int kArrows = 18;   // Number of arrows along the longest side of a slice
 constexpr std::size_t kMostFields = 2;
-constexpr double kLeastShare = 0.01;  // of the force; fields with less are not drawn
+constexpr double kLeastShare = 0.01;  // Fields with a smaller share of the force are not drawn
 constexpr std::size_t kMostTicks = 20000;
-constexpr double kTouched = 0.05;          // [N]
-constexpr std::size_t kMostTouches = 500;  // examined to choose the fields
-constexpr std::size_t kMostParts = 12;     // drawn as one
-// Horizontal, then vertical axis: x is always to the right, z always up.
+constexpr double kTouched = 0.05;  // [N]: smallest force of a contact
+// Number of contacts that are examined to choose the fields
+constexpr std::size_t kMostTouches = 500;
+constexpr std::size_t kMostParts = 12;  // Number of parts that are drawn in one picture
+// Horizontal and vertical axis of each slice: x always points to the right, z always up.
 constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
 
-/// Drawn values of a field, at a place in W while the field is at rest.
+/// Value of a field at a position in W, read in the field's rest pose.
 struct Look {
   Vec3 vector = Vec3::Zero();  ///< Value of a vector field.
-  double value = 0.0;          ///< Value, or a vector's magnitude.
+  double value = 0.0;          ///< Value of a scalar field, or the vector's magnitude.
   bool inside = false;
 };
 using Read = std::function<Look(const Vec3&)>;
@@ -59,16 +60,16 @@ bool isVector(const FieldPtr& field) {
 
 /// Coordinate frame of a picture.
 struct Frame {
-  Placement world;              ///< W from the frame.
-  Box bounds;                   ///< Box of the drawn volumes, in the frame.
-  Vec3 through = Vec3::Zero();  ///< Point where the slices meet, in the frame.
-  bool patient = false;         ///< The frame is a patient's: +x right, +y anterior, +z superior.
+  Placement world;              ///< Transform from this frame to W.
+  Box bounds;                   ///< Box about the drawn volumes, in this frame.
+  Vec3 through = Vec3::Zero();  ///< Point in which the three slices meet, in this frame.
+  bool patient = false;         ///< True for a patient's frame: +x right, +y anterior, +z superior.
   std::string unit = "mm";
 
   [[nodiscard]] Vec3 of(const Vec3& p_W) const {
     return world.rotation.transpose() * (p_W - world.translate) / world.scale;
   }
-  /// Adds a box to be drawn, with a map of its corners to W.
+  /// Extends `bounds` by a box, whose corners `map` transforms to W.
   template <class Map>
   void take(const Box& box, const Map& world_from_box) {
     for (int corner = 0; corner < 8; ++corner) {
@@ -79,7 +80,8 @@ struct Frame {
   }
 };
 
-/// Returns rows of values on a slice through a frame, `most` along the longest side of its box.
+/// Returns the values on a slice through the frame, row by row. The longest side of the frame's box
+/// has `most` values.
 template <class ValueAt>
 OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value_at) {
   const auto [a, b] = kPlanes[plane];
@@ -101,7 +103,8 @@ OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value
   return json;
 }
 
-/// Returns the parts at these places, those with the most places first.
+/// Returns the parts whose bounds contain the proxy in some of these ticks, at most kMostParts.
+/// Parts with the most such ticks come first.
 std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& touches) {
   std::vector<std::pair<std::size_t, std::size_t>> counts;
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
@@ -124,19 +127,19 @@ std::string nameOf(const GraphSpec& graph, std::size_t mode) {
   return name.empty() ? fmt::format("/modes/{}", mode) : name;
 }
 
-constexpr std::size_t kLongestText = 40;  // [characters]
+constexpr std::size_t kLongestText = 40;  // [characters]: longest text in a picture
 /// Shortens text for a picture.
 std::string cut(const std::string& text) {
   return Legible(text, kLongestText).text();
 }
 
-/// Returns the last part of a path, without folders: a scene's name in a picture.
+/// Returns the last component of a path, as the scene's name in a picture.
 std::string lastOf(const std::filesystem::path& path) {
   const auto name = path.filename();
   return (name.empty() ? path.parent_path().filename() : name).string();
 }
 
-/// Input of a scene's picture.
+/// Builds the JSON from which the script draws a scene's picture.
 class Drawing {
  public:
   Drawing(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
@@ -170,7 +173,8 @@ class Drawing {
   }
 
  private:
-  /// Returns the field that a volume or a derived field finally reads; empty: missing.
+  /// Returns the volume that a volume or a chain of derived fields finally reads; an empty name if
+  /// it is missing.
   [[nodiscard]] std::string sourceOf(std::string name) const {
     while (built_.fields.count(name) == 0) {
       const auto derived = spec_.graph.fields.find(name);
@@ -180,7 +184,7 @@ class Drawing {
     return name;
   }
 
-  /// Returns the volume that a field's metadata come from; null if unknown.
+  /// Returns the volume whose metadata apply to a field; null if there is none.
   [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const std::string& name) const {
     const auto computed = built_.computed.find(name);
     const auto volume =
@@ -188,14 +192,14 @@ class Drawing {
     return volume == built_.volumes.end() ? nullptr : volume->second;
   }
 
-  /// Returns the field's pose near a place in W [m].
+  /// Returns the pose of a field at a position in W [m].
   [[nodiscard]] Pose poseOf(const std::string& name, const Vec3& p_W, double time) const {
     const auto motion = built_.motions.find(name);
     return motion == built_.motions.end() ? Pose{} : motion->second->poseAbout(p_W, time);
   }
 
-  /// Returns the fields whose modes gave most of the force. If no mode did, returns the field whose
-  /// data contained the hand longest.
+  /// Returns the fields whose modes gave most of the force. If no mode gave a force, returns the
+  /// field whose data contained the hand for the longest time of all fields.
   [[nodiscard]] std::vector<std::string> strongest(const Felt& felt,
                                                    const std::vector<Telemetry>& touches) const {
     const std::map<std::string, double> impulses = felt.impulses();
@@ -204,7 +208,7 @@ class Drawing {
     for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
       const std::string mode = nameOf(spec_.graph, i);
       auto found = impulses.find(mode);
-      // For a part, such as "wall[7]", its kind is counted.
+      // For a part such as "wall[7]", uses the impulse of all parts of this kind.
       if (found == impulses.end()) found = impulses.find(mode.substr(0, mode.rfind('[')));
       const std::string source = sourceOf(spec_.graph.modes[i].of);
       if (found == impulses.end() || source.empty()) continue;
@@ -238,8 +242,8 @@ class Drawing {
     return names;
   }
 
-  /// Uses the patient's frame if the strongest field's file has one and the field rests; else the
-  /// hand's.
+  /// Uses the patient's frame if the file of the strongest field has such a frame and the field
+  /// does not move. Otherwise uses W.
   void setFrame() {
     frame_.world.scale = 1e-3;
     const std::string name = names_.empty() ? "" : names_.front();
@@ -251,7 +255,8 @@ class Drawing {
       frame_.world = built_.placements.at(name);
     }
     if (frame_.patient) {
-      // W's box is larger if it is not aligned with the patient's axes.
+      // Uses the boxes of the volumes, because a box in W would be larger if W is not aligned with
+      // the patient's axes.
       for (const std::string& drawn : names_) {
         frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
       }
@@ -293,7 +298,7 @@ class Drawing {
     return json;
   }
 
-  /// Null where no data are known.
+  /// Returns the scalar values on a slice; null where the field has no data.
   [[nodiscard]] OrderedJson values(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
     const auto volume = volumeOf(name);
@@ -304,7 +309,8 @@ class Drawing {
     });
   }
 
-  /// Horizontal and vertical component; null without data.
+  /// Returns the horizontal and the vertical component of the vectors on a slice; null where the
+  /// field has no data.
   [[nodiscard]] OrderedJson vectors(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
     return rowsOf(frame_, plane, kArrows, [&](const Vec3& p_W) {
@@ -317,7 +323,7 @@ class Drawing {
     });
   }
 
-  /// Returns whether the vectors have no sign.
+  /// Returns true if the sign of the field's vectors has no meaning.
   [[nodiscard]] bool isAxial(const std::string& name) const {
     const auto sampling = built_.samplings.find(name);
     if (sampling != built_.samplings.end() && sampling->second.axial) return true;
@@ -325,8 +331,8 @@ class Drawing {
     return built_.computed.count(name) == 0 && volume && metadataOf(*volume).axial;
   }
 
-  /// Returns the scalar that weights a direction: the one that its mode's strength follows. If
-  /// there is none, returns the name itself.
+  /// Returns the scalar field that the strength of a direction field's mode depends on. Returns
+  /// `name` itself if there is no such field.
   [[nodiscard]] std::string scalarBeside(const std::string& name) const {
     for (const ModeSpec& mode : spec_.graph.modes) {
       if (sourceOf(mode.of) != name) continue;
@@ -340,7 +346,7 @@ class Drawing {
     return name;
   }
 
-  /// Returns the unit of a field's values; empty: not known.
+  /// Returns the unit of a field's values; an empty text if it is unknown.
   [[nodiscard]] std::string unitOf(const std::string& name) const {
     const auto derived = spec_.graph.fields.find(name);
     if (derived != spec_.graph.fields.end() &&
@@ -381,7 +387,7 @@ void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;
   ticks_.push_back(tick);
   if (ticks_.size() < kMostTicks) return;
-  // Keeps every second tick: this is enough for a picture.
+  // Keeps every second tick, which is enough for a picture.
   for (std::size_t i = 0; 2 * i < ticks_.size(); ++i) ticks_[i] = ticks_[2 * i];
   ticks_.resize(ticks_.size() / 2);
   stride_ *= 2;

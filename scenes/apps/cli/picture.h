@@ -13,20 +13,20 @@
 
 namespace palpate::cli {
 
-/// Returns the path if its ending is .png; otherwise throws Error.
+/// Returns `path` if its ending is .png. Otherwise throws Error.
 [[nodiscard]] const std::string& pngName(const std::string& path);
 /// Returns the format of a picture for print: "png", "pdf" or "svg". Throws Error for other
 /// endings.
 [[nodiscard]] std::string formatOf(const std::string& path);
 
-/// Collects a run; feel_picture.py (matplotlib) draws it.
+/// Collects the ticks of a run for its picture, which feel_picture.py (matplotlib) draws.
 class Picture {
  public:
-  /// Throws Error at once if the place cannot be written, the ending is not a known format or
+  /// Throws Error if the file cannot be written, if its ending is not that of a known format, or if
   /// matplotlib is missing.
   explicit Picture(const std::string& path);
   void add(const Telemetry& tick);
-  /// Throws Error; leaves no partial file.
+  /// Draws the picture. Throws Error; then leaves no partial file.
   void draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt);
 
  private:
@@ -34,7 +34,7 @@ class Picture {
   std::string format_;
   WholeFile file_;
   Script script_;
-  std::vector<Telemetry> ticks_;  ///< Every stride_-th tick.
+  std::vector<Telemetry> ticks_;  ///< The ticks whose number is a multiple of stride_.
   std::size_t stride_ = 1;
   std::size_t seen_ = 0;
 };

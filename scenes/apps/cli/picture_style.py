@@ -2,7 +2,7 @@
 import signal
 import sys
 
-signal.signal(signal.SIGINT, signal.SIG_DFL)  # palpate reports the interruption
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # palpate itself reports an interrupt
 
 import warnings  # noqa: E402
 
@@ -15,7 +15,7 @@ DPI = 300
 AXES = "xyz"
 # The horizontal and the vertical axis: x is always to the right, z always up.
 PLANES = ((0, 1), (0, 2), (1, 2))
-# Okabe and Ito's colours, which colour-blind people can distinguish.
+# Colours of Okabe and Ito, which people with colour blindness can distinguish.
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7",
                                          "#56B4E9")
 STYLE = {"font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 6,
@@ -27,14 +27,14 @@ STYLE = {"font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fonts
 
 
 def use():
-    """Applies this style, independent of the user's own style."""
+    """Applies this style instead of matplotlib's configuration files of the user."""
     plt.style.use("default")
     matplotlib.rcParams.update(STYLE)
-    warnings.filterwarnings("ignore", message="Glyph .* missing")  # a name may have letters that the font lacks
+    warnings.filterwarnings("ignore", message="Glyph .* missing")  # names may have letters that the font lacks
 
 
 def save(figure, kind, made_by):
-    """Writes to standard output, as png, pdf or svg. Without dates, so that the bytes are the same every time."""
+    """Writes the figure to standard output as png, pdf or svg, without dates: equal figures give equal bytes."""
     metadata = {"png": {"Software": made_by},
                 "pdf": {"Creator": made_by, "CreationDate": None},
                 "svg": {"Creator": made_by, "Date": None}}[kind]

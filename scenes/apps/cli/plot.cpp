@@ -1,4 +1,4 @@
-/// palpate plot: draws traces of `palpate feel` side by side, for a paper.
+/// palpate plot: draws several traces of `palpate feel` side by side, for a paper.
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -28,7 +28,7 @@ namespace {
 constexpr std::size_t kMostTraces = 6;
 constexpr std::size_t kLongestRow = 65536;     // [bytes]
 constexpr std::size_t kLongestTitle = 40;      // [characters]
-constexpr std::size_t kRowsAtOnce = 1U << 16;  // between checks for signals
+constexpr std::size_t kRowsAtOnce = 1U << 16;  // Number of rows between two checks for an interrupt
 constexpr const char* kOut = "write one with palpate feel SCENE --trace T.csv";
 
 struct PlotOptions {
@@ -42,7 +42,7 @@ struct CloseFile {
 };
 using File = std::unique_ptr<std::FILE, CloseFile>;
 
-/// Opens a file without a name, which a child process uses through its open descriptor.
+/// Opens a file without a name. A child process can read it through the inherited descriptor.
 File scratch() {
   File file(std::tmpfile());
   if (!file) {
@@ -53,7 +53,7 @@ File scratch() {
   return file;
 }
 
-/// Returns the path under which a child process finds an open file.
+/// Returns the path by which a child process opens the inherited descriptor of a file.
 std::string handed(const File& file) {
   return fmt::format("/dev/fd/{}", fileno(file.get()));
 }
@@ -75,10 +75,10 @@ std::vector<std::string_view> fieldsOf(std::string_view line) {
   }
 }
 
-/// An open trace: its columns are checked, its rows are not read yet.
+/// An open trace file whose column names were checked. checkRows() reads the rows.
 class TraceFile {
  public:
-  /// Throws Error if the file cannot be read, or lacks a column.
+  /// Throws Error if the file cannot be read, or if a needed column is missing.
   explicit TraceFile(const std::string& path) : path_(path) {
     std::error_code error;
     if (path != "-" && std::filesystem::is_directory(path, error)) {
@@ -89,7 +89,7 @@ class TraceFile {
       throw Error(path, std::string("it cannot be read (") + std::strerror(errno) + ")",
                   "check the path");
     }
-    // A pipe can be read only once, but the drawing program has to read it again.
+    // A pipe can be read only once, so its content is copied for the drawing program.
     if (path == "-" || !std::filesystem::is_regular_file(path, error)) copy_ = scratch();
     while (line_ = next(), line_ && trimmed(*line_).empty()) {
     }
@@ -102,7 +102,7 @@ class TraceFile {
     status_ = columnOf(names, "status");
   }
 
-  /// Reads to the end. Throws Error if a row is invalid, or the file has no rows.
+  /// Reads all rows. Throws Error if a row is invalid, or if there are no rows.
   void checkRows() {
     std::size_t rows = 0;
     double before = 0.0;
@@ -125,7 +125,8 @@ class TraceFile {
     }
   }
 
-  /// Returns the source for the drawing program, complete after checkRows().
+  /// Returns the path from which the drawing program reads the trace. Call checkRows() first: it
+  /// completes the copy of a pipe.
   [[nodiscard]] std::string place() const { return handed(copy_ ? copy_ : file_); }
   [[nodiscard]] std::string stem() const {
     return path_ == "-" ? "stdin" : std::filesystem::path(path_).stem().string();
@@ -161,7 +162,7 @@ class TraceFile {
     return static_cast<std::size_t>(found - names.begin());
   }
 
-  /// Returns the row's time.
+  /// Checks a row and returns its time [s].
   double checkRow(std::string_view line) const {
     const std::vector<std::string_view> fields = fieldsOf(line);
     if (fields.size() != columns_) {
@@ -171,7 +172,7 @@ class TraceFile {
     double time = 0.0;
     for (std::size_t i = 0; i < numbers_.size(); ++i) {
       const std::string_view field = fields[numbers_[i]];
-      if (field.empty() && i > 0) continue;  // this tick has no value here
+      if (field.empty() && i > 0) continue;  // The tick has no value in this column
       double value = 0.0;
       const char* const end = field.data() + field.size();
       const auto [stop, error] = std::from_chars(field.data(), end, value);
@@ -199,7 +200,8 @@ class TraceFile {
   std::size_t status_ = 0;
 };
 
-/// Returns the titles of the columns; equal names are numbered from the second on.
+/// Returns a title for each column of the picture. The second and later uses of a title get a
+/// number.
 std::vector<std::string> titlesOf(const std::vector<std::unique_ptr<TraceFile>>& traces) {
   std::vector<std::string> titles;
   std::vector<std::string> stems;
@@ -263,7 +265,7 @@ int plot(const PlotOptions& options) {
   try {
     script.draw(json, file, options.out, {format, "--told", handed(told)});
   } catch (const Error&) {
-    endIfInterrupted();  // Ctrl-C goes to both processes
+    endIfInterrupted();  // Ctrl-C interrupts both processes
     throw;
   }
   endIfInterrupted();

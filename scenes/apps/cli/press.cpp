@@ -1,4 +1,5 @@
-/// palpate press: prints the force-depth curve of a hand that moves straight in and out again.
+/// palpate press: prints the force-depth curve of a hand that moves straight into a scene and out
+/// again.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,68 +16,70 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kMostSteps = 1e6;  // in each direction
+constexpr double kMostSteps = 1e6;  // Number of steps in one direction
 
 struct PressOptions {
   std::string scene;
   std::string at;
   std::string along;
-  double speed = 0.05;  // [m/s]
+  double speed = 0.05;  // [m/s]: speed of the hand
   double rate = 1000.0;
   std::string csv;
   std::string picture;
   bool json = false;
 };
 
-/// Path of the hand: straight in, straight out, in equal steps.
+/// Path of the hand: along a straight line to the end and back, in equal steps.
 struct Way {
   Vec3 at;
   Vec3 along;
-  int steps = 1;  ///< In each direction.
+  int steps = 1;  ///< Number of steps in each direction.
 
   [[nodiscard]] double length() const { return along.norm(); }
   [[nodiscard]] Vec3 direction() const { return along / length(); }
   [[nodiscard]] bool inwards(int tick) const { return tick <= steps; }
-  /// Returns the share of the depth, 0 to 1.
+  /// Returns the depth as a fraction of the path's length, 0 to 1.
   [[nodiscard]] double share(int tick) const {
     return static_cast<double>(inwards(tick) ? tick : 2 * steps - tick) / steps;
   }
   [[nodiscard]] Vec3 hand(int tick) const { return at + share(tick) * along; }
 };
 
-/// One tick, in components along the path.
+/// Results of one tick. "Along" and "across" refer to the hand's path.
 struct Row {
   bool in = true;
   double depth = 0.0;         ///< Depth of the hand [m].
-  double force_along = 0.0;   ///< > 0 pushes back out [N].
-  double force_across = 0.0;  ///< Magnitude [N].
-  double proxy_depth = 0.0;   ///< [m]
+  double force_along = 0.0;   ///< Component along the path [N]; positive: pushes the hand out.
+  double force_across = 0.0;  ///< Magnitude of the component across the path [N].
+  double proxy_depth = 0.0;   ///< Depth of the proxy [m].
   double proxy_across = 0.0;  ///< Distance of the proxy from the path [m].
-  double injected = 0.0;      ///< [J]
+  double injected = 0.0;      ///< Energy that the proxy's own motion added [J].
   StepStatus status = StepStatus::kConverged;
   bool limited = false;
-  std::string contacts;  ///< "bone=holds; blood=yields"
+  std::string contacts;  ///< State of each mode, for example "bone=holds; blood=yields"
 };
 
-/// A mode's yield.
+/// The first tick in which a mode yields.
 struct Yield {
   double depth = 0.0;        ///< Depth of the hand [m].
-  double proxy_depth = 0.0;  ///< [m]
-  /// Its load without friction and drag [N]; unset if the tick passed it.
+  double proxy_depth = 0.0;  ///< Depth of the proxy [m].
+  /// Load of the mode without friction and drag [N]. No value if the proxy passed the mode's
+  /// surface within the tick.
   std::optional<double> force;
-  double force_along = 0.0;  ///< Force on the hand [N].
+  double force_along = 0.0;  ///< Component of the hand's force along the path [N]; positive: out.
 };
 
-/// Results of one mode on the way in.
+/// Results of one mode. All but `held` refer to the way in.
 struct ModePressed {
-  std::optional<double> touched;  ///< Depth at which its load begins [m].
-  double held = 0.0;              ///< Largest load, in and out [N].
-  bool ready = false;             ///< A tick without yielding was seen,
-  std::optional<Yield> yield;     ///< so that this is a first yield.
-  std::optional<double> let_go;   ///< Depth at which its load ends [m].
+  std::optional<double> touched;  ///< Depth of the hand at which the mode's load begins [m].
+  double held = 0.0;              ///< Largest load on both ways [N].
+  bool ready = false;             ///< The mode did not yield in at least one tick,
+  std::optional<Yield> yield;  ///< so that a later yield is a transition from holding to yielding.
+  /// Depth of the hand at which the mode's load ends after the yield [m].
+  std::optional<double> let_go;
 };
 
-/// Collects the curve and its totals.
+/// Collects the rows of the curve and their totals.
 class Curve {
  public:
   Curve(const Opened& opened, const Way& way)
@@ -115,8 +118,8 @@ class Curve {
     return row;
   }
 
-  /// Returns true if mode i reached its full strength in a reading of the tick, also if it does not
-  /// yield at the tick's end.
+  /// Returns true if mode i reached its full strength in any sub-step of the tick, even if it does
+  /// not yield at the tick's end.
   static bool yielded(const StepTrace& trace, std::size_t i) {
     const auto steps = trace.steps();
     return std::any_of(steps.begin(), steps.end(), [i](const StepTrace::Step& step) {
@@ -126,13 +129,14 @@ class Curve {
 
   static void follow(ModePressed& mode, const std::vector<Load>& loads, bool yielded,
                      const Row& row) {
-    constexpr double kNewtons = 1e-6;  // below is rounding
+    constexpr double kNewtons = 1e-6;  // [N]: smaller forces are rounding errors
     const double held = totalOf(loads).norm();
     const bool carries = held > kNewtons;
     mode.held = std::max(mode.held, held);
     if (!row.in) return;
     if (carries && !mode.touched) mode.touched = row.depth;
-    // The last loads of a tick do not contain a surface that was passed within it.
+    // If the proxy passed a surface within the tick, the last loads of the tick do not contain that
+    // surface.
     const bool gone = yielded && !carries;
     const bool yields = gone || holdOf(loads) == Hold::kYields;
     if (yields && mode.ready && !mode.yield) {
@@ -150,7 +154,7 @@ class Curve {
     row.contacts += (row.contacts.empty() ? "" : "; ") + names_[i] + "=" + word;
   }
 
-  /// Adds up energies at the hand: a force holds until the next tick.
+  /// Adds the energies of a tick at the hand. The force of a tick acts until the next tick.
   void count(int tick, const StepReport& r, const Row& row) {
     const Vec3 hand = way_.hand(tick);
     if (rows_.empty()) {
@@ -170,19 +174,21 @@ class Curve {
     last_stiffness_ = r.stiffness;
   }
 
-  /// Returns the slope of a straight fit from the first force to the first yield [N/m].
+  /// Returns the slope of a straight line fitted to the curve from the first force to the first
+  /// yield [N/m].
   [[nodiscard]] std::optional<double> slope() const;
 
   const Scene& scene_;
   const Way way_;
   std::vector<Row> rows_;
   std::vector<ModePressed> modes_;
-  std::vector<std::string> names_;  ///< Names in rows, which may be shared by several modes.
+  /// Names of the modes in the rows; several modes may share a name.
+  std::vector<std::string> names_;
   std::array<int, kStepStatuses> statuses_{};
   Vec3 last_force_ = Vec3::Zero();
   double last_stiffness_ = 0.0;
-  double net_ = 0.0;    ///< Energy given to the hand [J].
-  double bound_ = 0.0;  ///< Largest energy from a passive engine [J].
+  double net_ = 0.0;    ///< Work of the force on the hand [J].
+  double bound_ = 0.0;  ///< Largest work that a passive engine could do [J].
   double injected_ = 0.0;
   double work_in_ = 0.0;
   double work_out_ = 0.0;
@@ -267,7 +273,7 @@ OrderedJson Curve::summary(const PressOptions& options, const std::string& sourc
   return json;
 }
 
-/// Returns a CSV field, quoted if necessary.
+/// Returns a text as a field of a CSV row, in quotes if necessary.
 std::string field(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
   std::string quoted = "\"";
@@ -288,7 +294,7 @@ std::string csv(const std::vector<Row>& rows) {
   return text;
 }
 
-/// Prints about a dozen rows for the user.
+/// Prints about twelve rows, evenly spaced, for the user.
 void printTable(const Curve& curve, int steps) {
   constexpr int kLines = 10;
   say("{:>12} {:>12} {:>12} {:>12}  contacts while moving in\n", "depth mm", "in N", "out N",
@@ -366,13 +372,13 @@ Way wayOf(const PressOptions& options) {
   return way;
 }
 
-/// Rejects two outputs at one place, and an output that is also an input.
+/// Rejects two outputs with the same path, and an output that is also an input.
 void checkOutputs(const PressOptions& options, const SceneSpec& spec) {
   checkOutputsApart({options.csv, options.picture, options.json ? "-" : ""},
                     inputsOf(options.scene, spec));
 }
 
-/// Runs ticks along the whole path; returns true if all went without a fault.
+/// Runs the ticks of the whole path. Returns true if none of them had a fault.
 template <class Seen>
 bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   Reader reader;

@@ -27,10 +27,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the size and the checksum of a file; null if it cannot be read.
+/// Returns the size and the checksum of a file; null if the file cannot be read.
 OrderedJson stateOf(const fs::path& file) {
   std::error_code error;
-  if (!fs::is_regular_file(file, error)) return nullptr;  // other kinds may never end
+  if (!fs::is_regular_file(file, error)) return nullptr;  // other kinds of file may have no end
   std::ifstream in(file, std::ios::binary);
   if (!in) return nullptr;
   std::vector<char> piece(std::size_t{1} << 20U);
@@ -45,13 +45,13 @@ OrderedJson stateOf(const fs::path& file) {
   return {{"bytes", bytes}, {"crc32c", crc}};
 }
 
-/// Returns the identity of remote bricks.
+/// Returns the data that identify remote bricks.
 OrderedJson stateOf(const BrickManifest& manifest) {
   return {{"identity", fmt::format("{:016x}", manifest.identity())}};
 }
 
-/// Returns the present state of a place; null if it cannot be read. The later load reports the
-/// error.
+/// Returns the present state of a volume's file or folder; null if it cannot be read. In that case
+/// loading the scene reports the error.
 OrderedJson stateNow(const fs::path& place) {
   if (!isRemote(place)) return stateOf(place);
   try {
@@ -61,7 +61,7 @@ OrderedJson stateNow(const fs::path& place) {
   }
 }
 
-/// Returns a recorded scene's JSON; throws Error if it is invalid.
+/// Returns the JSON of a recorded scene. Throws Error if it is invalid.
 OrderedJson jsonOf(const RecordedScene& scene) {
   OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
   const auto good = [&] {
@@ -75,7 +75,8 @@ OrderedJson jsonOf(const RecordedScene& scene) {
   return json;
 }
 
-/// Returns the scene's files that have changed, with their present state.
+/// Returns the files of a recorded scene whose state differs from the recorded state, with their
+/// present state.
 std::map<std::string, OrderedJson> changedFiles(const OrderedJson& json) {
   std::map<std::string, OrderedJson> changed;
   for (const OrderedJson& volume : json["volumes"]) {
@@ -86,8 +87,8 @@ std::map<std::string, OrderedJson> changedFiles(const OrderedJson& json) {
   return changed;
 }
 
-/// Restores a scene from a recording, with its gains. Throws Error if its files are gone, or if
-/// this version cannot read it.
+/// Restores a scene and its gains from a recording. Throws Error if a file is missing, or if this
+/// version cannot read the scene.
 SceneInput parseSceneInput(const OrderedJson& json) {
   SceneInput out;
   out.file = json["file"].get<std::string>();
@@ -105,7 +106,8 @@ SceneInput parseSceneInput(const OrderedJson& json) {
   return out;
 }
 
-/// Does the same, and reports files that have changed.
+/// Restores a scene as parseSceneInput does, and reports its files that have changed since the
+/// recording.
 SceneInput sceneInputOf(const RecordedScene& scene) {
   try {
     const OrderedJson json = jsonOf(scene);
@@ -121,7 +123,8 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
   }
 }
 
-/// Returns the scene of the first tick that has one. Throws Error if it is missing.
+/// Returns the scene of the first tick that had a scene. Throws Error if the recording lacks that
+/// scene.
 const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
   const auto& scenes = recording.scenes();
   std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
@@ -143,7 +146,8 @@ const RecordedScene& firstFelt(const Recording& recording, const std::string& fi
   return *found;
 }
 
-/// Adds the files of a scene. Invalid text is ignored: parseSceneInput reports it.
+/// Adds the files of a recorded scene to `files`. Ignores an invalid scene, because parseSceneInput
+/// reports it.
 void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
   const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
   if (!json.is_object() || !json.contains("file") || !json["file"].is_string()) return;
@@ -200,7 +204,7 @@ std::string recordedScene(const std::string& file, const std::string& text, cons
   };
   for (const auto& [name, volume] : spec.volumes) {
     for (const fs::path& at : filesOf(volume)) add(at, at);
-    // Remote bricks are not read again: the window has their manifest.
+    // Uses the manifest that the brick window already has, instead of fetching it again.
     const auto window = windows.find(name);
     if (isRemote(volume.file) && window != windows.end()) {
       add(volume.file, window->second->manifest());

@@ -10,7 +10,7 @@
 namespace palpate::cli {
 namespace {
 
-/// A hand that holds the arm like a pen.
+/// Grip of a hand that holds the arm loosely, like a pen.
 constexpr GripParams kRelaxed{};
 
 }  // namespace

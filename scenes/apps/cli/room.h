@@ -9,19 +9,20 @@
 
 namespace palpate::cli {
 
-/// Returns the margin; null if the arm's mass or friction is not known. `coupling`: the stiffest
-/// one requested. `rate`: rate of the loop; a force lasts until the device takes the next one.
+/// Returns the stability margin of a coupling on a device as JSON; null if the arm's mass or
+/// friction is unknown. `coupling` is the stiffest coupling of the scene. `rate` is the rate of the
+/// loop [Hz]; if the device takes forces at a lower rate, that rate applies.
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
-/// Returns whether the coupling is unstable even in a relaxed hand. `room` must not be null here
-/// and below.
+/// Returns true if the coupling is unstable even while a relaxed hand holds the arm. Here and
+/// below, `room` is a result of roomFor that is not null.
 [[nodiscard]] bool swingsUp(const OrderedJson& room);
-/// Returns advice about the coupling: a sentence without its final stop.
+/// Returns advice about the coupling, as a sentence without a full stop.
 [[nodiscard]] std::string roomWords(const OrderedJson& room);
-/// Returns the numbers behind this advice: all three limits.
+/// Returns the numbers on which roomWords bases its advice: all three limits.
 [[nodiscard]] std::string roomNumbers(const OrderedJson& room);
-/// Prints the report's lines, with text from `column` on; no lines if null. Prints the numbers only
-/// if verbose.
+/// Prints the lines `stability` of a report, with their text starting at `column`. Prints the
+/// numbers only if `verbose` is set. Prints no line if `room` is null.
 void sayRoom(const OrderedJson& room, int column, bool verbose);
 
 }  // namespace palpate::cli

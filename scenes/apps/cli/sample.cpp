@@ -1,4 +1,5 @@
-/// palpate sample: prints a grid's value and derivatives at points of its own space.
+/// palpate sample: prints a grid's value and derivatives at points, which are given in the file's
+/// own space.
 #include <algorithm>
 #include <array>
 #include <string_view>
@@ -13,7 +14,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Values of --derive.
+/// Possible values of --derive.
 constexpr std::array<std::string_view, 7> kDerived{"curl", "divergence", "jacobian", "magnitude",
                                                    "unit", "q",          "lambda2"};
 
@@ -26,10 +27,10 @@ struct SampleOptions {
   bool json = false;
 };
 
-/// Results at one point, in the order of the columns.
+/// Results at one point, in the order of the output columns.
 using Sampled = std::vector<double>;
 
-/// The columns after x,y,z, and the function that fills them.
+/// Output columns after x,y,z, with the function that computes their values.
 struct Table {
   std::vector<std::string> columns;
   std::function<Sampled(const Vec3&)> read;

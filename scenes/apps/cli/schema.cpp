@@ -1,4 +1,4 @@
-/// palpate schema: prints the schema of a scene file or an arm's profile, for editors.
+/// palpate schema: prints the JSON Schema of scene files or of arm profiles, for editors.
 #include <memory>
 
 #include "palpate/devices/hid/hid_profile.h"

@@ -14,17 +14,17 @@
 namespace palpate::cli {
 namespace {
 
-/// Runs a program with `input` on its standard input and its standard output to a descriptor.
-/// Returns its exit status, or -1. If the user ends the run, ends the program and throws
-/// Interrupted.
+/// Runs a program with `input` on its standard input and `output` as its standard output. Returns
+/// the program's exit status; -1 if it could not run. If the user interrupts, ends the program and
+/// throws Interrupted.
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
-    // A terminal sends Ctrl-C to both processes. The child ignores it: the parent decides, and the
-    // child ends with the parent.
+    // A terminal sends Ctrl-C to both processes. The child ignores it, because the parent decides
+    // and ends the child.
     signal(SIGINT, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     dup2(pipe_ends[0], STDIN_FILENO);
@@ -37,7 +37,7 @@ int run(std::vector<std::string> command, const std::string& input, int output) 
   }
   close(pipe_ends[0]);
   fcntl(pipe_ends[1], F_SETFL, O_NONBLOCK);
-  constexpr int kLook = 10;  // [ms]
+  constexpr int kLook = 10;  // [ms]: time between two checks for an interrupt
   std::string_view rest = input;
   pollfd ear{pipe_ends[1], POLLOUT, 0};
   int status = 0;

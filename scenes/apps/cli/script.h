@@ -9,12 +9,13 @@
 
 namespace palpate::cli {
 
-/// One program: JSON on its standard input, a picture on its standard output.
+/// A Python program that reads JSON from its standard input and writes a picture to its standard
+/// output.
 class Script {
  public:
-  /// Throws Error, which names the option, if Python or matplotlib is missing.
+  /// Throws Error if Python or matplotlib is missing; the message names `option`, which needs them.
   Script(const std::string& name, const std::string& option);
-  /// Draws into a file that is not committed yet. Throws Error.
+  /// Draws a picture into `file`; the caller commits the file. Throws Error.
   void draw(const OrderedJson& json, const WholeFile& file, const std::string& path,
             const std::vector<std::string>& arguments = {}) const;
 

@@ -1,4 +1,4 @@
-/// palpate solve: computes one balance for each line, JSON Lines in and out.
+/// palpate solve: computes the balance for each line of the input. Input and output are JSON Lines.
 #include <algorithm>
 #include <cmath>
 #include <istream>
@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Error in a line.
+/// Thrown for an invalid input line.
 class LineError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -76,7 +76,7 @@ Primitive readPrimitive(const Json& json, const std::string& name) {
   return p;
 }
 
-/// Returns one line's answer; throws LineError.
+/// Returns the answer to one input line. Throws LineError.
 OrderedJson answer(const std::string& line) {
   Json json;
   try {

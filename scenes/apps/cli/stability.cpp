@@ -1,4 +1,5 @@
-/// palpate stability: maps where couplings of a stiffness and damping rest, oscillate or diverge.
+/// palpate stability: maps the stiffness and the damping of couplings at which an arm comes to
+/// rest, oscillates or diverges.
 #include "palpate/devices/simulated/stability.h"
 
 #include <algorithm>
@@ -40,8 +41,8 @@ struct StabilityOptions {
   bool json = false;
 };
 
-constexpr double kLeastStiffness = 50.0;  // [N/m]
-constexpr double kMostDamping = 50.0;     // [N s/m]
+constexpr double kLeastStiffness = 50.0;  // [N/m]: lowest stiffness of the maps
+constexpr double kMostDamping = 50.0;     // [N s/m]: highest damping of the maps
 
 struct Setup {
   std::string name;
@@ -49,7 +50,8 @@ struct Setup {
   std::vector<MapMethod> methods;
 };
 
-/// The contact at which an exploring hand is pushed back with about the load, and nearby parts.
+/// A contact found on an exploring path, at which the force is nearest to --load; and the parts
+/// near it.
 struct Touch {
   MapContact contact;
   Near near;
@@ -85,8 +87,8 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
     throw Error(options.scene, "an exploring hand found no surface to press on",
                 "run palpate check to see where the volumes are");
   }
-  // Parts that an oscillating hand can reach.
-  constexpr double kAround = 0.01;  // [m]
+  // Adds parts that an oscillating hand can reach.
+  constexpr double kAround = 0.01;  // [m]: distance from the contact
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
     const Box& bounds = scene.parts[i].bounds;
     const Vec3 nearest = contact.place.cwiseMax(bounds.lower).cwiseMin(bounds.upper);
@@ -95,7 +97,7 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
   return touch;
 }
 
-/// `outputs`: these must not be inputs.
+/// Prepares the contact and the methods. Throws Error if a path of `outputs` is also an input.
 Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& outputs) {
   Setup setup;
   if (options.scene.empty()) {
@@ -114,14 +116,15 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   checkOutputsApart(outputs, inputsOf(options.scene, opened.spec));
   setup.name = opened.spec.source;
   setup.contact = touch->contact;
-  constexpr double kFree = 5e-3;  // [m]
+  constexpr double kFree = 5e-3;  // [m]: distance from the surface at which the hand starts
   setup.methods = {
       wholeTick(opened.built.scene, setup.contact.place + kFree * setup.contact.outwards),
       solverOver(setup.contact)};
   return setup;
 }
 
-/// Sets the numbers of an arm that has passed its test, unless the user has given others.
+/// Takes the parameters of an arm that has passed `palpate devices --test`. Options that the user
+/// has given take precedence.
 void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
@@ -186,7 +189,7 @@ void check(const StabilityOptions& options) {
         fmt::format("{} s is {} ticks", options.delay, rounded(options.delay * options.rate)),
         fmt::format("give at most {} ticks, or a lower rate", kMostPeriods));
   }
-  // Above 170 degrees the hand would lie between the planes and touch neither.
+  // At a larger angle the hand would lie between the planes and touch neither of them.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0);
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "it cannot be combined with a scene", "leave out one of the two");
@@ -213,7 +216,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
                  {"delay", options.delay}};
   json["hand"] = {
       {"stiffness", options.grip}, {"damping", options.grip_damping}, {"load", options.load}};
-  // Boundaries of one wall, by formulas.
+  // Adds the stability limits for one wall, which formulas give.
   json["boundaries"] = OrderedJson::array();
   for (int i = 0; i <= 40; ++i) {
     const double b = i == 0 ? 0.0 : kMostDamping * std::pow(1e-3, 1.0 - i / 40.0);
@@ -230,7 +233,8 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
     one["tried"] = map.tried;
     one["stiffness"] = map.stiffness;
     one["damping"] = map.damping;
-    // One word for each row: r rests, c cycles, l leaves; capital letters: energy was generated.
+    // Adds a text for each row of the map, with a letter for each cell: r rests, c cycles, l
+    // leaves. A capital letter means that the coupling generated energy.
     one["rows"] = OrderedJson::array();
     const std::size_t n = map.stiffness.size();
     long rests = 0;
@@ -245,7 +249,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
       one["rows"].push_back(word);
     }
     one["rests"] = static_cast<double>(rests) / static_cast<double>(n * n);
-    // Without damping, starting at the lowest stiffness.
+    // Finds the highest stiffness up to which all cells without damping come to rest.
     std::size_t first = 0;
     while (first < n && map.cells[first].outcome == MapOutcome::kRests) ++first;
     one["rests_to"] = first == 0 ? OrderedJson() : OrderedJson(map.stiffness[first - 1]);
@@ -254,7 +258,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
   return json;
 }
 
-/// The files of --map. A script draws all but JSON.
+/// Output files of --map. A script draws all formats but JSON.
 struct MapFiles {
   std::vector<std::string> names;
   std::vector<std::unique_ptr<WholeFile>> files;
@@ -301,7 +305,7 @@ MapSetting settingOf(const StabilityOptions& options) {
   return setting;
 }
 
-/// Draws a map for each method, up to the stiffness `most`.
+/// Computes a map for each method, with stiffnesses up to `most` [N/m].
 std::vector<StabilityMap> drawMaps(const Setup& setup, const MapSetting& setting, int size,
                                    double most) {
   std::vector<StabilityMap> maps;
@@ -346,12 +350,12 @@ void sayMaps(const StabilityOptions& options, const Setup& setup, const MapSetti
 
 int draw(const StabilityOptions& options) {
   check(options);
-  // Check all input before anything runs.
+  // Checks all input before the computation starts.
   const MapFiles out = openMapFiles(options.map);
   const Setup setup = setupOf(options, out.names);
   const MapSetting setting = settingOf(options);
   const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
-  constexpr double kMost = 1e5;  // [N/m]: for a loop that is always stable
+  constexpr double kMost = 1e5;  // [N/m]: upper limit of the map for a loop that is always stable
   const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
   const std::vector<StabilityMap> maps = drawMaps(setup, setting, options.size, most);
   const OrderedJson json = report(options, setup, setting, most, maps);

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Draws the results of `palpate stability`: JSON on standard input, a picture on standard output.
 
-The argument is the format, png or svg. With --check the program only checks whether matplotlib is installed.
+The argument is the format, png or svg. With --check, the script only checks whether matplotlib is installed.
 """
 import json
 import sys
@@ -14,7 +14,7 @@ import numpy as np  # noqa: E402
 from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.patches import Patch  # noqa: E402
 
-# Rests, cycles, leaves; paler where no energy was generated.
+# Colours of the outcomes r (rests), c (cycles) and l (leaves). Capital letters: the coupling generated energy.
 COLOURS = {"r": "#e8f2e4", "R": "#b7d7a8", "c": "#fde2b3", "C": "#f5b041", "l": "#f1b0a8",
            "L": "#c0392b"}
 WORDS = {"r": "rests", "R": "rests, energy gained", "c": "oscillates", "C": "oscillates, energy gained",
@@ -30,7 +30,7 @@ def draw_map(ax, method, boundaries):
     ax.pcolormesh(stiffness, rows, cells, cmap=ListedColormap([COLOURS[k] for k in ORDER]),
                   vmin=-0.5, vmax=5.5, shading="nearest", rasterized=True)
     ax.set_xscale("log")
-    # Consecutive rows have equal ratios of damping, except for the first one, which has no damping.
+    # The damping grows by the same factor from row to row. The first row, without damping, counts as half the second.
     place = np.interp(np.log([max(b["damping"], damping[1] / 2) for b in boundaries]),
                       np.log(np.maximum(damping, damping[1] / 2)), rows)
     for key, style in (("stable", "-"), ("passive", ":")):
@@ -65,7 +65,7 @@ def main():
                     f"encoder {1e6 * arm['encoder']:g} um, delay {1e3 * arm['delay']:g} ms",
                     fontsize=10)
     kind = "svg" if "svg" in sys.argv else "png"
-    matplotlib.rcParams["svg.hashsalt"] = "palpate"  # the same bytes every time
+    matplotlib.rcParams["svg.hashsalt"] = "palpate"  # equal results give equal bytes
     figure.savefig(sys.stdout.buffer, format=kind, dpi=110,
                    metadata={"Date": None} if kind == "svg" else None)
 

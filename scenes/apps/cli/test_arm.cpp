@@ -29,24 +29,25 @@ namespace {
 constexpr double kRate = 1000.0;
 constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
 constexpr double kSlew = 100.0;     // [N/s]: keeps all forces of a test gradual
-constexpr double kMostForce = 3.0;  // [N]
-constexpr double kPatience = 5.0;   // [s] for the arm to be ready
+constexpr double kMostForce = 3.0;  // [N]: largest force of a test
+constexpr double kPatience = 5.0;   // [s]: longest wait until the arm is ready
 
 struct Tested {
-  ArmAxes axes;  ///< Axes that were tested.
+  ArmAxes axes;  ///< Axes along which the arm was tested.
   SelfTestResult result;
   Fault fault = Fault::kNone;
-  std::string not_ready;  ///< Reason why the arm was not ready, if so.
+  std::string not_ready;  ///< Reason why the arm was not ready; empty if it was.
 };
 
-/// Returns the tip's position when the user presses Enter, at zero force; unset if there is no
-/// user. Ignores earlier key presses.
+/// Sends zero force until the user presses Enter, then returns the tip's position [m]. Keys pressed
+/// before the call do not count. Returns no value if standard input has ended or the user
+/// interrupts.
 std::optional<Vec3> atEnter(Arm& arm) {
   (void)tcflush(STDIN_FILENO, TCIFLUSH);
   for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
     sleepUntil(next);
     const HandState hand = arm.read();
-    arm.write(Vec3::Zero());  // some firmware only sends replies
+    arm.write(Vec3::Zero());  // needed by firmware that sends a report only in reply to a force
     pollfd keys{STDIN_FILENO, POLLIN, 0};
     if (poll(&keys, 1, 0) <= 0) continue;
     char key = 0;
@@ -65,14 +66,15 @@ std::optional<Vec3> atEnter(Arm& arm) {
   return std::nullopt;
 }
 
-/// Result of the user's measurement.
+/// Result of the user's measurement with a ruler.
 struct Ruled {
-  std::array<double, 3> scale{};  ///< SelfTestResult::scale.
-  std::string trouble;            ///< The first trouble from rulerTrouble; empty: no trouble.
+  /// Measured distance divided by the ruler's length, for each axis (SelfTestResult::scale).
+  std::array<double, 3> scale{};
+  std::string trouble;  ///< First error that rulerTrouble reported; empty: none.
 };
 
-/// Lets the user move the tip along each movable axis in turn, each from the end of the last.
-/// Unset: measurement skipped.
+/// Lets the user move the tip by a ruler's length along each movable axis in turn. Each move starts
+/// at the end of the previous move. Returns no value if the user skips the measurement.
 std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   if (ruler == 0.0) return std::nullopt;
   const ArmAxes axes = axesWithin(arm.traits().moves);
@@ -104,13 +106,14 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   return ruled;
 }
 
-/// Returns a ruler length that fits three times in a row into the arm's space [m].
+/// Returns the ruler length [m]. Three moves of this length in a row fit into the arm's workspace.
 double rulerFor(const ArmTraits& traits) {
   const double most = 2.0 / std::sqrt(3.0) * traits.workspace_radius;
   return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
 }
 
-/// Reports the guardian's faults of this loop; the loop continues while it returns kNone.
+/// Observes the guardian. look() returns the guardian's fault, or kNone while the loop may
+/// continue.
 class GuardianSays {
  public:
   explicit GuardianSays(const LoopWatch& watch)
@@ -132,7 +135,8 @@ class GuardianSays {
   Pulse guard_;
 };
 
-/// Runs the test in real time, with the force limiter in between and the guardian beside it.
+/// Runs the test in real time. The force limiter bounds every force, and the guardian watches the
+/// loop.
 Tested run(Arm& arm, Guardian& guardian, double force) {
   LoopWatch watch;
   if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
@@ -167,7 +171,7 @@ Tested run(Arm& arm, Guardian& guardian, double force) {
     if (dt > arm.info().watch.late) out.fault = Fault::kLate;
     if (const Fault said = guardian_says.look(t); said != Fault::kNone) out.fault = said;
     if (out.fault != Fault::kNone) break;
-    // Wait until the arm has reported, is homed and is held.
+    // Waits until the arm has reported, is homed and is held by the user.
     arm.carry(hand.ready);
     if (!hand.ready) {
       arm.write(Vec3::Zero());
@@ -185,13 +189,15 @@ Tested run(Arm& arm, Guardian& guardian, double force) {
   }
   arm.carry(false);
   arm.write(Vec3::Zero());
-  // The guardian must not overwrite the profile's final output.
+  // After this, the guardian does not write to the arm: otherwise it could overwrite the last
+  // output of the profile.
   if (watch.heart != nullptr) guardian.forget(watch);
   out.result = test.result();
   return out;
 }
 
-/// Returns the measured arm's stability margin for the stiffest coupling that the profile allows.
+/// Returns the stability margin of the measured arm, for the stiffest coupling that the profile
+/// allows.
 OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
   DeviceInfo info = arm.info();
   ArmDissipation& known = info.limits.tank.arm;
@@ -258,7 +264,7 @@ OrderedJson describe(const Tested& tested, const Arm& arm, bool passed) {
   return json;
 }
 
-/// Prints the measurements.
+/// Prints the results of the measurement.
 void sayMeasured(const Tested& tested, const Arm& arm) {
   const SelfTestResult& r = tested.result;
   const ArmAxes moves = axesWithin(arm.traits().moves);
@@ -295,7 +301,7 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
   }
 }
 
-/// Reports why a test did not pass.
+/// Prints the reasons why an arm has not passed.
 void complainOf(const Tested& tested) {
   for (const std::string& problem : tested.result.problems) complain("devices: " + problem);
   if (tested.fault != Fault::kNone) {
@@ -307,7 +313,7 @@ void complainOf(const Tested& tested) {
   }
 }
 
-/// Remembers an arm that passed, if its scale was measured and it can be recognized.
+/// Stores that an arm has passed, if its scale was measured and the arm can be identified.
 void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
   if (!ruled) {
     complain(
@@ -358,7 +364,8 @@ int testArm(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.tests = true;
-  // A test may carry more: it stays within centimetres, and the user was asked to let go.
+  // Allows a force up to kMostForce, because the test moves the arm by centimetres only and the
+  // user has been asked to let go.
   host.carries = kMostForce;
   const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {

@@ -11,15 +11,17 @@
 
 namespace palpate::cli {
 
-/// Writes one row for each tick; inactive if no file is requested.
+/// Writes a CSV row for each tick. Does nothing if no file is requested.
 class Trace {
  public:
-  /// An empty path requests no file. `carriers`: names of the loads, a column each. Throws Error if
-  /// the file cannot be written.
+  /// @param path      Output file; empty: none.
+  /// @param carriers  Names of the loads; each gets a column.
+  ///
+  /// Throws Error if the file cannot be written.
   Trace(const std::string& path, std::span<const std::string> carriers);
-  /// `loads`: one for each carrier [N].
+  /// `loads` has the force of each carrier [N].
   void add(const Telemetry& tick, std::span<const double> loads);
-  /// Completes the file; without this call no file appears.
+  /// Completes the file. Without this call the file does not appear.
   void commit();
 
  private:

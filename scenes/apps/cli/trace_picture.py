@@ -7,7 +7,7 @@ content to FILE as JSON. With --check it only checks whether matplotlib is insta
 """
 import sys
 
-sys.dont_write_bytecode = True  # for the imported module in this folder
+sys.dont_write_bytecode = True  # importing picture_style must not write a file into this folder
 
 from picture_style import (AXES, BLUE, DPI, GREEN, ORANGE, PLANES, PURPLE, RED, SKY,  # noqa: E402
                            save, use)
@@ -24,22 +24,22 @@ from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: E402
 
 CHUNK = 200000  # rows read at a time
-LINE = 1000     # stretches of a line over time: more than the dots across a column
-PATH = 60000    # stretches of all paths in a row of panels
-BINS = 60       # of the histogram
+LINE = 1000     # sections of a line over time: more than a column has dots
+PATH = 60000    # sections of all paths in a row of panels
+BINS = 60       # bins of the histogram
 NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in AXES),
            "error_bound", "tick_ns", "limited"]
-# The engine's names. A status that occurs in no run has a lane only if readers expect one.
+# Names of the statuses as in the engine. A status that does not occur has a lane only if it is in ALWAYS.
 STATUSES = ["converged", "hairpin", "substep-limit", "iteration-limit", "dropped", "fault"]
 ALWAYS = ("converged", "substep-limit", "fault")
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
 COLOURS = dict(zip(STATUSES, (BLUE, PURPLE, ORANGE, SKY, GREEN, RED)), limited="black")
-# Zero force is pale, the largest is dark. Without the palest colours, which are invisible on paper.
+# Colours of the force: zero is pale, the largest dark. The palest colours, invisible on paper, are left out.
 FORCES = ListedColormap(plt.get_cmap("magma_r")(np.linspace(0.15, 0.95, 256)))
 
 
 class Run:
-    """A trace, and the quantities drawn from it."""
+    """A trace, and the quantities that are drawn."""
 
     def __init__(self, name, file):
         self.name = name
@@ -56,20 +56,20 @@ class Run:
         self.tick = 1e-3 * table[:, 11]  # [us]
         self.limited = table[:, 12] != 0
         self.status = np.concatenate(words)
-        # The force of a tick does work until the next reading of the hand; N mm are mJ.
+        # The force of a tick acts until the next reading of the hand. Its work in N mm is in mJ.
         work = np.einsum("ij,ij->i", forces[:-1], np.diff(self.probe, axis=0))
         self.energy = np.concatenate([[0.0], np.cumsum(np.nan_to_num(work))])
-        # The smallest time that this share of ticks does not exceed, as in the summary of feel.
+        # The smallest time that this fraction of the ticks does not exceed, as in the summary of `palpate feel`.
         ticks = np.sort(self.tick[np.isfinite(self.tick)])
         self.percentiles = {word: float(ticks[max(0, math.ceil(share * len(ticks)) - 1)])
                             for word, share in SHARES.items()} if len(ticks) else {}
 
     def lane(self, word):
-        """Returns the ticks with this status, or the limited ones."""
+        """Returns for each tick whether it has this status; for "limited", whether its force was limited."""
         return self.limited if word == "limited" else self.status == STATUSES.index(word)
 
     def told(self):
-        """Returns the numbers of the run as text, for readers without sight of the picture."""
+        """Returns the numbers of the run, for readers who cannot see the picture."""
         counts = {word: int(np.count_nonzero(self.lane(word))) for word in STATUSES}
         return {"name": self.name, "ticks": len(self.t), "seconds": float(self.t[-1] - self.t[0]),
                 "force_max": most(self.force), "gap_max_mm": most(self.gap),
@@ -82,7 +82,7 @@ class Run:
 
 
 def chunks(lines, header):
-    """Yields numbers and statuses of the rows, in chunks; an empty field is NaN."""
+    """Yields the numbers and the statuses of the rows, a chunk of rows at a time. An empty field becomes NaN."""
     kinds = [("f8", NUMBERS), ("U16", ["status"])]
     columns = [(header.index(name), kind) for kind, names in kinds for name in names]
     record = np.dtype([(f"c{i}", kind) for i, (_, kind) in enumerate(columns)])
@@ -111,7 +111,7 @@ def least(values):
 
 
 def kept(columns, stretches):
-    """Returns the rows to draw: in every stretch, those at which a column is smallest and largest."""
+    """Returns the rows to draw: in each section, those in which a column has its smallest or largest value."""
     count = len(columns[0])
     if count <= 2 * stretches:
         return np.arange(count)
@@ -125,8 +125,9 @@ def kept(columns, stretches):
 
 
 def along(path, force, step, stretches):
-    """Returns the rows to draw of a path: both ends of every tick that leaves a stretch of length `step` (longer if
-    there were too many stretches), the ends, and the row of the largest force."""
+    """Returns the rows of a path to draw: both ends of each tick that ends a section of length `step`, the ends of
+    the path, and the row of the largest force. If there were more than `stretches` sections, they are longer than
+    `step`."""
     steps = np.nan_to_num(np.linalg.norm(np.diff(path, axis=0), axis=1))
     way = np.concatenate([[0.0], np.cumsum(steps)])
     leaves = np.flatnonzero(np.diff(np.floor(way / max(step, way[-1] / stretches))))
@@ -136,7 +137,7 @@ def along(path, force, step, stretches):
 
 
 def spans(marks, t, stretches):
-    """Returns at most `stretches` intervals of time in which marked ticks follow each other."""
+    """Returns at most `stretches` intervals of time in which consecutive ticks are marked."""
     ends = np.linspace(0, len(t), min(len(t), stretches) + 1).astype(int)
     some = np.maximum.reduceat(marks.astype("u1"), ends[:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], some, [0]])))
@@ -147,25 +148,25 @@ def spans(marks, t, stretches):
 
 
 def limits(low, high, margin=0.05):
-    """Returns limits with a margin, and never with zero width."""
+    """Returns the limits of an axis: `low` and `high` with a margin, and never with zero width."""
     room = margin * (high - low) or 0.05 * abs(high) or 1.0
     return low - room, high + room
 
 
 def together(runs, of):
-    """Returns the least and the most of all runs, or 0 and 0."""
+    """Returns the smallest and the largest finite value of all runs; 0 and 0 if there are none."""
     values = [v[np.isfinite(v)] for v in map(of, runs)]
     values = [v for v in values if v.size]
     return (float(min(v.min() for v in values)), float(max(v.max() for v in values))) if values else (0.0, 0.0)
 
 
 class Picture:
-    """All columns. Every run's panel has the same kind and the same range."""
+    """A column of panels for each run. Panels in one row show the same quantity with the same range."""
 
     def __init__(self, runs):
         self.runs = runs
         self.panels = []
-        self.lines = {}  # the line drawn in each panel over time
+        self.lines = {}  # the line in each panel over time
         self.lanes = [w for w in STATUSES if w in ALWAYS or any(r.lane(w).any() for r in runs)]
         self.lanes.append("limited")
         one = len(runs) == 1
@@ -188,7 +189,7 @@ class Picture:
                 self.note(paths[-1], run, "-".join(AXES[a] for a in plane), one or column == 0)
             if one:
                 self.figure.suptitle(run.name, fontsize=8, parse_math=False)
-            else:  # as wide as its column
+            else:  # the panel is as wide as its column
                 paths[-3].set_title(run.name, parse_math=False, pad=13,
                                     fontsize=8 * min(1, 25 / len(run.name)))
             first = None
@@ -213,7 +214,7 @@ class Picture:
                              fraction=0.05, shrink=0.9 if one else 0.6)
 
     def note(self, ax, run, panel, labelled):
-        """Remembers the content of the panel. Only the first column shows the scale."""
+        """Stores the content of a panel for told(). Only the first column shows the scale."""
         self.panels.append((ax, run, panel, ax.get_ylabel()))
         if not labelled:
             ax.set_ylabel("")
@@ -221,7 +222,7 @@ class Picture:
 
     def draw_path(self, ax, run, plane):
         a, b = plane
-        # Every panel has the same range, so that shapes and runs can be compared.
+        # All panels have the same range, so that the paths of different runs can be compared.
         ranges = [together(self.runs, lambda r, i=i: np.concatenate([r.probe[:, i], r.proxy[:, i]]))
                   for i in range(3)]
         half = 0.54 * max(high - low for low, high in ranges) or 1.0
@@ -255,7 +256,7 @@ class Picture:
 
     def draw_force(self, ax, run):
         self.draw_line(ax, run, lambda r: r.force, BLUE)
-        # In every stretch, the limited tick with the largest force.
+        # In each section, marks the limited tick with the largest force.
         marked = np.flatnonzero(run.limited & np.isfinite(run.force))
         if len(marked) > LINE:
             marked = np.array([part[np.argmax(run.force[part])] for part in np.array_split(marked, LINE)])
@@ -280,7 +281,7 @@ class Picture:
         low, high = 10.0 ** math.floor(math.log10(low) - 1e-9), 10.0 ** math.ceil(math.log10(high) + 1e-9)
         exact = any(np.any(r.bound == 0) for r in self.runs)
         if exact:
-            low /= 10.0  # an error of zero is drawn here
+            low /= 10.0  # the position at which an error of zero is drawn
         self.draw_line(ax, run, lambda r: np.where(r.bound == 0, low, r.bound), BLUE)
         ax.set_yscale("log")
         ax.set_ylim(low / 1.5, high)
@@ -340,7 +341,7 @@ class Picture:
         ax.set_ylabel("ticks [%]")
 
     def told(self, kind):
-        """Returns the content of the picture, panel by panel."""
+        """Returns the content of all panels as JSON."""
         panels = []
         for ax, run, panel, ylabel in self.panels:
             over_time = panel in ("force", "gap", "bound", "energy")

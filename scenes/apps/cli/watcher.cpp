@@ -94,7 +94,7 @@ void Watcher::buildShared(Made& made, bool read, bool still, const Dials& dials)
   } catch (const std::exception&) {
     if (all.empty()) throw;
   }
-  // Try edits one by one. The first call reports errors of the file alone.
+  // Tries the edits one by one. The call without edits reports errors of the scene file itself.
   with({});
   SharedEdits felt;
   for (const SharedEdits& edit : in_order) {
@@ -128,12 +128,13 @@ void Watcher::tellOfEdits(const Made& made) {
     const bool same = old == before.end() || one == now.end()
                           ? (old == before.end()) == (one == now.end())
                           : old->second == one->second;
-    // The user's own edits are already reported with the file.
+    // Edits of this site's own user are reported as a change of the scene file.
     if (!same && !(read_ && edit.stamp.site == shared_->site())) {
       changed[edit.stamp.site].push_back(key);
     }
   }
-  constexpr std::size_t kMostLines = 4;  // limits messages: any program may claim to be a site
+  // Limits the output, because any program may claim to be many sites
+  constexpr std::size_t kMostLines = 4;
   std::size_t lines = 0;
   for (const auto& [site, keys] : changed) {
     if (++lines > kMostLines) {
@@ -168,8 +169,8 @@ std::optional<BuiltScene> Watcher::takeBuilt() {
     if (image != nullptr) news_ = error.what();
     complain(std::string(error.what()) + "; the previous scene stays active");
   }
-  // A faulty file, edit or image does not mean that the gains are invalid: they are tried with
-  // the present scene.
+  // If the file, an edit or an image is invalid, the gains may still be valid. The next build tries
+  // the gains with the present scene.
   if (read_ && edited_) shared_->renew();
   if (read_ || edited_ || image != nullptr) return std::nullopt;
   refused_ = trying_;
@@ -204,8 +205,8 @@ void Watcher::startBuild() {
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;
-  // Gains come first: a user's reduction of a strength must not wait for a client that streams
-  // images.
+  // Builds changed gains before an image. If a user reduces a strength, this must not wait for a
+  // client that sends images continuously.
   making_image_ = !read_ && !edited_ && image_ != nullptr && wanted_ == felt_;
   if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return;
   const bool still = wanted_ == felt_ || making_image_;

@@ -17,7 +17,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr auto kLook = std::chrono::milliseconds(10);  ///< Interval of looks at the program.
+/// Time between two checks of the window's program.
+constexpr auto kLook = std::chrono::milliseconds(10);
 
 std::string programPath() {
   return (programFolder() / "palpate-view").string();
@@ -48,7 +49,7 @@ Window::Window(double rate) : writer_(share_.block(), rate) {
 Window::~Window() {
   share_.block().over = 1;
   if (child_ < 0) return;
-  // The window looks thirty times a second.
+  // The window checks for the end of the run thirty times a second.
   constexpr auto kPatience = std::chrono::milliseconds(1500);
   const auto end = std::chrono::steady_clock::now() + kPatience;
   while (!ended()) {
@@ -74,7 +75,8 @@ void Window::start(const std::vector<std::string>& arguments) {
   words.insert(words.end(), arguments.begin(), arguments.end());
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
-  // A descriptor that is duplicated to itself stays open in the program.
+  // Duplicating a descriptor to itself clears its close-on-exec flag, so that the program inherits
+  // it.
   posix_spawn_file_actions_adddup2(&files, share_.descriptor(), share_.descriptor());
   posix_spawnattr_t with;
   posix_spawnattr_init(&with);

@@ -1,4 +1,4 @@
-/// Runs the window program, palpate-view, and takes its user's requests.
+/// Starts the window's program, palpate-view, and takes the requests of its user.
 #pragma once
 
 #include <cstdint>
@@ -13,54 +13,58 @@
 
 namespace palpate::cli {
 
-/// Shares a run with a window, while both live. Never blocks a loop. The end of the window does not
-/// end the run, unless its user has closed it.
-// The writer's mailbox is padded.
+/// Shares a run with a window. Never blocks a haptic loop. If the window's program ends
+/// unexpectedly, the run continues; if the user closes the window, the run ends.
+// The mailbox in the writer has padding.
 class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Creates the shared memory. Throws Error if palpate-view is not installed.
+  /// Creates the memory that is shared with the window. Throws Error if palpate-view is not
+  /// installed.
   explicit Window(double rate);
-  /// Reports the end of the run, and waits for the window to close; kills it after 1.5 s.
+  /// Reports to the window that the run has ended, and waits until the window closes. Kills its
+  /// program after 1.5 s.
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
 
-  /// Starts the program on a scene. If `watch`, the program draws the scene again when its file
-  /// changes. `only`: the mouse leads all hands, so that the run ends with the program in any case.
-  /// Throws Error.
+  /// Starts the window's program with a scene. Throws Error.
   ///
+  /// @param watch     If true, the window draws the scene again when the scene file changes.
+  /// @param only      True if the mouse leads all hands. The run then ends with the window in any
+  ///                  case.
   /// @param reengage  LoopParams::reengage of the loop [s], for the panel.
   void open(const std::string& scene, bool watch, bool only, double reengage);
-  /// Requests a picture of the last tick, and waits for it. Throws Error if no picture was drawn.
-  /// If the user ends the run in the meantime, ends the program and throws Interrupted.
+  /// Requests a picture of the last tick, and waits until it is drawn. Throws Error if it cannot be
+  /// drawn. If the user interrupts, ends the window's program and throws Interrupted.
   void draw(const std::string& scene, const std::string& picture);
 
-  /// Returns the writer, which takes ticks of one hand.
+  /// Returns the writer that publishes the ticks of a hand to the window.
   [[nodiscard]] LiveWriter& writer() noexcept { return writer_; }
-  /// Returns the hand that the mouse leads; first at `start` [m].
+  /// Returns the hand that the mouse leads. It starts at `start` [m].
   [[nodiscard]] HandTarget mouse(const Vec3& start) {
     return behindMouse(share_.block().hand, start);
   }
 
-  /// Cuts and clears as requested since the last look; returns all requests, for the caller to do
-  /// the rest.
+  /// Carries out requests to cut or restore the force since the last call. Returns all requests, so
+  /// that the caller can carry out the others.
   [[nodiscard]] Asked look(const std::vector<HapticThread*>& hands);
-  /// Reports that the gains of a request (Asked::dialled) are rejected.
+  /// Reports to the window that the gains of a request (Asked::dialled) were rejected.
   void tellRefused(std::uint64_t request) noexcept { share_.block().refused = request; }
-  /// Returns true if the window has ended without being closed, and no hand is left.
+  /// Returns true if the window's program has ended unexpectedly and the mouse led all hands.
   [[nodiscard]] bool lost() const noexcept { return lost_; }
 
  private:
   void start(const std::vector<std::string>& arguments);
-  /// Returns the program's exit status, -1 if not known; unset while it runs.
+  /// Returns the exit status of the window's program, or -1 if it is unknown. Returns no value
+  /// while the program runs.
   std::optional<int> ended();
 
   LiveShare share_;
   LiveWriter writer_;
-  LiveWishes wishes_;  ///< Requests as last read.
+  LiveWishes wishes_;  ///< Requests of the window as last read.
   bool only_ = false;
   bool lost_ = false;
-  int child_ = -1;  ///< -1: not started, or ended.
+  int child_ = -1;  ///< Process id of the window's program; -1: not running.
 };
 
 }  // namespace palpate::cli

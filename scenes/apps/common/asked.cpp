@@ -7,9 +7,9 @@ namespace palpate::cli {
 namespace {
 
 constexpr double kFarthest = 10.0;  ///< Greatest magnitude of a coordinate of the hand [m].
-constexpr double kFollow = 0.02;    ///< Time constant of the hand behind the mouse [s].
-/// Greatest speed of the hand behind the mouse [m/s]. The arm that it holds overshoots by a third,
-/// and is braked at 3 m/s.
+constexpr double kFollow = 0.02;    ///< Time constant with which the hand follows the mouse [s].
+/// Greatest speed of the hand that follows the mouse [m/s]. The simulated arm moves up to a third
+/// faster than its hand, so it stays below 3 m/s, above which the loop brakes an arm.
 constexpr double kFastest = 2.0;
 
 }  // namespace
@@ -45,7 +45,7 @@ HandTarget behindMouse(const Published<LiveHand>& mouse, const Vec3& start) {
     at += share * way;
     return at;
   };
-  constexpr double kForEver = 1e9;  // [s]
+  constexpr double kForEver = 1e9;  // [s]: longer than any run
   return {follow, kForEver};
 }
 

@@ -1,5 +1,5 @@
-/// Reads what the user of a window requests of a run, from memory of another process. For any
-/// content of the memory the results are in bounds.
+/// Reads what the user of a window requests. Another process writes the memory, so its content may
+/// be anything; the results are always within their bounds.
 #pragma once
 
 #include <cstdint>
@@ -10,20 +10,21 @@
 
 namespace palpate::cli {
 
-/// New requests.
+/// The requests that are new since the previous reading.
 struct Asked {
-  bool cut = false;             ///< Cut the force.
-  bool clear = false;           ///< Restore the force; never together with `cut`, which has
-                                ///< priority.
-  bool closed = false;          ///< The window was closed.
-  std::uint64_t dialled = 0;    ///< LiveWishes::dialled if dials were turned; else 0.
-  std::vector<LiveDial> dials;  ///< With `dialled`: all dials, each 0 to kMostDial.
+  bool cut = false;  ///< The force must be cut.
+  /// The force must be restored. Never set together with `cut`, which has priority.
+  bool clear = false;
+  bool closed = false;        ///< The user has closed the window.
+  std::uint64_t dialled = 0;  ///< LiveWishes::dialled if the user has changed gains; else 0.
+  /// If `dialled` is not 0, the gains of all modes, each from 0 to kMostDial.
+  std::vector<LiveDial> dials;
 };
 [[nodiscard]] Asked asked(const LiveWishes& before, const LiveWishes& now);
 
-/// Returns a hand that follows a mouse from `start` [m] through a low-pass filter, no faster than a
-/// hand may move (WatchLimits::max_speed): a mouse jumps, thirty times a second. `mouse` must
-/// outlive it.
+/// Returns a hand that follows the mouse from `start` [m] on, through a low-pass filter and below
+/// WatchLimits::max_speed. The filter is necessary because a mouse position jumps thirty times a
+/// second. `mouse` must outlive the result.
 [[nodiscard]] HandTarget behindMouse(const Published<LiveHand>& mouse, const Vec3& start);
 
 }  // namespace palpate::cli

@@ -26,7 +26,7 @@ volatile std::sig_atomic_t interrupted = 0;
 
 namespace {
 
-/// Names of unfinished files, which an interrupt removes; null: an unused entry.
+/// Paths of unfinished files, which an interrupt removes. An unused entry is null.
 constexpr std::size_t kMostPartials = 16;
 std::array<std::atomic<const char*>, kMostPartials> partials{};
 std::atomic<bool> line_shown = false;
@@ -46,7 +46,7 @@ void forgetPartial(const std::filesystem::path& file) {
   }
 }
 
-/// Handles a signal, with system calls only.
+/// Handles a signal. Makes only system calls that are allowed in a signal handler.
 void endNow(int /*signal*/) {
   for (const auto& place : partials) {
     if (const char* file = place.load()) unlink(file);
@@ -62,7 +62,7 @@ void handle(void (*handler)(int)) noexcept {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     struct sigaction now {};
     sigaction(signal, nullptr, &now);
-    // Keep ignored signals ignored, as nohup requires.
+    // Signals that the parent process ignores stay ignored, as nohup requires.
     if (now.sa_handler == SIG_IGN) continue;
     struct sigaction action {};
     action.sa_handler = handler;
@@ -72,8 +72,8 @@ void handle(void (*handler)(int)) noexcept {
   }
 }
 
-/// A line on a terminal. A thread of its own redraws it, so that it moves while the work reports no
-/// progress.
+/// A progress line on a terminal. A separate thread redraws the line, so that its time advances
+/// even if the work reports no progress.
 class Line {
  public:
   explicit Line(std::string what) : what_(std::move(what)), drawer_([this] { draw(); }) {}
@@ -164,7 +164,8 @@ std::filesystem::path behindLinks(std::filesystem::path path) {
   std::error_code error;
   for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {
     const auto behind = path.parent_path() / std::filesystem::read_symlink(path, error);
-    // Targets without a name, such as a pipe behind /dev/stdout, need the link itself.
+    // If the target of the link is not a file with a name, such as a pipe behind /dev/stdout, keeps
+    // the link itself.
     if (!std::filesystem::exists(std::filesystem::symlink_status(behind, error)) &&
         std::filesystem::exists(std::filesystem::status(path, error))) {
       break;

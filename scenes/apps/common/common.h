@@ -1,4 +1,4 @@
-/// Functions that the verbs of `palpate` share.
+/// Functions that several verbs of `palpate` use.
 #pragma once
 
 #include <cmath>
@@ -19,7 +19,7 @@
 
 namespace palpate::cli {
 
-/// Exit status; see INTERFACES.
+/// Exit statuses; docs/verbs.md describes them.
 inline constexpr int kDone = 0;
 inline constexpr int kEndedEarly = 1;
 inline constexpr int kBadInput = 2;
@@ -27,58 +27,62 @@ inline constexpr int kInternal = 3;
 inline constexpr int kNothingFelt = 4;
 inline constexpr int kInterrupted = 130;
 
-/// Not 0 once a signal has asked the program to stop.
+/// Number of the signal that has interrupted the program; 0: none.
 extern volatile std::sig_atomic_t interrupted;
 
-/// Returns a number, or null if it is not finite.
+/// Returns the number as JSON; null if it is not finite.
 [[nodiscard]] inline OrderedJson finite(double value) {
   return std::isfinite(value) ? OrderedJson(value) : OrderedJson();
 }
 
-/// Returns a callback that shows on a terminal the current work, its duration and its progress from
-/// 0 to 1. The line appears after one second. The last copy clears the line when it is
-/// destroyed. Returns null in a pipe.
+/// Returns a callback that takes the progress from 0 to 1 and shows it on the terminal, with the
+/// name and the duration of the work. The line appears after one second, and disappears when the
+/// last copy of the callback is destroyed. Returns null if the output is not a terminal.
 [[nodiscard]] std::function<void(double done)> showProgress(const std::string& what);
 
-/// Returns the shortest text that reads back the same double; empty for NaN and infinities.
+/// Returns the shortest text from which the same double can be read; an empty text for NaN and
+/// infinities.
 [[nodiscard]] std::string number(double value);
-/// Returns a few digits, for people.
+/// Returns the number with a few digits, for the user to read.
 [[nodiscard]] std::string rounded(double value);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);
 
-/// Returns the time of the last write; no value if the file does not exist.
+/// Returns the time at which the file was last written; no value if the file does not exist.
 [[nodiscard]] std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file);
 
-/// Returns pointers into `words` in the form that exec and posix_spawn take.
+/// Returns pointers to the texts in `words`, as exec and posix_spawn need them. The pointers are
+/// valid as long as `words` is unchanged.
 [[nodiscard]] std::vector<char*> argumentsOf(std::vector<std::string>& words);
 
-/// Returns a word for a shell's command line, quoted if necessary.
+/// Returns a text as a word of a shell's command line, in quotes if necessary.
 [[nodiscard]] std::string shellWord(const std::string& text);
 
-/// Follows symbolic links to the file that must change when a file of this name is replaced.
+/// Follows symbolic links. Returns the path at which a new file must appear to replace the file
+/// that `path` leads to.
 [[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);
 
-/// Throws Error if the name exists but is not a regular file, because a file would replace it.
+/// Throws Error if the path exists but is not a regular file, so that an output file cannot replace
+/// a folder or a device.
 void checkReplaceable(const std::filesystem::path& file);
 
-/// Writes a file that appears complete or not at all. The file is written beside its place under an
-/// unused name; commit() renames it. `-` is standard output.
+/// Writes an output file that appears complete or not at all. The file is written in the same
+/// folder under an unused name, and commit() renames it. The path `-` is standard output.
 class WholeFile {
  public:
-  /// Opens the file, so that an unwritable path is reported before any work is done. Throws Error,
-  /// also for a pipe, a device or a folder.
+  /// Opens the file, so that a path that cannot be written is reported before any work is done.
+  /// Throws Error, also if the path is a pipe, a device or a folder.
   explicit WholeFile(std::filesystem::path path);
   WholeFile(const WholeFile&) = delete;
   WholeFile& operator=(const WholeFile&) = delete;
   ~WholeFile();
 
   void write(const std::string& text);
-  /// Returns the descriptor for a program that writes the file itself.
+  /// Returns the file descriptor, for a program that writes the file itself.
   [[nodiscard]] int descriptor() const;
-  /// Returns the name until commit(), for a library that writes by name. Throws Error for standard
-  /// output.
+  /// Returns the temporary path of the file until commit(), for a library that opens files by name.
+  /// Throws Error for standard output.
   [[nodiscard]] std::filesystem::path place() const;
-  /// Completes the file. Throws Error if writing failed, for instance on a full disk.
+  /// Completes the file. Throws Error if writing has failed, for example because the disk is full.
   void commit();
 
  private:
@@ -87,25 +91,29 @@ class WholeFile {
   std::FILE* file_ = nullptr;
 };
 
-/// Returns true if two paths, however written, lead to the same file. The file need not exist.
+/// Returns true if both paths lead to the same file, even if they are written differently. The file
+/// need not exist.
 [[nodiscard]] bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b);
 
-/// Throws Error if two outputs go to one place, or if an output is also an input, under any name.
-/// An empty output does not count; - is standard output.
+/// Throws Error if two outputs have the same path, or if an output is also an input. Links and
+/// different spellings of a path count as the same path. An empty path and `-` (standard output)
+/// are not checked.
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 
-/// From now on Ctrl-C, SIGTERM and SIGHUP end the program at once with kInterrupted. They remove
-/// files that WholeFile has not committed.
+/// After this call, Ctrl-C, SIGTERM and SIGHUP end the program at once with status kInterrupted.
+/// Files that WholeFile has not committed are removed.
 void endAtInterrupts() noexcept;
-/// From now on these signals are only recorded, for programs that must end more than files.
+/// After this call, these signals only set `interrupted`. For programs that must do more before the
+/// end than remove files.
 void noteInterrupts() noexcept;
-/// Thrown if the user ended a run: the program writes no output and ends with kInterrupted.
+/// Thrown if the user has ended a run. The program then writes no output and ends with status
+/// kInterrupted.
 struct Interrupted {};
-/// Throws Interrupted if a signal was recorded.
+/// Throws Interrupted if a signal has set `interrupted`.
 void endIfInterrupted();
 
-/// Returns the folder of this program and of its companion programs.
+/// Returns the folder that contains this program and its companion programs.
 [[nodiscard]] std::filesystem::path programFolder();
 
 }  // namespace palpate::cli

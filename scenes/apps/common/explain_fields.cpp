@@ -8,12 +8,12 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns the place where a field of this motion was read, in the motion's rest frame.
+/// Returns the position at which fields of this motion were read, in the motion's rest frame.
 const Vec3& seenFrom(const ExplainedTick& tick, int motion) {
   return motion < 0 ? tick.place() : tick.state.bodies()[static_cast<std::size_t>(motion)].seen;
 }
 
-/// Reports whether one field was read, and why.
+/// Reports whether a field was read in the tick, and the reason.
 OrderedJson fieldReport(const ExplainedTick& tick, const std::string& name, const FieldFrame& frame,
                         int motion, const FieldSet& field, bool inside) {
   const bool around = holds(frame.bounds, seenFrom(tick, motion));

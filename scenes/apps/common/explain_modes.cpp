@@ -18,7 +18,7 @@ const std::string& vectorName(const ExplainedTick& tick, int i) {
   return tick.graph().vector_properties[static_cast<std::size_t>(i)];
 }
 
-/// Returns the place of a guide in this tick.
+/// Returns the primitive of a guide, at its pose in this tick.
 Primitive primitiveOf(const ExplainedTick& tick, const GuideMode& guide) {
   Primitive primitive{guide.shape, guide.position, guide.direction};
   const std::vector<Mode>& modes = tick.graph().modes;
@@ -32,17 +32,18 @@ Primitive primitiveOf(const ExplainedTick& tick, const GuideMode& guide) {
   return primitive;
 }
 
-/// Common members of the modes of all kinds.
+/// The inputs that modes of all kinds may have.
 struct Parts {
   int scalar = -1;  ///< Scalar property that must have data; -1: none.
   int vector = -1;  ///< Vector property that must have a direction; -1: none.
   const Transfer* strength = nullptr;
   const Transfer* friction = nullptr;
   const Transfer* viscosity = nullptr;
-  double own = 0.0;  ///< Input of factors without a property: a guide's distance to the hand [m].
+  /// Input of a transfer function that reads no property: a guide's distance to the hand [m].
+  double own = 0.0;
 };
 
-/// Finds the members by the names that modes give them.
+/// Collects the inputs of a mode by the names of its members.
 template <class M>
 Parts partsOf(const ExplainedTick& /*tick*/, const M& m) {
   static_assert(
@@ -64,7 +65,7 @@ Parts partsOf(const ExplainedTick& tick, const GuideMode& m) {
   return {-1, -1, &m.strength, nullptr, nullptr, distanceTo(primitiveOf(tick, m), tick.hand)};
 }
 
-/// Explains in words which factor is zero; names the first of several.
+/// Returns a text that says which factor of a transfer function is zero; names only the first one.
 std::string whyZero(const OrderedJson& transfer) {
   for (const OrderedJson& factor : transfer["factors"]) {
     if (factor["output"].get<double>() != 0.0) continue;
@@ -76,7 +77,7 @@ std::string whyZero(const OrderedJson& transfer) {
   return "it is 0";
 }
 
-/// Returns the names of the fields in a set.
+/// Returns the names of the fields in `set`.
 std::vector<std::string> fieldNames(const Graph& graph, const FieldSet& set) {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < graph.scalar_names.size(); ++i) {
@@ -98,7 +99,7 @@ FieldSet without(const FieldSet& all, const FieldSet& less) {
   return {all.scalars & ~less.scalars, all.vectors & ~less.vectors};
 }
 
-/// Explains why an isosurface with data, a normal and a strength placed no primitive.
+/// Explains why an isosurface mode has no primitive although it has data, a normal and a strength.
 std::string whyIdle(const ExplainedTick& tick, const IsosurfaceMode& iso,
                     const ModeMemory& memory) {
   const double value = scalarAt(tick, iso.skin.value).value;
@@ -133,7 +134,7 @@ bool outOfReach(const ExplainedTick& tick, const Mode& mode) {
   return guide != nullptr && !(distanceTo(primitiveOf(tick, *guide), tick.proxy()) <= guide->snap);
 }
 
-/// Explains why mode i placed no primitive: its first condition that is not met.
+/// Explains why mode i has no primitive: names the first condition for a primitive that is not met.
 std::string whySilent(const ExplainedTick& tick, std::size_t i, const Parts& parts,
                       const OrderedJson& of) {
   const Graph& graph = tick.graph();
@@ -157,7 +158,7 @@ std::string whySilent(const ExplainedTick& tick, std::size_t i, const Parts& par
   return whyIdle(tick, graph.modes[i], tick.state.memory(i));
 }
 
-/// Returns the role of a mode's primitive.
+/// Returns the word for what a primitive does in its mode.
 const char* roleOf(const Mode& mode, const Load& load) {
   if (load.friction) return "friction";
   const bool body =
@@ -184,7 +185,7 @@ OrderedJson loadReport(const Mode& mode, const Load& load) {
   return json;
 }
 
-/// Returns text such as "holds with 0.5 of 3 N".
+/// Returns a text such as "holds with 0.5 of 3 N".
 std::string words(Hold hold, bool friction, double size, double strength) {
   const std::string state = wordFor(hold, friction);
   if (hold == Hold::kHolds) {
@@ -196,7 +197,7 @@ std::string words(const Load& load) {
   return words(load.hold, load.friction, load.force.norm(), load.primitive.strength);
 }
 
-/// Returns the direction of a primitive's force, in words.
+/// Returns the direction of a primitive's force as a text.
 const char* directionWords(PrimitiveKind kind) {
   switch (kind) {
     case PrimitiveKind::kPlane:
@@ -211,7 +212,7 @@ const char* directionWords(PrimitiveKind kind) {
   return "";
 }
 
-/// Returns true for two planes that hold in both directions.
+/// Returns true if the loads are two opposed planes, which hold the proxy in both directions.
 bool isSlab(const std::vector<Load>& loads) {
   return loads.size() == 2 && loads[0].primitive.kind == PrimitiveKind::kPlane &&
          loads[1].primitive.kind == PrimitiveKind::kPlane &&
@@ -276,7 +277,7 @@ OrderedJson modeReport(const ExplainedTick& tick, std::size_t i) {
   json["mode"] = wordFor(spec.kind);
   json["of"] = spec.of.empty() ? OrderedJson() : OrderedJson(spec.of);
   json["active"] = !loads.empty();
-  json["because"] = "";  // placed here for reading order; set at the end
+  json["because"] = "";  // inserted here so that it comes first; set at the end
   json["contact"] = std::holds_alternative<IsosurfaceMode>(mode)
                         ? OrderedJson(wordFor(sideOf(tick.state.memory(i))))
                         : OrderedJson();

@@ -10,7 +10,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Reports the balance of the spring and the loads.
+/// Reports the balance between the spring force and the loads of the primitives.
 OrderedJson balanceReport(const ExplainedTick& tick) {
   const StepReport& r = tick.report;
   const Vec3 spring = r.stiffness * (r.proxy - tick.hand);
@@ -39,7 +39,7 @@ OrderedJson balanceReport(const ExplainedTick& tick) {
   return json;
 }
 
-/// Reports the force from the spring to the output.
+/// Reports the steps from the spring's force to the force that is sent.
 OrderedJson forceReport(const ExplainedTick& tick) {
   const StepReport& r = tick.report;
   const Vec3 spring = r.stiffness * (r.proxy - tick.hand);
@@ -58,7 +58,7 @@ OrderedJson forceReport(const ExplainedTick& tick) {
   return json;
 }
 
-/// Describes the limiter's action; empty if the limiter did not act.
+/// Describes what the limiter did; an empty text if it left the force unchanged.
 std::string limiterWords(const ExplainedTick& tick) {
   if (tick.limited.slewed) {
     return fmt::format("the limiter lets the force grow by {} N per tick",
@@ -69,7 +69,7 @@ std::string limiterWords(const ExplainedTick& tick) {
   return "";
 }
 
-/// Describes the modes' loads, one after the other.
+/// Describes the loads of all modes in one sentence.
 std::string loadsSentence(const ExplainedTick& tick) {
   std::string text;
   for (std::size_t i = 0; i < tick.modes(); ++i) {
@@ -80,12 +80,12 @@ std::string loadsSentence(const ExplainedTick& tick) {
   return text.empty() ? "No primitive holds the proxy." : text + ".";
 }
 
-/// Describes the force from the spring to the output.
+/// Describes the steps from the spring's force to the force that is sent.
 std::string forceSentence(const ExplainedTick& tick) {
   const StepReport& r = tick.report;
   const double length = (r.proxy - tick.hand).norm();
   const double spring = r.stiffness * length;
-  constexpr double kNothing = 1e-9;  // [N]
+  constexpr double kNothing = 1e-9;  // [N]: a smaller force counts as zero
   if (spring < kNothing) return "The proxy is at the hand, so the force is zero.";
   std::string text =
       fmt::format("The proxy is {} m from the hand, and the spring of {} N/m pulls with {} N",
@@ -102,7 +102,7 @@ std::string forceSentence(const ExplainedTick& tick) {
   return text + ".";
 }
 
-/// Explains the force in a sentence or two.
+/// Explains the force in one or two sentences.
 OrderedJson because(const ExplainedTick& tick) {
   const StepStatus status = tick.report.status;
   OrderedJson json = OrderedJson::array();
@@ -125,7 +125,8 @@ OrderedJson because(const ExplainedTick& tick) {
   return json;
 }
 
-/// Reports one balance of the tick, and the move of the proxy, or of the next reading, after it.
+/// Reports the balance of one sub-step, and the move of the proxy after it. For a foreseen
+/// sub-step, reports the move of the next reading instead.
 OrderedJson stepReport(const ExplainedTick& tick, const StepTrace::Step& step) {
   OrderedJson json;
   json["foreseen"] = step.foreseen;

@@ -1,4 +1,4 @@
-/// Explanation of one tick and its force: the output of `palpate explain`, also for scripts.
+/// Explains one tick and its force, for `palpate explain` and for scripts.
 #pragma once
 
 #include "palpate/scenes/apps/common/touch.h"
@@ -6,12 +6,12 @@
 namespace palpate::cli {
 
 struct Explained {
-  OrderedJson json;    ///< In the format of docs/formats.md.
-  bool fault = false;  ///< The force was cut: a sample was not finite.
+  OrderedJson json;    ///< The report, in the format of docs/formats.md.
+  bool fault = false;  ///< True if a value that is not finite has cut the force.
 };
 
-/// Explains a tick of 1/rate: the hand rests at `at` [m] and then moves by `push` [m] within the
-/// tick. Throws Error as openFor does, and if a place is out of reach or the rate is invalid.
+/// Explains a tick of length 1/rate, in which the hand moves from rest at `at` [m] by `push` [m].
+/// Throws Error as openFor does, and if a position is out of reach or the rate is invalid.
 [[nodiscard]] Explained explainTick(SceneSpec spec, const Vec3& at, const Vec3& push, double rate,
                                     const Progress& progress, const Say& say);
 

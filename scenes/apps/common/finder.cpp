@@ -14,35 +14,36 @@
 namespace palpate::cli {
 namespace {
 
-// Motion of the hand.
-constexpr double kTravel = 0.1;     // [m/s]: between places
-constexpr double kPressing = 0.05;  // [m/s]
-constexpr double kStroking = 0.04;  // [m/s]
-constexpr double kStroke = 1.4;     // [s] at one place
-constexpr double kRest = 0.15;      // [s] at the hardest press
+// Speeds, times and lengths of the hand's motion.
+constexpr double kTravel = 0.1;     // [m/s]: between two contacts
+constexpr double kPressing = 0.05;  // [m/s]: along a ray, into the scene
+constexpr double kStroking = 0.04;  // [m/s]: across a surface
+constexpr double kStroke = 1.4;     // [s]: duration of a stroke
+constexpr double kRest = 0.15;      // [s]: rest at the deepest point
 constexpr double kCircle = 4e-3;    // [m]: radius of a stroke
-constexpr double kFine = 2.5e-4;    // [m]: steps at contacts
-constexpr double kCoarse = 2e-3;    // [m]: steps between contacts
-constexpr double kFelt = 0.3;       // [N]: modes that bear less are worth less
-constexpr double kPlan = 60.0;      // [s]: then the path begins again
+constexpr double kFine = 2.5e-4;    // [m]: step of the probe near contacts
+constexpr double kCoarse = 2e-3;    // [m]: step of the probe between contacts
+constexpr double kFelt = 0.3;       // [N]: a mode with a smaller force has a lower value
+constexpr double kPlan = 60.0;      // [s]: length of the planned path, which is then repeated
 constexpr std::size_t kMostStops = 3;
 
-/// Places on a ray where the hand presses one mode.
+/// Depths along a ray [m] at which the hand strokes and presses one mode.
 struct Stop {
-  double stroke = 0.0;  ///< Place at which the mode bears 70 % of its force on the ray [m].
-  double press = 0.0;   ///< Place at which it bears 95 % [m].
+  /// Depth at which the mode's force reaches 70 % of its largest force on this ray [m].
+  double stroke = 0.0;
+  double press = 0.0;  ///< Depth at which the mode's force reaches 95 % of it [m].
 };
 
-/// The stops on a ray, and the first contact.
+/// Depth of the first contact on a ray [m], and the stops behind it.
 struct Profile {
   double contact = 0.0;
   std::vector<Stop> stops;
 };
 
 Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<double>& top) {
-  // Repeat the ray in small steps.
+  // Moves the probe along the ray again, in small steps.
   const int steps = std::max(1, static_cast<int>(std::ceil(ray.length / kFine)));
-  std::vector<std::vector<float>> held;  // by mode
+  std::vector<std::vector<float>> held;  // for each mode, its force at each step
   held.resize(top.size());
   Profile profile;
   profile.contact = ray.length;
@@ -57,7 +58,7 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
       held[i].push_back(static_cast<float>(-probe.forces()[i].dot(ray.along)));
     }
   }
-  std::vector<std::pair<double, Stop>> stops;  // with the mode's force [N]
+  std::vector<std::pair<double, Stop>> stops;  // with the force of the mode [N]
   for (std::size_t i = 0; i < top.size(); ++i) {
     if (held[i].empty()) continue;
     const float most = *std::max_element(held[i].begin(), held[i].end());
@@ -69,7 +70,8 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
     };
     stops.push_back({most, {reach(0.7), reach(0.95)}});
   }
-  // Keep the strongest stops, in the order of contact; modes at equal depth share one stop.
+  // Keeps the strongest stops and puts them in the order of depth. Modes at equal depth share one
+  // stop.
   std::stable_sort(stops.begin(), stops.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   for (const auto& [worth, stop] : stops) {
@@ -84,7 +86,8 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
   return profile;
 }
 
-/// Plans a path. The search's probe follows the path before the hand does.
+/// Plans the hand's path. A probe moves along the path during planning, so that the plan knows the
+/// forces.
 class Plan {
  public:
   Plan(const Scene& scene, const HandRange& within)
@@ -97,7 +100,8 @@ class Plan {
   [[nodiscard]] std::vector<PathPoint> take() { return std::move(path_); }
   [[nodiscard]] long reads() const { return probe_.reads() + scout_.reads(); }
 
-  /// Returns the ray that is worth most now, and its main mode; null if the search found no ray.
+  /// Returns the ray with the highest value at present, and the mode that contributes most to this
+  /// value. Returns null if the search found no ray.
   [[nodiscard]] std::pair<const ProbeRay*, std::size_t> choose(const RaySearch& found) const {
     std::pair<const ProbeRay*, std::size_t> best{nullptr, 0};
     double most = 0.0;
@@ -134,8 +138,8 @@ class Plan {
     return best;
   }
 
-  /// Adds a visit to the path: approach, press, stroke and withdraw. The path follows the motion of
-  /// a volume that is slow enough.
+  /// Adds a visit to the path: approach, press, stroke and withdraw. If the mode's volume moves
+  /// slowly, the path moves with it.
   void visit(const ProbeRay& ray, std::size_t mode, const std::vector<double>& top) {
     ride(mode);
     scout_.lift();
@@ -164,13 +168,13 @@ class Plan {
     ride_ = nullptr;
   }
 
-  /// Returns to the start of the path.
+  /// Adds the way back to the start of the path.
   void close() { travel(first_, first_clear_); }
 
  private:
-  /// Fixes places to the volume that moves the mode, at its present pose.
+  /// Lets the path follow the motion of the mode's volume from its present pose on.
   void ride(std::size_t mode) {
-    constexpr double kRidden = 0.05;  // [m/s]: the hand follows no faster volume
+    constexpr double kRidden = 0.05;  // [m/s]: the path does not follow volumes that are faster
     const Graph& graph = scene_.graph;
     const int motion = mode < graph.mode_motions.size() ? graph.mode_motions[mode] : -1;
     if (motion < 0) return;
@@ -185,14 +189,15 @@ class Plan {
     const Vec3 moved = ride_->poseOf(rest, time)(rest);
     return moved * std::min(1.0, within_.radius / std::max(within_.radius, moved.norm()));
   }
-  /// Returns the force on the probe, in the volume's frame at the start of the ride.
+  /// Returns the force on the probe, in the frame that the followed volume had at the start of the
+  /// visit.
   [[nodiscard]] Vec3 force() const {
     if (!ride_) return probe_.force();
     return from_.linear * (ride_->poseOf(from_.toRest(at_), time()).back * probe_.force());
   }
 
-  /// Moves the probe to `to` in the time dt. The hand's target is the place from which the force on
-  /// the probe pulls it back there.
+  /// Moves the probe to `to` within dt. The target of the hand lies beyond `to`, so that the spring
+  /// of the hand's grip and the force on the probe cancel at `to`.
   void step(const Vec3& to, double dt) {
     const Vec3 place = here(to, time() + dt);
     probe_.touch(place, dt);
@@ -202,7 +207,8 @@ class Plan {
     }
     const double most = kHardestPress / std::max(kHardestPress, probe_.force().norm());
     const Vec3 target = place - most / GripParams{}.stiffness * probe_.force();
-    // If a contact yields suddenly, the hand slows down.
+    // If a contact yields suddenly, the target jumps. Then takes more time, so that the hand keeps
+    // its speed limit.
     const double longer = (target - path_.back().p).norm() / kTravel - dt;
     if (longer > 0.0) {
       probe_.touch(place, longer);
@@ -222,8 +228,9 @@ class Plan {
     for (int k = 0; k < kTimes; ++k) step(at_, kRest / kTimes);
   }
 
-  /// Circles across the force and keeps the force constant: the probe goes deeper if the force
-  /// falls. If the force is lost, the probe turns back, and gives up if the force does not return.
+  /// Moves the probe in circles perpendicular to the force and controls the depth so that the force
+  /// stays constant. If the probe loses the contact, it moves backwards along the circle. If the
+  /// contact does not return within 0.4 s, the stroke ends.
   void stroke() {
     const double newtons = probe_.force().norm();
     if (!(newtons > kLeastContact)) return;
@@ -235,7 +242,7 @@ class Plan {
     double sense = 1.0;
     double deep = 0.0;
     double kept = 0.0;
-    constexpr double kLost = 0.4;  // [s]
+    constexpr double kLost = 0.4;  // [s]: longest time without contact
     bool held = true;
     double since = time();
     const double end = time() + kStroke;
@@ -261,8 +268,9 @@ class Plan {
     }
   }
 
-  /// Moves to a place before a ray's contact. Moves straight if contacts on the way are light, else
-  /// back along the last ray, round the outside, and in along the next ray.
+  /// Moves to a place before the contact of a ray. Moves along a straight line if the contacts on
+  /// it are light. Otherwise moves out along the last ray, outside around the scene, and in along
+  /// the next ray.
   void travel(const ProbeRay& to, double clear) {
     const Vec3 place = to.at(clear);
     if (path_.empty()) {
@@ -273,7 +281,7 @@ class Plan {
       path_.push_back({0.0, at_});
       return;
     }
-    constexpr double kEasy = 1.0;  // [N]
+    constexpr double kEasy = 1.0;  // [N]: a contact with a smaller force is light
     scout_.lift();
     const Vec3 from = at_;
     const int steps = static_cast<int>(std::ceil((place - from).norm() / kCoarse));
@@ -303,17 +311,19 @@ class Plan {
 
   const Scene& scene_;
   HandRange within_;
-  SearchProbe probe_;  ///< Goes along the path, and advances the scene's time.
-  SearchProbe scout_;  ///< Looks ahead, while time stands still.
+  SearchProbe probe_;  ///< Follows the path; its ticks advance the scene's time.
+  SearchProbe scout_;  ///< Examines rays without advancing the scene's time.
   std::vector<PathPoint> path_;
   Vec3 at_ = Vec3::Zero();
-  MotionPtr ride_;            ///< Motion that the hand follows; null: the hand follows no motion.
-  Pose from_;                 ///< Pose of this motion at the start of the ride.
+  MotionPtr ride_;            ///< Motion that the path follows; null: none.
+  Pose from_;                 ///< Pose of this motion at the start of the visit.
   Vec3 last_ = Vec3::Zero();  ///< Start of the last ray [m].
   ProbeRay first_;
   double first_clear_ = 0.0;
-  std::vector<double> credit_;  ///< Visits of each mode, weighted by force.
-  std::vector<double> felt_;    ///< Largest force of each mode in this visit [N].
+  /// For each mode, its visits so far; a visit with less than the mode's largest force counts as
+  /// that fraction.
+  std::vector<double> credit_;
+  std::vector<double> felt_;  ///< Largest force of each mode in the present visit [N].
   std::vector<std::pair<Vec3, Vec3>> visited_;
 };
 
@@ -324,7 +334,7 @@ HandTarget findingHand(const Scene& scene, const Box& bounds, double radius, dou
   const auto start = std::chrono::steady_clock::now();
   const HandRange within = handRangeOf(scene, bounds, radius);
   const bool moves = !scene.graph.motions.empty();
-  constexpr double kShare = 0.125;  // of a search, for each visit in a moving scene
+  constexpr double kShare = 0.125;  // share of the limits, for each visit in a moving scene
   Search did;
   Plan plan(scene, within);
   std::optional<RaySearch> found;
@@ -338,7 +348,7 @@ HandTarget findingHand(const Scene& scene, const Box& bounds, double radius, dou
     }
     const auto [ray, mode] = plan.choose(*found);
     if (ray == nullptr) {
-      // Pass through the middle and back.
+      // Moves through the middle of the range and back.
       ProbeRay through;
       const auto [from, to] = within.part(within.box.centre(), through.along);
       through.from = within.box.centre() + from * through.along;

@@ -1,4 +1,5 @@
-/// Exploration path of the simulated hand of `palpate feel`, through the places where modes act.
+/// Exploration path for the simulated hand of `palpate feel`. The path leads through the places
+/// where modes act.
 #pragma once
 
 #include "palpate/devices/simulated/simulated_device.h"
@@ -6,31 +7,34 @@
 
 namespace palpate::cli {
 
-/// Effort of the search.
+/// Cost of the search for a path.
 struct Search {
-  int rays = 0;     ///< Number of probe rays; each is a straight path of the probe.
-  int met = 0;      ///< Rays on which a mode acted.
-  long reads = 0;   ///< Reads of fields, on all rays.
-  double ms = 0.0;  ///< Duration, with the planning of the path [ms].
-  int visits = 0;   ///< Planned visits.
+  int rays = 0;     ///< Number of probe rays.
+  int met = 0;      ///< Number of rays on which a mode acted on the probe.
+  long reads = 0;   ///< Number of readings of fields on all rays.
+  double ms = 0.0;  ///< Duration of the search and of the planning [ms].
+  int visits = 0;   ///< Number of visits in the path.
 };
 
-/// Returns a path that finds, touches, strokes and presses the scene's modes from several sides.
+/// Returns an exploration path, on which the hand touches, strokes and presses the scene's modes
+/// from several sides.
 ///
-/// The search casts probe rays through the scene, with ticks of its own: the probe moves along each
-/// ray and yields to no force. The force of a mode against the probe is the mode's worth there. All
-/// kinds of modes count alike, of any volume or part, static or moving. A visit takes the ray that
-/// is worth most by the least visited modes and is farthest from the last visits. The hand follows
-/// the ray, presses each mode on it to its strength, strokes, and withdraws. The search's probe
-/// goes along the path first, so that the hand's target accounts for the force that the hand will
-/// meet.
+/// The search sends a probe along straight rays through the scene, in ticks of its own. Forces do
+/// not deflect the probe. The value of a mode on a ray is its force against the probe. Modes of all
+/// kinds count alike, whether their volume moves or belongs to a part. Each visit takes the ray
+/// with the highest value for the modes that were visited least so far, far from the last visits.
+/// The hand moves along this ray, presses each mode to its strength, strokes, and withdraws. During
+/// planning a probe moves along the path, so that the hand's target allows for the forces that the
+/// hand will feel.
 ///
-/// The same scene gives the same path for any `seconds`; after a minute the path begins again.
-/// @param bounds   Box about all that can be felt [m].
-/// @param radius   Radius of the arm's workspace about W's origin [m]. The path stays within it.
+/// The same scene gives the same path for any `seconds`. After one minute the path repeats.
+/// @param bounds   Box about all fields and guides of the scene [m].
+/// @param radius   Radius of the arm's workspace about the origin of W [m]. The path stays within
+///                 it.
 /// @param seconds  Duration of the path [s].
-/// Bounded: at most kMostRays rays and kMostReads reads of fields. In a moving scene each visit has
-/// a share of both limits.
+///
+/// Cost: at most kMostRays rays and kMostReads readings of fields; in a moving scene, each visit
+/// searches again with one eighth of both limits.
 [[nodiscard]] HandTarget findingHand(const Scene& scene, const Box& bounds, double radius,
                                      double seconds, Search* search = nullptr);
 

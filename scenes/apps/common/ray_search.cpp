@@ -14,12 +14,12 @@ namespace {
 // Limits of the search.
 constexpr int kLeastRays = 256;
 constexpr int kMostRays = 4096;
-constexpr int kEnough = 32;              // rays on which a mode acted
-constexpr int kSteps = 96;               // steps of a ray through the whole scene
-constexpr long kMostReads = 1000000;     // of fields
-constexpr std::size_t kMostBoxes = 512;  // boxes to aim at
+constexpr int kEnough = 32;           // rays on which each mode acted, after which the search ends
+constexpr int kSteps = 96;            // steps of a ray as long as the diagonal of the range
+constexpr long kMostReads = 1000000;  // readings of fields
+constexpr std::size_t kMostBoxes = 512;  // boxes of parts at which rays are aimed
 
-/// Returns boxes of possible contacts, moved to their places at a time.
+/// Returns boxes in which contacts are possible, at their positions at the given time.
 std::vector<Box> boxesOf(const Scene& scene, double time) {
   std::vector<Box> boxes;
   const auto add = [&](const Box& at_rest, int motion) {
@@ -43,7 +43,7 @@ std::vector<Box> boxesOf(const Scene& scene, double time) {
   for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
     add(graph.vector_frames[i].bounds, graph.vector_motions[i]);
   }
-  // Modes without a volume.
+  // Guides have no volume, so boxes about their positions are added.
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     const auto* guide = std::get_if<GuideMode>(&graph.modes[i]);
     if (guide == nullptr) continue;
@@ -55,9 +55,9 @@ std::vector<Box> boxesOf(const Scene& scene, double time) {
   return boxes;
 }
 
-/// Returns evenly spread numbers in [0, 1): the n-th element of a sequence in five dimensions.
+/// Returns the n-th element of a low-discrepancy sequence in [0, 1)^5 (additive recurrence).
 std::array<double, 5> spread(int n) {
-  constexpr double kRoot = 1.1347241384015194;  // x^6 = x + 1
+  constexpr double kRoot = 1.1347241384015194;  // positive root of x^6 = x + 1
   std::array<double, 5> out{};
   double step = 1.0;
   for (double& value : out) {
@@ -68,7 +68,8 @@ std::array<double, 5> spread(int n) {
   return out;
 }
 
-/// Moves the probe along a ray until it presses too hard, and notes the force of each mode.
+/// Moves the probe along a ray until the force against it exceeds kHardestPress. Records the
+/// largest force of each mode.
 void cast(SearchProbe& probe, ProbeRay& ray, double step) {
   probe.lift();
   const auto modes = probe.forces().size();
@@ -171,7 +172,7 @@ HandRange handRangeOf(const Scene& scene, const Box& bounds, double radius) {
   const Vec3 lower = (within.box.lower.array() - about).matrix().cwiseMax(-reach);
   const Vec3 upper = (within.box.upper.array() + about).matrix().cwiseMin(reach);
   within.box = {lower, upper};
-  if (within.box.empty()) within.box = {-reach, reach};  // the scene is out of reach
+  if (within.box.empty()) within.box = {-reach, reach};  // the scene lies outside the workspace
   return within;
 }
 
@@ -190,7 +191,7 @@ RaySearch::RaySearch(const Scene& scene, const HandRange& within, double time, d
         std::all_of(met.begin(), met.end(), [](int n) { return n >= kEnough; })) {
       break;
     }
-    // Aim every other ray at the whole scene.
+    // Aims every second ray at the whole range, and the others at one box each.
     const std::array<double, 5> at = spread(rays_cast);
     const auto n = static_cast<std::size_t>(rays_cast);
     const Box& box = n % 2 == 0 || boxes.empty() ? within.box : boxes[n / 2 % boxes.size()];

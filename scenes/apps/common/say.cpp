@@ -7,15 +7,15 @@
 namespace palpate::cli {
 namespace {
 
-/// A UTF-8 character, or a byte that does not begin one.
+/// A character of UTF-8 text, or a byte that does not begin a valid character.
 struct Character {
   std::size_t bytes = 1;
   char32_t point = 0;
   bool valid = false;
 };
 
-/// Returns the first character of a text that is not empty; overlong forms and surrogates are
-/// invalid.
+/// Returns the first character of a text, which must not be empty. Overlong forms and surrogates
+/// are invalid.
 Character firstOf(std::string_view text) {
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   const unsigned lead = byte(0);
@@ -37,10 +37,11 @@ Character firstOf(std::string_view text) {
   return {bytes, point, true};
 }
 
-/// Returns true for characters that a terminal must not get: Unicode's controls, line ends and
-/// format characters (Cc, Zl, Zp, Cf), ignorable ones (Default_Ignorable_Code_Point, except the
-/// variation selectors of 16 bits, which emoji have), and noncharacters. They move the cursor,
-/// turn the direction of writing, or are invisible, so that two names look alike.
+/// Returns true for characters that a terminal must not get, because they move the cursor, change
+/// the writing direction, or are invisible. Two different names could otherwise look alike. These
+/// are control characters, line ends and format characters (Unicode categories Cc, Zl, Zp, Cf),
+/// noncharacters, and ignorable characters (Default_Ignorable_Code_Point). Variation selectors of
+/// 16 bits, which emoji contain, are allowed.
 bool isHidden(char32_t point) {
   constexpr std::array<std::pair<char32_t, char32_t>, 27> kHidden{
       {{0x00, 0x1f},       {0x7f, 0x9f},       {0xad, 0xad},       {0x34f, 0x34f},
@@ -77,7 +78,7 @@ bool beginsCharacter(char byte) {
   return (static_cast<unsigned char>(byte) & 0xc0U) != 0x80U;
 }
 
-/// Removes the middle of valid UTF-8 text if it has more than `most` characters.
+/// Shortens valid UTF-8 text to `most` characters by replacing its middle.
 std::string cut(std::string text, std::size_t most) {
   if (text.size() <= most) return text;
   const auto length =
@@ -112,14 +113,15 @@ Legible::Legible(std::string_view text, std::size_t most) {
 
 std::string dump(const OrderedJson& json, int indent) {
   const std::string plain = json.dump(indent, ' ', false, OrderedJson::error_handler_t::replace);
-  // A hidden character that is not an ASCII control can occur in strings only.
+  // Hidden characters beyond ASCII occur only within the strings of JSON, where an escape is
+  // allowed.
   std::string out;
   out.reserve(plain.size());
   for (std::string_view rest = plain; !rest.empty();) {
     const Character character = firstOf(rest);
     if (character.point >= 0x7f && isHidden(character.point)) {
       const auto point = static_cast<unsigned>(character.point);
-      // Beyond 16 bits, write a pair of surrogates.
+      // A character beyond 16 bits becomes an escaped pair of surrogates.
       out += point < 0x10000 ? fmt::format("\\u{:04x}", point)
                              : fmt::format("\\u{:04x}\\u{:04x}", 0xd7c0U + (point >> 10U),
                                            0xdc00U + (point & 0x3ffU));

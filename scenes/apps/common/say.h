@@ -1,6 +1,6 @@
-/// The only path for text to the terminal. Names from files, scenes, devices and the command line
-/// may hold any character. Text printed here cannot move the cursor, reverse the line, begin a line
-/// of its own or fill the screen.
+/// All text for the terminal goes through these functions. Names from files, scenes, devices and
+/// the command line may contain any character. The functions make sure that a name cannot move the
+/// cursor, change the writing direction, begin a new line or fill the screen.
 #pragma once
 
 #include <cstddef>
@@ -16,27 +16,30 @@ namespace palpate::cli {
 
 using OrderedJson = nlohmann::ordered_json;
 
-inline constexpr std::size_t kLongestName = 200;   ///< Characters, as shown.
-inline constexpr std::size_t kLongestLine = 1000;  ///< For a sentence with several names.
+/// Longest name in a message, in characters as shown.
+inline constexpr std::size_t kLongestName = 200;
+/// Longest sentence with several names, in characters as shown.
+inline constexpr std::size_t kLongestLine = 1000;
 
 class Legible;
-/// Type to which words() converts an argument.
+/// Type to which words() converts an argument of type T.
 template <class T>
 using Formatted = std::conditional_t<std::is_arithmetic_v<T>, T, std::string>;
-/// Formats like fmt::format, but makes each text among the arguments legible: a text is cut like a
-/// name, unless it is Legible already. A format is the program's own text and may hold line ends.
+/// Formats like fmt::format, but converts text arguments to Legible first and shortens them like
+/// names. The format itself is not converted, because it is the program's own text and may contain
+/// line ends.
 template <class... Args>
 [[nodiscard]] Legible words(fmt::format_string<Formatted<Args>...> format, const Args&... args);
 
 /// Text that is safe for a terminal.
 class Legible {
  public:
-  /// Converts `text` to printable UTF-8 in one line of at most `most` characters (>= 40). A line
-  /// end becomes \n. A byte that is not UTF-8, or a control, becomes an escape like \x1b. An
-  /// invisible character beyond ASCII (controls, marks that turn the direction of writing,
-  /// characters of no width) becomes an escape like \u202e or \U000e0041. If the text is too long,
-  /// its length replaces its middle. Legible text stays unchanged. Takes some four times the memory
-  /// of `text`.
+  /// Converts `text` to one line of printable UTF-8 with at most `most` characters (>= 40).
+  /// A line end becomes \n. An invalid byte or a control character becomes an escape such as \x1b.
+  /// An invisible character beyond ASCII (controls, marks of the writing direction, characters
+  /// without width) becomes an escape such as \u202e or \U000e0041. If the text is too long, its
+  /// middle is replaced by a note with the text's length. Legible text stays unchanged. Needs about
+  /// four times the memory of `text`.
   explicit Legible(std::string_view text, std::size_t most = kLongestName);
 
   [[nodiscard]] const std::string& text() const noexcept { return text_; }
@@ -53,24 +56,24 @@ class Legible {
   std::string text_;
 };
 
-/// Returns a sentence composed of names.
+/// Converts a sentence that contains names, with the limit kLongestLine.
 [[nodiscard]] inline Legible sentence(std::string_view text) {
   return Legible(text, kLongestLine);
 }
 
-/// Returns JSON as text. Any bytes in names become UTF-8; characters that Legible escapes become
-/// JSON escapes.
+/// Returns JSON as text in valid UTF-8, also if names contain invalid bytes. Characters that
+/// Legible would escape become JSON escapes.
 [[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
 
-/// Writes data to standard output unchanged: CSV, or JSON by dump(). Throws std::system_error if
-/// the write fails.
+/// Writes data to standard output without conversion: CSV, or JSON from dump(). Throws
+/// std::system_error if writing fails.
 void sayRaw(std::string_view data);
-/// Writes JSON to standard output, with a line end.
+/// Writes JSON and a line end to standard output.
 void sayJson(const OrderedJson& json, int indent = 2);
-/// Writes one line to stderr: `palpate: ...`.
+/// Writes the line `palpate: ...` to standard error.
 void complain(std::string_view line);
 
-/// Returns an argument of words() as it is formatted.
+/// Converts an argument of words() to a value that fmt can format safely.
 template <class T>
 [[nodiscard]] Formatted<T> legible(const T& value) {
   if constexpr (std::is_same_v<T, Legible>) {

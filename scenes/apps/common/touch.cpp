@@ -16,20 +16,20 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kFarthest = 1e6;  // [m], as hapticStep
+constexpr double kFarthest = 1e6;  // [m]: the same limit as that of hapticStep
 
 DeviceInfo pathDevice() {
   return PathDevice({PathPoint{}}, 1000.0).info();
 }
 
-/// Returns the state of a load. A primitive that shares its load with others may hold at its full
-/// strength: it yields only if the proxy has left it.
+/// Returns the state of a primitive from its load. If several primitives share a load, a primitive
+/// may carry its full strength and still hold: it yields only if the proxy has left it.
 Hold holdOf(const Load& load, const StepReport& report) {
   if (load.primitive.kind == PrimitiveKind::kForce) return Hold::kPushes;
   const double carried = load.force.norm();
   if (carried <= load.known) return Hold::kIdle;
   if (carried < load.primitive.strength - load.known) return Hold::kHolds;
-  constexpr double kRounding = 1e-12;  // [m]
+  constexpr double kRounding = 1e-12;  // [m]: rounding error of a position
   const bool arrived = report.status != StepStatus::kSubstepLimit;
   const double off = distanceTo(load.primitive, report.proxy);
   return arrived && off <= kRounding + report.error_bound ? Hold::kHolds : Hold::kYields;
@@ -71,7 +71,7 @@ std::vector<std::filesystem::path> inputsOf(const std::string& scene, const Scen
 }
 
 void checkReach(const std::string& name, const Vec3& p) {
-  if ((p.array().abs() < kFarthest).all()) return;  // false for NaN
+  if ((p.array().abs() < kFarthest).all()) return;  // false if a coordinate is NaN
   throw Error(name, "the place is farther than 1,000 km from the origin", "give metres");
 }
 
@@ -117,8 +117,8 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
     try {
       opened.built = buildScene(opened.told, nullptr, &cache);
     } catch (const SceneError&) {
-      // The whole scene was built before, and no name occurs twice, so the parts exceed the limits
-      // of one graph.
+      // The whole scene was already built without errors, and no name occurs twice. The error
+      // therefore means that the parts exceed the limits of one graph.
       throw Error(scene,
                   fmt::format("the hand comes near {} of its {} parts; a report covers at most {} "
                               "volumes, {} properties and {} modes",
@@ -159,7 +159,7 @@ ForceLimits pathLimits() {
 }
 
 Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at, double dt) {
-  constexpr double kLongest = 2.0;  // [s]
+  constexpr double kLongest = 2.0;  // [s]: longest time for which a varying stiffness may settle
   const bool varies = !scene.graph.stiffness.factors.empty();
   Rest rest;
   double last = 0.0;
@@ -175,7 +175,7 @@ Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& rep
   Load load;
   load.primitive = primitive;
   load.force = force;
-  // Tolerance with which the balance knows the loads.
+  // Uncertainty of the load that the error bound of the balance leaves.
   load.known = 1e-9 * primitive.strength + report.stiffness * report.error_bound;
   load.hold = holdOf(load, report);
   return load;

@@ -1,5 +1,5 @@
-/// Functions that check, explain and press share: they put a separate hand into a scene and
-/// describe the action of each mode.
+/// Functions that the verbs `check`, `explain` and `press` use: they move a hand in a scene and
+/// describe what each mode does.
 #pragma once
 
 #include <cstdint>
@@ -15,52 +15,56 @@
 
 namespace palpate::cli {
 
-/// Reads "x,y,z" in metres, finite and within 1,000 km; else throws Error that names the option.
+/// Reads "x,y,z" in metres. The numbers must be finite and below 1,000 km. Otherwise throws Error,
+/// which names `option`.
 [[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
 
-/// Returns true if p is in the box, faces included.
+/// Returns true if p is in the box or on its faces.
 [[nodiscard]] bool holds(const Box& box, const Vec3& p);
 
-/// Returns the scene and the files that it loads: outputs must not overwrite these.
+/// Returns the scene file and the files that the scene loads. Outputs must not overwrite these.
 [[nodiscard]] std::vector<std::filesystem::path> inputsOf(const std::string& scene,
                                                           const SceneSpec& spec);
 
-/// Throws Error if a place is farther than a tick accepts for a hand. `name` is the caller's
-/// option, or the argument of a function.
+/// Throws Error if a coordinate exceeds the limit of hapticStep for a hand. The error names `name`:
+/// an option, or the argument of a function.
 void checkReach(const std::string& name, const Vec3& p);
 
-/// Throws Error unless the rate is 10 to 100000 ticks per second.
+/// Throws Error unless the rate is 10 to 100,000 ticks per second.
 void checkRate(const std::string& name, double rate);
 
-/// An open scene: its notes were reported, and a `path` device would accept it.
+/// An open scene. Its notes were printed, and its coupling fits the device `path`.
 struct Opened {
-  SceneSpec spec;    ///< Contents of its file.
-  SceneSpec told;    ///< One graph: if `spec` has parts, only those near the hand.
-  BuiltScene built;  ///< From `told`.
+  SceneSpec spec;  ///< Description of the scene as in its file.
+  /// Description of the scene that was built. If `spec` has parts, it contains only the parts near
+  /// the hand, in one graph.
+  SceneSpec told;
+  BuiltScene built;  ///< The scene built from `told`.
 };
-/// Parts that a hand came near.
+/// Parts that were near the hand in a run.
 struct Near {
   std::set<std::size_t> parts;  ///< Indices into Scene::parts.
-  double missing = 0.0;         ///< Force of parts that had no room [N].
+  double missing = 0.0;         ///< Largest force of parts that did not fit in a tick [N].
 
-  /// Adds the parts that the last tick chose.
+  /// Adds the parts that were near the hand in the last tick.
   void add(const ProxyState& state, const StepReport& report);
 };
-/// Moves the caller's hand in a scene of parts.
+/// Moves the caller's hand through a scene with parts, and returns the parts near the hand.
 using TrialRun = std::function<Near(const BuiltScene&)>;
-/// Receives messages for the user, one line each.
+/// Receives messages to the user, one line each.
 using Say = std::function<void(const std::string&)>;
-/// Writes to stderr.
+/// Writes a message to standard error.
 void complainOf(const std::string& line);
 [[nodiscard]] Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress,
                              const Say& say);
-/// Opens a scene from a file, with progress on a terminal.
+/// Opens a scene from a file, and shows the progress on a terminal.
 [[nodiscard]] Opened openFor(const std::string& scene, const TrialRun& trial);
 
-/// Returns the readers of a field, modes and the coupling: the reasons why it is sampled.
+/// Returns the modes that read a field, and the coupling if it does: the reasons why the field is
+/// sampled.
 [[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);
 
-/// Returns the limits of the device `path`: no hand yields, so no hardware limits it.
+/// Returns the force limits of the device `path`, which has no motors that could limit them.
 [[nodiscard]] ForceLimits pathLimits();
 
 /// Result of restAt.
@@ -68,50 +72,55 @@ struct Rest {
   StepReport report;  ///< Report of the last tick.
   int ticks = 0;
 };
-/// Puts the hand at `at`, where it rests: for one tick, so that contacts are known. If the
-/// stiffness varies, as many more ticks follow as it takes to settle, two seconds at most.
+/// Runs ticks with the hand at rest at `at`: one tick, so that the contacts are known. If the
+/// coupling's stiffness varies, runs ticks until the stiffness is constant, for at most two
+/// seconds.
 [[nodiscard]] Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at,
                           double dt);
 
 /// State of a primitive in a balance.
 enum class Hold : std::uint8_t {
-  kIdle,    ///< Carries no load.
-  kHolds,   ///< Carries less than its strength: the proxy stays on it.
-  kYields,  ///< Carries its strength: the proxy was pulled off it.
-  kPushes,  ///< A directed force: always at its strength.
+  kIdle,    ///< The primitive carries no load.
+  kHolds,   ///< The primitive carries less than its strength, and the proxy stays on it.
+  kYields,  ///< The primitive carries its full strength, and the proxy has left it.
+  kPushes,  ///< A directed force, which always has its full strength.
 };
 
-/// Load of one primitive in the last balance.
+/// Load of one primitive in the last balance of a tick.
 struct Load {
   Primitive primitive;
   Vec3 force = Vec3::Zero();  ///< Force on the proxy [N].
   double known = 0.0;         ///< Uncertainty of the force [N].
   Hold hold = Hold::kIdle;
-  bool friction = false;     ///< A line of friction, whose strength is mu times its plane's load.
-  double coefficient = 0.0;  ///< mu, of friction.
-  std::size_t plane = 0;     ///< For friction: its plane's index among the mode's primitives.
+  /// True for a friction line. Its strength is mu times the load of its plane.
+  bool friction = false;
+  double coefficient = 0.0;  ///< Friction coefficient mu; 0 without friction.
+  /// For a friction line: index of its plane among the primitives of the mode.
+  std::size_t plane = 0;
 };
 
-/// Returns the load of a primitive in the balance of a report, with its uncertainty and state.
+/// Returns the load of a primitive in the last balance of a tick, with its uncertainty and its
+/// state.
 [[nodiscard]] Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& report);
-/// Returns the loads of mode i's primitives in the last sub-step. Empty after a fault.
+/// Returns the loads of the primitives of mode i in the last sub-step; an empty list after a fault.
 [[nodiscard]] std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report,
                                         std::size_t i);
-/// Returns the sum: the force of the mode on the proxy [N].
+/// Returns the sum of the loads: the mode's force on the proxy [N].
 [[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
-/// Returns the loads that hold for the mode: its planes if it has any, else all. Friction and a
-/// surface's drag follow the planes and do not count. Opposed planes are one: only the load that
-/// they carry together counts.
+/// Returns the loads that decide whether a mode holds: those of its planes, or all loads if it has
+/// no plane. Friction and the drag of a surface do not count, because they depend on the planes.
+/// Two opposed planes count as one load, their sum.
 [[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
-/// Returns the strongest state of these loads; idle if they carry no load together.
+/// Returns the strongest state of these loads: kYields before kHolds. Returns kIdle if their sum is
+/// zero.
 [[nodiscard]] Hold holdOf(const std::vector<Load>& loads);
 
-/// Returns "idle", "holds", "yields", "pushes"; for friction "idle", "sticks", "slips".
+/// Returns "idle", "holds", "yields" or "pushes"; for friction lines "idle", "sticks" or "slips".
 [[nodiscard]] const char* wordFor(Hold hold, bool friction = false);
 [[nodiscard]] const char* wordFor(Side side);
 [[nodiscard]] const char* wordFor(SolverKind kind);
 
-/// Formats a number for people: a few digits, rounding noise as 0.
+/// Formats a number with a few digits for the user. Rounding errors become 0.
 [[nodiscard]] std::string shown(double value);
 
 }  // namespace palpate::cli

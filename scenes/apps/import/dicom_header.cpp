@@ -20,23 +20,24 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Tolerance for perpendicular directions: files round them.
+/// Tolerance for perpendicular unit vectors, because files round them.
 constexpr double kPerpendicular = 1e-3;
-constexpr unsigned kPacked = 0xffffffffU;  ///< Length field of compressed pixel data.
+/// Value of the length field if the pixel data are compressed.
+constexpr unsigned kPacked = 0xffffffffU;
 
-/// Returns a header's text without control characters.
+/// Returns the text of a header value, without control characters.
 std::string textOf(const vtkDICOMValue& value) {
   std::string text = value.AsUTF8String();
   std::erase_if(text, [](char c) { return static_cast<unsigned char>(c) < ' ' || c == '\x7f'; });
   return text;
 }
 
-/// Returns NaN if the value is missing.
+/// Returns the number of a header value; NaN if it is missing.
 double numberOf(const vtkDICOMValue& value) {
   return value.GetNumberOfValues() == 0 ? kUnsaid : value.GetDouble(0);
 }
 
-/// Converts HHMMSS.FFFFFF to seconds.
+/// Converts a time HHMMSS.FFFFFF to seconds since midnight.
 double secondsOf(const std::string& clock) {
   if (clock.size() < 6) return kUnsaid;
   try {
@@ -47,7 +48,8 @@ double secondsOf(const std::string& clock) {
   }
 }
 
-/// Sets a slice's position. Leaves `placed` false if the header has no position or an invalid one.
+/// Sets the position and the directions of a slice. Leaves `placed` false if the header lacks a
+/// position or has an invalid one.
 void place(Slice& slice, vtkDICOMMetaData* meta) {
   const vtkDICOMValue& position = meta->Get(0, slice.frame, DC::ImagePositionPatient);
   const vtkDICOMValue& directions = meta->Get(0, slice.frame, DC::ImageOrientationPatient);
@@ -61,7 +63,7 @@ void place(Slice& slice, vtkDICOMMetaData* meta) {
   position.GetValues(slice.position.data(), 3);
   slice.row = Vec3(both[0], both[1], both[2]);
   slice.column = Vec3(both[3], both[4], both[5]);
-  // The first spacing is between rows, that is along a column.
+  // The first number is the distance between rows, which is the step along a column.
   slice.down = spacing.GetDouble(0);
   slice.across = spacing.GetDouble(1);
   if (!slice.position.allFinite() || !(std::abs(slice.row.norm() - 1.0) < kPerpendicular) ||
@@ -75,8 +77,8 @@ void place(Slice& slice, vtkDICOMMetaData* meta) {
   slice.placed = true;
 }
 
-/// Returns PixelPaddingValue in the range of the stored values: some files write it with the other
-/// signedness.
+/// Returns PixelPaddingValue in the range of the stored values. Some files write it as signed
+/// although their values are unsigned, or the reverse.
 double paddingOf(const vtkDICOMValue& value, const Slice& slice) {
   double stored = numberOf(value);
   const int bits = slice.format[2];
@@ -118,8 +120,8 @@ Slice sliceOf(vtkDICOMMetaData* meta, int frame) {
   return slice;
 }
 
-/// Returns true if a file of this class is an image, even if the file ends before it states the
-/// image size. A file that ends before its class may be an image.
+/// Returns true if a file of this SOP class is an image, even if the file ends before it states the
+/// image size. A file without a class may be an image that ends before its class.
 bool isImageClass(const std::string& uid) {
   if (uid.empty()) return true;
   static constexpr std::array kClasses = {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "130"};
@@ -128,10 +130,10 @@ bool isImageClass(const std::string& uid) {
          std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
 }
 
-/// Returns whether the codec reads this transfer syntax: still images of any compression, not
-/// films.
+/// Returns true if the codec can read this transfer syntax: still images with any compression, but
+/// no films.
 bool isReadable(const std::string& syntax) {
-  constexpr std::array kPlain = {"",  // old files omit it
+  constexpr std::array kPlain = {"",  // old files do not state it
                                  "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"};
   if (std::find(kPlain.begin(), kPlain.end(), syntax) != kPlain.end()) return true;
   const vtkDICOMImageCodec codec(syntax);
@@ -140,16 +142,17 @@ bool isReadable(const std::string& syntax) {
 
 constexpr const char* kTooFew = "the file has fewer pixels than its header states";
 
-/// Checks compressed pixels. Their decoders fill in missing parts, so all parts have to be present.
+/// Returns the defect of compressed pixel data; an empty text if valid. The decoders would fill in
+/// missing parts, so this checks that all parts are present.
 std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int frames) {
   std::ifstream in(path, std::ios::binary);
   auto at = static_cast<std::int64_t>(parser->GetFileOffset());
-  int parts = -1;  // the first part is a table of the others
+  int parts = -1;  // the first part is a table of the other parts
   while (true) {
     std::array<unsigned char, 8> head{};
     in.seekg(at);
     in.read(reinterpret_cast<char*>(head.data()), head.size());
-    // Continues at an item tag; any other tag ends the sequence.
+    // An item tag begins a part; any other tag ends the sequence of parts.
     if (!in || head[0] != 0xfe || head[1] != 0xff || head[2] != 0x00 || head[3] != 0xe0) break;
     std::int64_t bytes = 0;
     for (std::size_t i = 0; i < 4; ++i) bytes |= static_cast<std::int64_t>(head[4 + i]) << (8 * i);
@@ -162,7 +165,7 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
   return parts < frames ? kTooFew : "";
 }
 
-/// Describes the damage of an image's file, before any pixel is read; empty if valid.
+/// Returns the defect of an image file, found without decoding pixels; an empty text if valid.
 std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames) {
   if (!parser->GetPixelDataFound()) return "the file ends before its pixels";
   const std::string syntax = textOf(meta->Get(0, DC::TransferSyntaxUID));
@@ -179,7 +182,8 @@ std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames)
                         meta->Get(0, DC::BitsAllocated).AsInt() *
                         std::max(1, meta->Get(0, DC::SamplesPerPixel).AsInt()) * frames / 8.0;
   if (bytes < needed) {
-    // 4:2:2 colours take fewer bytes; colour images are rejected later anyway.
+    // Colours in 4:2:2 format need fewer bytes than computed below. Colour images are rejected
+    // later.
     if (meta->Get(0, DC::SamplesPerPixel).AsInt() > 1) return "";
     return kTooFew;
   }
@@ -230,8 +234,9 @@ File headerOf(const fs::path& path) {
   const std::string photometric = meta->Get(0, DC::PhotometricInterpretation).AsString();
   file.is_colour = meta->Get(0, DC::SamplesPerPixel).AsInt() > 1 ||
                    (!photometric.empty() && photometric.rfind("MONOCHROME", 0) != 0);
-  file.is_packed = parser->GetPixelDataVL() == kPacked &&
-                   meta->Get(0, DC::TransferSyntaxUID).AsString() != "1.2.840.10008.1.2.5";  // RLE
+  file.is_packed =
+      parser->GetPixelDataVL() == kPacked &&
+      meta->Get(0, DC::TransferSyntaxUID).AsString() != "1.2.840.10008.1.2.5";  // RLE compression
   file.is_lossy = meta->Get(0, DC::LossyImageCompression).AsString() == "01";
   file.has_table = meta->Get(0, DC::ModalityLUTSequence).GetNumberOfValues() > 0;
   file.unit = textOf(meta->Get(0, 0, DC::RescaleType));

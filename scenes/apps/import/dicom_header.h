@@ -1,5 +1,5 @@
-/// Private to the importer: reads the headers of DICOM files with vtk-dicom. It leaves out all
-/// fields that identify a patient.
+/// Private to the importer: reads headers of DICOM files with vtk-dicom, except for the fields that
+/// identify a patient.
 #pragma once
 
 #include <array>
@@ -17,8 +17,8 @@ namespace palpate::importer {
 
 inline constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
-/// A tag that gives the time of an image; kTimeTags lists the best tag first. `seconds` is the
-/// tag's unit [s]; 0: the tag gives only an order.
+/// A tag that gives the time of an image. kTimeTags is in the order of preference. `seconds` is the
+/// tag's unit [s]; 0 means that the tag gives only the order of the images.
 struct TimeTag {
   DC::EnumType tag;
   double seconds;
@@ -32,7 +32,8 @@ inline constexpr std::array kTimeTags = {
     TimeTag{DC::AcquisitionTime, 1.0},
 };
 
-/// A tag by which images at one place differ in kind, and are then not time steps.
+/// A tag whose value differs between images of different kinds. Images at one position that differ
+/// in such a tag are not time steps.
 struct KindTag {
   DC::EnumType tag;
   const char* name;
@@ -47,23 +48,23 @@ inline constexpr std::array kKindTags = {
     KindTag{DC::FrameType, "kind of image"},
 };
 
-/// One image: a file, or one frame of a file.
+/// One image: a whole file, or one frame of a file.
 struct Slice {
   std::size_t file = 0;
   int frame = 0;
-  /// Rows, columns, bits allocated and stored, signed.
+  /// Number of rows, columns, allocated bits and stored bits; 1 if values are signed.
   std::array<int, 5> format{};
-  bool placed = false;  ///< The next five fields are known.
+  bool placed = false;  ///< True if the next members, down to `down`, are known.
   Vec3 position = Vec3::Zero();
   Vec3 row = Vec3::Zero();  ///< Unit vector along which the column number grows.
   Vec3 column = Vec3::Zero();
   double across = 0.0;  ///< Distance between columns [mm].
   double down = 0.0;    ///< Distance between rows [mm].
-  double depth = 0.0;   ///< Position along the normal [mm].
+  double depth = 0.0;   ///< Position along the normal of the slices [mm].
   bool has_rescale = false;
   double slope = 1.0;
   double intercept = 0.0;
-  /// Stored values from the first to the second are padding, not data; NaN: no padding.
+  /// Stored values between these two, inclusive, are padding. NaN: no padding.
   std::array<double, 2> padding{kUnsaid, kUnsaid};
   std::array<double, kTimeTags.size()> times{};
   std::array<std::string, kKindTags.size()> kinds;
@@ -71,15 +72,16 @@ struct Slice {
 
 using Slices = std::vector<Slice>;
 
-/// A DICOM file's header.
+/// Header of a DICOM file.
 struct File {
   std::filesystem::path path;
-  std::string damage;  ///< Empty if valid.
+  std::string damage;  ///< Defect of the file; empty if valid.
   bool is_image = false;
   bool is_colour = false;
-  bool is_packed = false;  ///< Compressed, and GDCM has to unpack it.
+  bool is_packed = false;  ///< True if the pixels are compressed and GDCM must decode them.
   bool is_lossy = false;
-  bool has_table = false;  ///< A table maps the values, not slope and intercept.
+  /// True if a lookup table maps the stored values, instead of slope and intercept.
+  bool has_table = false;
   std::string series;
   int series_number = 0;
   std::string description;
@@ -87,14 +89,14 @@ struct File {
   std::string modality;
   std::string unit;
   double thickness = 0.0;
-  double time_step = 0.0;  ///< [s]; 0: not stated.
+  double time_step = 0.0;  ///< Time between two steps [s]; 0: not stated.
   std::vector<Slice> slices;
 };
 
-/// Returns true if the file begins as DICOM files do.
+/// Returns true if the file begins with the preamble of DICOM files.
 [[nodiscard]] bool isDicom(const std::filesystem::path& path);
 
-/// Reads a header without pixels. Reports defects of the file in `damage`.
+/// Reads a header without pixels. Writes defects of the file to File::damage.
 [[nodiscard]] File headerOf(const std::filesystem::path& path);
 
 }  // namespace palpate::importer

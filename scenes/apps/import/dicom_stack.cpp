@@ -15,19 +15,21 @@
 namespace palpate::importer {
 namespace {
 
-/// Largest deviation of a slice from its regular position, as a part of the slice distance.
+/// Largest deviation of a slice from its regular position, as a fraction of the distance between
+/// slices.
 constexpr double kUneven = 0.05;
-/// Images within this part of a pixel's edge are at the same place.
+/// Images belong to the same position if their distance is below this fraction of a pixel's edge.
 constexpr double kSamePlace = 1e-3;
-/// Tolerance for equal and perpendicular directions: files round them.
+/// Tolerance for equal and for perpendicular unit vectors, because files round them.
 constexpr double kSameDirection = 1e-3;
 
-/// Converts DICOM's patient axes, left and back, to right and front.
+/// Converts DICOM's patient axes (+x left, +y back) to +x right, +y front.
 Vec3 toRas(const Vec3& lps) {
   return {-lps.x(), -lps.y(), lps.z()};
 }
 
-/// Describes a place along the axis that is closest to the slices' normal.
+/// Describes positions of slices for messages: the coordinate along the axis that is closest to the
+/// slices' normal.
 class Ruler {
  public:
   explicit Ruler(const Vec3& normal) { normal.cwiseAbs().maxCoeff(&axis_); }
@@ -42,7 +44,7 @@ class Ruler {
   Eigen::Index axis_ = 2;
 };
 
-using Group = Slices;  ///< Slices at one place.
+using Group = Slices;  ///< Slices at one position.
 
 std::vector<Group> byPlace(std::vector<Slice> slices) {
   std::stable_sort(slices.begin(), slices.end(),
@@ -56,8 +58,8 @@ std::vector<Group> byPlace(std::vector<Slice> slices) {
   return groups;
 }
 
-/// Sorts each group by time. Returns the entry of kTimeTags that distinguishes the times, if one
-/// does.
+/// Sorts the slices of each group by time. Returns the index in kTimeTags of the tag that
+/// distinguishes their times; no value if there is none.
 std::optional<std::size_t> sortByTime(std::vector<Group>& groups) {
   for (std::size_t tag = 0; tag < kTimeTags.size(); ++tag) {
     const auto earlier = [&](const Slice& a, const Slice& b) {
@@ -105,7 +107,8 @@ class Stacker {
     throw VolumeError(what_, why, remedy);
   }
 
-  /// Returns all images if they have one size, orientation and number format.
+  /// Returns all images. Throws VolumeError unless all have the same size, orientation and number
+  /// format.
   std::vector<Slice> alike() const {
     std::vector<Slice> slices;
     std::size_t colour = 0;
@@ -138,7 +141,7 @@ class Stacker {
                          rescaled, slices.size()),
              "export the series again");
     }
-    // Compares all images with the most frequent kind.
+    // Compares all images with the format that most images have.
     const auto same = [](const Slice& a, const Slice& b) {
       return a.format == b.format && (a.row - b.row).norm() < kSameDirection &&
              (a.column - b.column).norm() < kSameDirection &&
@@ -167,7 +170,8 @@ class Stacker {
     return series_.files[slice.file]->path.filename().string();
   }
 
-  /// Treats several images at each place as time steps, if they are.
+  /// Checks that several images at each position are time steps, and sets their times. Throws
+  /// VolumeError if they are not.
   void separate(std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
     const auto fewer = [](const Group& a, const Group& b) { return a.size() < b.size(); };
     const auto [fewest, most] = std::minmax_element(groups.begin(), groups.end(), fewer);
@@ -202,7 +206,7 @@ class Stacker {
                          fewest->size(), ruler.at(fewest->front()), count, ruler.at(twice.front())),
              "copy or export all images of the series");
     }
-    // Acquisition times are times of day: only their differences are kept.
+    // Acquisition times are times of day. Subtracts the first one.
     const TimeTag& kind = kTimeTags[*tag];
     const double step = series_.files.front()->time_step;
     const double start = kind.tag == DC::AcquisitionTime || kind.seconds == 0.0
@@ -224,8 +228,9 @@ class Stacker {
     }
   }
 
-  /// Computes the voxels' positions; rejects missing or unevenly spaced slices. The step between
-  /// slices follows their positions, not the normal: a tilted gantry shears the volume.
+  /// Computes the transform from voxels to positions. Throws VolumeError if slices are missing or
+  /// unevenly spaced. The step between slices follows their positions instead of the normal,
+  /// because a tilted gantry shears the volume.
   Affine mapOf(const std::vector<Group>& groups, const Vec3& normal, const Ruler& ruler,
                std::vector<std::string>& notes) const {
     const Slice& first = groups.front().front();
@@ -275,7 +280,8 @@ class Stacker {
     for (std::size_t i = 1; i < groups.size(); ++i) {
       gaps.push_back(groups[i].front().depth - groups[i - 1].front().depth);
     }
-    // With few slices the smaller gap is used: the others are due to missing slices.
+    // For an even number of gaps, takes the lower of the two middle ones: a larger gap may be due
+    // to missing slices.
     std::vector<double> sorted = gaps;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>((sorted.size() - 1) / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
@@ -313,7 +319,7 @@ std::string nameOf(std::size_t number, const Series& series) {
                      series.images == 1 ? "1 image" : fmt::format("{} images", series.images));
 }
 
-/// Sorted by series number, then identity.
+/// Sorts the series by series number, then by UID.
 std::vector<Series> seriesOf(const std::vector<File>& files) {
   std::vector<Series> all;
   for (const File& file : files) {
@@ -332,7 +338,7 @@ std::vector<Series> seriesOf(const std::vector<File>& files) {
   return all;
 }
 
-/// Matches number, identity or description.
+/// Compares the request with the number, the UID and the description of each series.
 const Series& chosen(const std::vector<Series>& all, const Request& request) {
   std::vector<std::string> names;
   std::vector<const Series*> fits;

@@ -1,5 +1,5 @@
-/// Private to the importer: selects the images of DICOM files that make a volume, orders them and
-/// computes their positions. Rejects images that do not fit, and names them.
+/// Private to the importer: selects the DICOM images that make a volume, sorts them and computes
+/// their positions. Images that do not fit are rejected by name.
 #pragma once
 
 #include <cstddef>
@@ -11,33 +11,34 @@
 
 namespace palpate::importer {
 
-/// Images that have one series identity.
+/// The images of one series, which have the same series UID.
 struct Series {
   std::string uid;
   std::vector<const File*> files;
   std::size_t images = 0;
 };
 
-/// Returns a line such as: 2: "T1 axial" MR 24 images.
+/// Returns a line for the user, such as: 2: "T1 axial" MR 24 images.
 [[nodiscard]] std::string nameOf(std::size_t number, const Series& series);
 
-/// Groups files by series. Sorted by series number, then identity. The files have to outlive the
-/// result.
+/// Groups files by series. The series are sorted by series number, then by UID. `files` must
+/// outlive the result.
 [[nodiscard]] std::vector<Series> seriesOf(const std::vector<File>& files);
 
-/// Returns the requested series, by number, UID or description. Throws VolumeError, which
-/// lists all series, unless exactly one fits.
+/// Returns the series that the user has requested by number, UID or description. Throws
+/// VolumeError, with a list of all series, unless exactly one series fits.
 [[nodiscard]] const Series& chosen(const std::vector<Series>& all, const Request& request);
 
-/// The images of a series as one volume, or as one volume for each time step.
+/// The images of a series, as one volume for each time step.
 struct Stack {
-  std::vector<Slices> steps;  ///< In the order of their positions.
-  std::vector<double> times;  ///< [s], or step numbers; empty for one step.
+  std::vector<Slices> steps;  ///< The slices of each step, sorted by position.
+  /// Times of the steps [s], or their numbers; empty if there is one step.
+  std::vector<double> times;
   Affine map;
   std::vector<std::string> notes;
 };
 
-/// Stacks the images of a series. Throws VolumeError, of `what`, if images differ in size,
+/// Stacks the images of a series. Throws VolumeError, which names `what`, if images differ in size,
 /// orientation or kind; if images are missing, unevenly spaced or duplicated; or if no tag
 /// distinguishes their times.
 [[nodiscard]] Stack stackOf(const Series& series, const std::string& what);

@@ -1,4 +1,4 @@
-/// Private to the importer: sums up the differences that resampling causes.
+/// Private to the importer: adds up the differences between values before and after resampling.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace palpate::importer {
 
-/// Differences of scalars or vectors; relativeTo() divides them by a range.
+/// Differences of scalars or vectors. relativeTo() divides them by a range of values.
 struct Differences {
   struct Sum {
     double squares = 0.0;
@@ -26,7 +26,7 @@ struct Differences {
     }
   };
   Sum within;
-  Sum edge;  ///< Points beside voxels without data.
+  Sum edge;  ///< Points with voxels without data beside them.
   std::uint64_t lost_points = 0;
 
   [[nodiscard]] ResamplingError relativeTo(double range) const {

@@ -1,5 +1,5 @@
-/// Selects the reader of a file by its first bytes, and by its name only if these bytes identify no
-/// format.
+/// Selects the reader of a file by the file's first bytes. If these identify no format, selects it
+/// by the file's name.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -15,7 +15,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the first bytes of a file, unpacked if it is gzipped.
+/// Returns the first bytes of a file, decompressed if the file is gzipped.
 std::string beginningOf(const std::filesystem::path& file) {
   constexpr std::size_t kBytes = 4096;
   std::string text(kBytes, '\0');
@@ -28,7 +28,7 @@ bool has(const std::string& text, std::size_t at, std::string_view what) {
   return text.size() >= at + what.size() && text.compare(at, what.size(), what) == 0;
 }
 
-/// Returns whether a line begins "KEY =".
+/// Returns true if a line of the text begins with "KEY =".
 bool hasKey(const std::string& text, std::string_view key) {
   for (auto at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
     if (at > 0 && text[at - 1] != '\n') continue;
@@ -38,7 +38,7 @@ bool hasKey(const std::string& text, std::string_view key) {
   return false;
 }
 
-/// Returns the header of the pair name.hdr and name.img, for either of the two.
+/// Returns the header file name.hdr, given either that file or name.img.
 std::filesystem::path headerOf(const std::filesystem::path& file) {
   std::filesystem::path plain = file;
   if (plain.extension() == ".gz") plain.replace_extension();
@@ -54,12 +54,13 @@ std::filesystem::path headerOf(const std::filesystem::path& file) {
 struct Format {
   const char* name;
   bool (*begins)(const std::string& bytes);
-  std::unique_ptr<Reader> (*open)(const Request& request);  ///< Null: known, but not imported.
-  const char* remedy = nullptr;                             ///< Advice if not imported.
-  const char* option = "";  ///< An option that only this format uses.
+  /// Opens the file; null if the importer recognizes the format but cannot import it.
+  std::unique_ptr<Reader> (*open)(const Request& request);
+  const char* remedy = nullptr;  ///< Advice to the user if the format cannot be imported.
+  const char* option = "";       ///< Command-line option that only this format uses.
 };
 
-/// Rejects options that this format would silently ignore.
+/// Throws Error for options that this format would ignore.
 void refuseUnused(const Request& request, const std::string& format, std::string_view used) {
   const auto refuse = [&](const char* name, bool given) {
     if (!given || used == name) return;
@@ -97,7 +98,7 @@ bool isVtkXml(const std::string& b) {
   return b.find("<VTKFile") != std::string::npos;
 }
 
-/// Tried in this order.
+/// Formats in the order in which they are tried.
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
     Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
@@ -108,7 +109,7 @@ const std::array kFormats = {
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},
     Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
            openCgns},
-    // Other common formats.
+    // Formats that are recognized but cannot be imported.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
            "open it with palpate feel, without an import"},
     Format{"OpenDX",
@@ -143,7 +144,8 @@ const std::array kFormats = {
            "give a volume"},
 };
 
-/// Recognises GRIB by its first bytes, or by its name: a bulletin's heading may come first.
+/// Recognizes GRIB by its first bytes. Also recognizes it by name, because a bulletin's heading may
+/// precede these bytes.
 bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
   std::string end = file.extension().string();
   for (char& c : end) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
@@ -151,7 +153,7 @@ bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
   return has(bytes, 0, "GRIB") || std::find(kNames.begin(), kNames.end(), end) != kNames.end();
 }
 
-/// PLOT3D can only be recognised by its name.
+/// Returns true if the name or the options say that the file is PLOT3D. Its content has no mark.
 bool isPlot3d(const Request& request) {
   if (!request.solution.empty()) return true;
   const std::string end = request.file.extension().string();

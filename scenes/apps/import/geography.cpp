@@ -23,17 +23,18 @@ namespace {
 
 constexpr double kKmPerDegree = 6371.0 * std::numbers::pi / 180.0;
 
-/// Returns the height of a pressure [hPa] in the standard atmosphere of ISO 2533 [km].
+/// Converts a pressure [hPa] to a height in the standard atmosphere of ISO 2533 [km].
 double standardHeight(double pressure) {
   constexpr double kGround = 1013.25;
-  constexpr double kTropopause = 226.3206;  // at 11 km; constant temperature above
+  // [hPa]: pressure at 11 km, above which the temperature is constant
+  constexpr double kTropopause = 226.3206;
   if (pressure > kTropopause) {
     return 44.330769 * (1.0 - std::pow(pressure / kGround, 1.0 / 5.255880));
   }
   return 11.0 + 6.341623 * std::log(kTropopause / pressure);
 }
 
-/// Returns how many km a unit is; 0: it is not a length.
+/// Returns the length of a unit [km]; 0 if the unit is not a length.
 double kilometres(std::string unit) {
   for (char& c : unit) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   struct Length {
@@ -47,7 +48,7 @@ double kilometres(std::string unit) {
       {1e-4, {"dm"}},
       {1e-5, {"cm", "centimeter", "centimeters", "centimetre", "centimetres"}},
       {0.3048e-3, {"ft", "foot", "feet"}},
-      // A decibar of sea water is a metre, within 1 in 100.
+      // One decibar of sea water corresponds to a depth of one metre, within 1 %.
       {1e-3, {"dbar", "decibar", "decibars"}},
   };
   for (const Length& length : lengths) {
@@ -58,7 +59,7 @@ double kilometres(std::string unit) {
   return 0.0;
 }
 
-/// Returns true for units that differ only in notation: m/s, m s-1, m s**-1, m.s^-1.
+/// Returns true if two units differ only in notation, such as m/s, m s-1, m s**-1 and m.s^-1.
 bool isSameUnit(const std::string& a, const std::string& b) {
   const auto plain = [](const std::string& unit) {
     std::string out;
@@ -76,17 +77,17 @@ bool isSameUnit(const std::string& a, const std::string& b) {
   return plain(a) == plain(b);
 }
 
-/// Makes longitudes continuous where they wrap around.
+/// Adds or subtracts 360 degrees so that consecutive longitudes differ by at most 180 degrees.
 void unwrap(std::vector<double>& longitudes) {
   for (std::size_t i = 1; i < longitudes.size(); ++i) {
     const double step = std::remainder(longitudes[i] - longitudes[i - 1], 360.0);
-    // Half a turn stays unchanged.
+    // A difference of exactly 180 degrees stays unchanged.
     if (std::abs(longitudes[i] - longitudes[i - 1]) > 180.0)
       longitudes[i] = longitudes[i - 1] + step;
   }
 }
 
-/// Throws if the positions are not degrees on a globe.
+/// Throws VolumeError if a position is not an angle within `most` degrees.
 void checkDegrees(const std::vector<double>& at, double most, const char* what,
                   const std::string& file) {
   for (const double degrees : at) {
@@ -96,7 +97,7 @@ void checkDegrees(const std::vector<double>& at, double most, const char* what,
   }
 }
 
-/// Returns +1 if positions rise, -1 if they fall.
+/// Returns +1 if the positions increase, and -1 if they decrease. Throws VolumeError otherwise.
 int directionOf(const std::vector<double>& at, const char* axis, const std::string& file) {
   const bool rises = at.size() < 2 || at[1] > at[0];
   for (std::size_t i = 0; i < at.size(); ++i) {
@@ -109,7 +110,7 @@ int directionOf(const std::vector<double>& at, const char* axis, const std::stri
   return rises ? 1 : -1;
 }
 
-/// Returns 1, 2 or 5 times a power of ten, not less than x.
+/// Returns the smallest number 1, 2 or 5 times a power of ten that is at least x.
 double roundUp(double x) {
   const double power = std::pow(10.0, std::floor(std::log10(x)));
   for (const double digit : {1.0, 2.0, 5.0}) {
@@ -122,7 +123,7 @@ double spanOf(const std::vector<double>& at) {
   return at.empty() ? 0.0 : std::abs(at.back() - at.front());
 }
 
-/// Maps the positions in a file to the axes of a volume.
+/// Converts the positions in a file to the axes of a volume.
 class Layout {
  public:
   Layout(EarthGrid& grid, const std::string& file, Content& content)
@@ -148,7 +149,7 @@ class Layout {
     }
   }
 
-  /// Returns the factor by which heights are exaggerated.
+  /// Returns the factor by which heights were stretched.
   [[nodiscard]] double stretch() const { return stretch_; }
 
  private:
@@ -181,7 +182,8 @@ class Layout {
       for (double& at : z.at) at = standardHeight(at);
       note("pressures became heights in the standard atmosphere");
     } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
-      // The first level is at 0 for any number; if levels count downwards, the others are below it.
+      // Spaces the levels evenly from height 0, whatever their numbers are. If the numbers count
+      // downwards, the next levels lie below.
       const double step =
           side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
       const double up = z.along == Along::kDepth ? -step : step;
@@ -210,7 +212,7 @@ class Layout {
         fmt::format("{}heights times {:g}", content_.description.empty() ? "" : ", ", stretch_);
   }
 
-  /// Keeps a common unit of all axes; converts different units of length to km.
+  /// If all axes have the same unit, keeps it. If their units of length differ, converts all to km.
   void takeUnit() {
     const bool same = axes_[0].unit == axes_[1].unit && axes_[0].unit == axes_[2].unit;
     const auto is_length = [](const Axis& axis) { return kilometres(axis.unit) > 0.0; };
@@ -227,7 +229,7 @@ class Layout {
   double stretch_ = 1.0;
 };
 
-/// Names of the eastward, northward and upward components of a flow, in one unit.
+/// Names of a flow's eastward, northward and upward component, and of their vector.
 struct Flow {
   const char* vector;
   std::array<const char*, 3> parts;
@@ -247,7 +249,8 @@ constexpr std::array kFlowsByName{
     Flow{"current", {"uo", "vo", "wo"}},
 };
 
-/// Joins components into vectors. `names` holds the name or standard name of each array.
+/// Joins arrays that are components of a flow to a vector. `names` has the name or the standard
+/// name of each array.
 template <class Flows>
 void joinBy(const Flows& flows, const std::vector<std::string>& names, double stretch,
             const std::vector<std::string>& fields, EarthGrid& grid,
@@ -268,7 +271,7 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
     if (!fields.empty() && std::find(fields.begin(), fields.end(), flow.vector) == fields.end()) {
       continue;
     }
-    // The upward component is in Pa/s in many files.
+    // In many files the upward component has another unit, Pa/s, and cannot be joined.
     if (parts[2] != nullptr && !isSameUnit(parts[2]->unit, parts[0]->unit)) parts[2] = nullptr;
     const std::size_t count = parts[0]->values.tuples();
     Values out(Type::kFloat32, 3, count);
@@ -294,7 +297,7 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
   }
 }
 
-/// Reverses falling axes, so that all rise.
+/// Reverses axes with decreasing positions, so that all positions increase.
 Values risen(const Values& values, const std::array<std::size_t, 3>& size,
              const std::array<int, 3>& direction) {
   if (direction == std::array{1, 1, 1}) return values;
@@ -315,7 +318,7 @@ Values risen(const Values& values, const std::array<std::size_t, 3>& size,
   return out;
 }
 
-/// Returns VTK's view of the values. The view does not keep them alive.
+/// Returns a VTK array over the same memory. It does not keep the memory alive.
 vtkSmartPointer<vtkDataArray> viewOf(const Array& array) {
   const auto length = static_cast<vtkIdType>(array.values.size());
   vtkSmartPointer<vtkDataArray> out;
@@ -376,7 +379,8 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     content.value_unit[array.name] = array.unit;
   }
   std::vector<Piece> pieces = piecesOf(points, file, content.notes);
-  // VTK only viewed these arrays: the pieces get the owners of the memory from the grid.
+  // The VTK arrays do not own their memory. Gives each piece the array of `grid` that owns the same
+  // memory.
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {

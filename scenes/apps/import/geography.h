@@ -1,4 +1,4 @@
-/// Converts grids of the earth to volumes for haptics.
+/// Converts grids of the atmosphere and the ocean to volumes.
 #pragma once
 
 #include <array>
@@ -12,12 +12,12 @@ namespace palpate::importer {
 
 /// Meaning of the positions along an axis.
 enum class Along : std::uint8_t {
-  kOther,      ///< Positions in `unit`, or numbers.
-  kLongitude,  ///< [degrees]
-  kLatitude,   ///< [degrees]
-  kPressure,   ///< [hPa]
-  kDepth,      ///< Downwards, in `unit`.
-  kNumber,     ///< Levels with a number but no height, as in a model.
+  kOther,      ///< Positions in `unit`; indices if `unit` is empty.
+  kLongitude,  ///< Longitude [degrees].
+  kLatitude,   ///< Latitude [degrees].
+  kPressure,   ///< Pressure [hPa].
+  kDepth,      ///< Depth, positive downwards, in `unit`.
+  kNumber,     ///< Numbers of levels without known heights, as in a model.
 };
 
 struct Axis {
@@ -26,24 +26,27 @@ struct Axis {
   std::string unit;  ///< Unit of the positions, as in the file.
 };
 
-/// Fields on one grid. Values are ordered as `axes`: the first axis is the fastest.
+/// Fields on one grid. Values are in the order of `axes`, with the first axis fastest.
 struct EarthGrid {
-  std::array<Axis, 3> axes;  ///< x, y, z
-  bool projected = false;    ///< x and y belong to a map projection, such as Lambert's.
+  std::array<Axis, 3> axes;  ///< The axes x, y and z.
+  /// True if x and y are coordinates of a map projection, such as Lambert's.
+  bool projected = false;
   std::vector<Array> arrays;
-  std::vector<std::string> standard;  ///< The CF standard_name of each array, or empty.
+  std::vector<std::string> standard;  ///< The CF standard_name of each array; empty if it has none.
 };
 
-/// Returns how many hPa one unit is, for the names that CF uses; 0: not a pressure.
+/// Returns the size of a pressure unit [hPa], for the names in the CF conventions; 0 if it is not a
+/// pressure.
 [[nodiscard]] double hectopascals(const std::string& unit);
 
-/// Converts one grid to pieces: an image if its points lie on an image's lattice, else a mesh.
+/// Converts one grid to pieces: an image if its points form an even lattice, else a mesh.
+///
 /// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
-/// become heights in the standard atmosphere (ISO 2533). Heights over this plane are stretched by a
-/// round number, so that they are at least a quarter of its longer side. Otherwise the
-/// volume would be a flat sheet. Pairs and triples of wind or current become one vector, whose z is
-/// stretched with the heights. Sets the unit of length, and lists all changes in `notes`. Throws
-/// VolumeError if positions along an axis are not in order.
+/// become heights in the standard atmosphere (ISO 2533). If heights above this plane are small,
+/// they are multiplied by a round number, so that the volume's height is at least a quarter of its
+/// longer side. Without this the volume would be a thin sheet. Components of wind or current become
+/// one vector, whose z is multiplied by the same number. Sets the unit of length, and adds a note
+/// for each change. Throws VolumeError if positions along an axis neither increase nor decrease.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);
 

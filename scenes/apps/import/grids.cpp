@@ -22,7 +22,7 @@ namespace {
 
 using openvdb::Coord;
 
-/// An image's values in memory, C of them for each point.
+/// Values of an image in memory, with C numbers for each point.
 template <class T, int C>
 struct Native {
   const T* data = nullptr;
@@ -56,7 +56,7 @@ bool isHidden(const Piece& image, std::size_t point) {
   return !image.hidden.none() && image.hidden.as<std::uint8_t>()[point] != 0;
 }
 
-/// Returns the point's index among the held slices.
+/// Returns the index of a point among the slices that are held in memory.
 std::size_t pointAt(const Piece& image, int i, int j, int k) {
   return (static_cast<std::size_t>(k - image.slices().first) *
               static_cast<std::size_t>(image.size[1]) +
@@ -65,10 +65,11 @@ std::size_t pointAt(const Piece& image, int i, int j, int k) {
          static_cast<std::size_t>(i);
 }
 
-/// Surroundings of the object.
+/// Typical values around the object in an image.
 struct Surroundings {
-  float middle = 0.0F;  ///< The median of the values on the image's faces.
-  float spread = 0.0F;  ///< 99 % of the face values are this near to the median.
+  float middle = 0.0F;  ///< Median of the values on the image's faces.
+  /// 99 % of the values on the image's faces differ from `middle` by at most this.
+  float spread = 0.0F;
 };
 
 template <class T>
@@ -95,10 +96,10 @@ Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, cons
   return out;
 }
 
-/// Content of a voxel.
+/// Content of a voxel: a value, no data, or outside the image.
 enum class Found : std::uint8_t { kValue, kHole, kOutside };
 
-/// The image's own voxels.
+/// Reads the voxels of the image itself.
 template <class T, int C>
 struct OwnVoxels {
   const Piece& image;
@@ -112,16 +113,16 @@ struct OwnVoxels {
   }
 };
 
-/// Cubes in the image's bounding box, trilinear.
+/// Reads cubes in the image's bounding box, by trilinear interpolation of the image.
 template <class T, int C>
 struct Cubes {
   const Piece& image;
   Native<T, C> values;
   std::array<int, 3> size;
-  Affine index_from_cube;  ///< To the image's index space.
+  Affine index_from_cube;  ///< Transform from the index space of the cubes to that of the image.
 
   Found at(const Coord& c, typename Native<T, C>::Value& value) const {
-    // An image's last voxels may lie inside the last cubes by a rounding error.
+    // Due to rounding, the last voxels of the image can lie just outside the last cubes.
     constexpr double kRounding = 1e-9;
     const Vec3 p_I = index_from_cube.linear * Vec3(c.x(), c.y(), c.z()) + index_from_cube.origin;
     std::array<int, 3> low{};
@@ -157,12 +158,12 @@ struct Cubes {
   }
 };
 
-/// Combined counts of all workers.
+/// Counts of voxels, added up over all tasks.
 struct Counts {
   std::uint64_t voxels = 0;
   std::uint64_t active = 0;
   std::uint64_t holes = 0;
-  std::uint64_t loud = 0;  ///< Voxels that differ from the background by more than the spread.
+  std::uint64_t loud = 0;  ///< Voxels whose difference from the background exceeds the spread.
   double lowest = std::numeric_limits<double>::infinity();
   double highest = -std::numeric_limits<double>::infinity();
 
@@ -176,13 +177,13 @@ struct Counts {
   }
 };
 
-/// Ranges of slices along a lattice's last axis.
+/// Ranges of slices along the last axis of a lattice.
 struct Made {
-  Slab all;      ///< Slices to make.
-  Slab counted;  ///< Slices among these that count.
+  Slab all;      ///< Slices whose voxels are made.
+  Slab counted;  ///< Slices among these whose voxels count in the report.
 };
 
-/// Makes one leaf; null if it has no active voxel.
+/// Makes one leaf of a grid; returns null if it has no active voxel.
 template <class Leaf, class Voxels, class Value>
 std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Made& slices,
                                const Value& background, double tolerance, double spread,
@@ -225,7 +226,7 @@ template <class GridT, class Voxels, class Value>
 Gridded build(const Voxels& voxels, const Made& slices, const Value& background, double tolerance,
               double spread, const Progress& progress, ProcessGroup& group) {
   using Leaf = typename GridT::TreeType::LeafNodeType;
-  // One task makes a row of leaves along y.
+  // Each task makes a row of leaves along y.
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
   std::array<int, 3> leaves{};
   for (std::size_t a = 0; a < 3; ++a) leaves[a] = (voxels.size[a] + kEdge - 1) / kEdge;
@@ -275,7 +276,7 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
   return out;
 }
 
-/// Places of a grid's voxels: those of the image, or cubes if `cubes` is set.
+/// Positions of a grid's voxels: those of the image, or the cubes if `cubes` is true.
 struct Lattice {
   std::array<int, 3> size{};
   Affine index_from_cube;
@@ -322,14 +323,15 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
   return out;
 }
 
-/// Throws VolumeError: OpenVDB treats maps of very small volume as singular.
+/// Throws VolumeError for voxels that are too small: OpenVDB treats a transform as singular if the
+/// volume of a voxel is very small.
 [[noreturn]] void refuseSmall(const std::string& file, double edge) {
   throw VolumeError(file,
                     fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
                     "export the data in a smaller unit of length, for example mm instead of m");
 }
 
-/// Throws VolumeError if the map is singular.
+/// Returns the transform of a grid. Throws VolumeError if the matrix is singular.
 openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const std::string& file) {
   const Mat3& M = file_from_index.linear;
   const double volume = std::abs(M.determinant());
@@ -338,7 +340,7 @@ openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const s
     throw VolumeError(file, "the voxels have no volume: the spacing or the directions are wrong",
                       "correct the header");
   }
-  openvdb::Mat4R map;  // OpenVDB's convention: row vectors
+  openvdb::Mat4R map;  // OpenVDB multiplies row vectors from the left
   map.setIdentity();
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) map(column, row) = M(row, column);
@@ -396,7 +398,7 @@ Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
 
 Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double tolerance,
                     const std::string& file, const Progress& progress) {
-  (void)transformOf(image.file_from_index, file);  // throws for a bad map
+  (void)transformOf(image.file_from_index, file);  // throws if the transform is singular
   const Affine& map = image.file_from_index;
   Box box;
   for (unsigned corner = 0; corner < 8; ++corner) {
@@ -414,7 +416,7 @@ Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double
   const Mat3 index_from_file = map.linear.inverse();
   lattice.index_from_cube.linear = index_from_file * voxel;
   lattice.index_from_cube.origin = index_from_file * (box.lower - map.origin);
-  SingleProcess alone;  // every rank makes all cubes
+  SingleProcess alone;  // every rank of a process group makes all cubes
   Gridded out = buildOnLattice(lattice, image, array, tolerance, progress, Shared(alone));
   out.grid->setTransform(
       cubes(voxel, openvdb::Vec3d(box.lower.x(), box.lower.y(), box.lower.z()), file));

@@ -5,7 +5,8 @@
 namespace palpate::importer {
 
 std::optional<int> rankByEnvironment() {
-  // Set by Open MPI's mpirun; by PMIx launchers such as Slurm's srun; by MPICH's mpiexec.
+  // Open MPI's mpirun sets the first variable, PMIx launchers such as Slurm's srun the second, and
+  // MPICH's mpiexec the third.
   for (const char* name : {"OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"}) {
     if (const char* rank = std::getenv(name)) return std::atoi(rank);
   }

@@ -21,7 +21,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Process id of the child, for the signal handler; 0 if it does not run.
+/// Process id of the child, for the signal handler; 0 if no child runs.
 volatile sig_atomic_t child_of_signals = 0;
 volatile sig_atomic_t was_interrupted = 0;
 
@@ -30,7 +30,7 @@ void passOn(int /*signal*/) {
   if (child_of_signals != 0) kill(static_cast<pid_t>(child_of_signals), SIGKILL);
 }
 
-/// A message has a letter, its length in 8 hexadecimal digits, and its text.
+/// Length of a message's head: a letter, and the length of the text as 8 hexadecimal digits.
 constexpr std::size_t kHead = 9;
 
 bool writeAll(int file, const char* data, std::size_t count) {
@@ -46,10 +46,10 @@ bool writeAll(int file, const char* data, std::size_t count) {
 
 [[noreturn]] void runChild(int pipe, const std::function<int(Teller&)>& work) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
-  signal(SIGINT, SIG_IGN);  // a terminal sends it to both processes; the parent decides
+  signal(SIGINT, SIG_IGN);  // a terminal sends SIGINT to both processes; the parent ends the child
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_DFL);
-  signal(SIGXFSZ, SIG_IGN);  // the write to a file that is too large then fails
+  signal(SIGXFSZ, SIG_IGN);  // a write beyond the file size limit then returns an error
   const int nowhere = open("/dev/null", O_WRONLY);
   if (nowhere >= 0) {
     dup2(nowhere, STDOUT_FILENO);
@@ -83,7 +83,8 @@ struct Written {
   std::filesystem::path file;
 };
 
-/// Makes all files appear. If one fails, removes those that did not exist before.
+/// Gives all files their final names. If this fails for a file, removes the files that did not
+/// exist before.
 void appear(const std::vector<Written>& files) {
   std::error_code error;
   std::vector<std::filesystem::path> fresh;
@@ -103,7 +104,7 @@ void appear(const std::vector<Written>& files) {
   }
 }
 
-/// Receives the child's messages until the child closes the pipe.
+/// Receives the messages of the child process until the child closes the pipe.
 class Listener {
  public:
   void hear(const char* data, std::size_t count) {

@@ -1,4 +1,4 @@
-/// Runs work in a separate process, because a damaged file may crash it.
+/// Runs work in a child process, because a damaged file may crash the library that reads it.
 #pragma once
 
 #include <functional>
@@ -6,18 +6,20 @@
 
 namespace palpate::importer {
 
-/// Reports from the work to the user. The work's own output and error streams, to which libraries
-/// write freely, are discarded.
+/// Sends reports from the child process to the user. The child's own standard output and standard
+/// error are discarded, because libraries write to them without control.
 class Teller {
  public:
   explicit Teller(int pipe) : pipe_(pipe) {}
 
-  void out(const std::string& text);    ///< To stdout, once the work has ended well.
-  void error(const std::string& line);  ///< "palpate: ..." to stderr.
-  void stage(const std::string& what);  ///< Names the stage that later progress belongs to.
-  void progress(double done);           ///< 0 to 1.
-  /// Announces that the work will write `partial`. If all of the work ends well, `partial` becomes
-  /// `file`; otherwise it is removed. Throws Error if that would replace something that is not a
+  /// Prints to standard output, after the work has ended successfully.
+  void out(const std::string& text);
+  void error(const std::string& line);  ///< Prints "palpate: LINE" to standard error.
+  /// Sets the stage of the work that the next calls of progress() refer to.
+  void stage(const std::string& what);
+  void progress(double done);  ///< Reports the progress of the stage, from 0 to 1.
+  /// Announces that the work will write the file `partial`. If the whole work succeeds, it is
+  /// renamed to `file`; otherwise it is removed. Throws Error if `file` exists and is not a regular
   /// file.
   void file(const std::string& partial, const std::string& file);
 
@@ -25,17 +27,19 @@ class Teller {
   void send(char kind, const std::string& text);
 
   int pipe_;
-  int told_ = -1;  ///< Last reported progress [percent].
+  int told_ = -1;  ///< Last reported progress [%].
 };
 
-/// Runs `work` in a child process and returns its exit status. Errors that `work` throws, and its
-/// end by a signal, become one line on stderr. Error has status 2, a lack of memory 1, a crash 2
-/// (the file is at fault), anything else 3. Interrupting or terminating this process ends the child
-/// at once: status 130, unless the child had done its work. The files that the child announced
-/// appear together if it ends well, or not at all.
+/// Runs `work` in a child process and returns its exit status.
+///
+/// If `work` throws, or a signal ends it, one line on standard error reports this. The status is 2
+/// for Error, 1 for a lack of memory, 2 for a crash (because the file is at fault), and 3
+/// otherwise. If this process is interrupted or terminated, the child ends at once with status 130,
+/// unless its work is already complete. The files that the child has announced appear together if
+/// it succeeds, or not at all.
 /// @param what    The file that is read, for the line about a crash.
-/// @param silent  The line if the child stops without a line of its own; if empty, the line states
-///                that the file is damaged.
+/// @param silent  The line for a child that ends without a message; if empty, the line says that
+///                the file is damaged.
 [[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                              const std::string& silent = "");
 

@@ -15,7 +15,7 @@ namespace {
 constexpr double kMostBytes = 1e15;
 constexpr const char* kCorrectHeader = "correct the header, or check the program that wrote it";
 
-/// Returns the name as the header gives it.
+/// Returns the name of a data file relative to the header's folder.
 std::string nameOf(const std::filesystem::path& data, const std::filesystem::path& header) {
   const std::filesystem::path name = data.lexically_relative(header.parent_path());
   return name.empty() ? data.string() : name.string();
@@ -49,8 +49,9 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
 
 double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data,
                   bool follow) {
-  // The author of a header must not choose which of the user's files are read.
-  std::error_code unread;  // a missing file is rejected with its size below
+  // A data file must lie below the header's folder. Otherwise the author of a header could choose
+  // any of the user's files to be read.
+  std::error_code unread;  // a missing file is rejected below, where its size is read
   const std::filesystem::path folder =
       std::filesystem::weakly_canonical(std::filesystem::absolute(header).parent_path(), unread);
   const std::filesystem::path named =

@@ -31,7 +31,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the reason why an image has no grid.
+/// Returns the reason why no grid was made from an image.
 std::string emptyBecause(const Imported& imported) {
   const Gridded& made = imported.made;
   if (made.holes == made.voxels) return "no voxel has data";
@@ -78,13 +78,14 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
   return out;
 }
 
-/// Returns whether an image is gridded in parts: only if its voxels become bricks.
+/// Returns true if each rank makes only a part of the grid. This is possible only if the voxels of
+/// the image become bricks.
 bool isInParts(const Options& options, ProcessGroup& group) {
   return group.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
 }
 
-/// Returns the slices that a rank needs: its own, those in its bricks' aprons, and the filter's
-/// reach beyond.
+/// Returns the slices that a rank needs: those of its own bricks and their aprons, and the slices
+/// that the smoothing filter reads beyond them.
 Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
   return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
 }
@@ -103,7 +104,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   piece.held = whole.held;
   piece.hidden = whole.hidden;
   if (!shared.isAlone()) {
-    // Selects this rank's part if the reader has read the whole image.
+    // If the reader has read the whole image, selects the slices of this rank.
     imported.share = shared.bricks(whole.size[2]);
     piece.held = neededOf(options, shared, whole.size[2], whole.file_from_index);
     piece.hidden = slicesOf(whole, whole.hidden, *piece.held);
@@ -118,7 +119,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
         smoothImage(piece, array, options.smooth, in, telling.progress, shared);
     telling.stage(array.name);
     imported.smoothing = smoothed.rms_change;
-    // The filter leaves small tails around all objects.
+    // The filter leaves small values around each object, so they become inactive by default.
     if (!options.tolerance) tolerance = 1e-3 * smoothed.range;
   }
   if (options.voxel > 0.0 && !options.iso) {
@@ -134,7 +135,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   return imported;
 }
 
-/// Replaces the only scalar by its level set.
+/// Replaces the only scalar grid by the level set of its isosurface.
 void takeSurface(const Options& options, const std::string& length_unit, const std::string& in,
                  const Telling& telling, Step& step) {
   std::vector<std::string> scalars;
@@ -172,7 +173,7 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   made.quieter_tolerance = 0.0;
 }
 
-/// Sets metadata of origin and processing.
+/// Sets the metadata of a grid: its origin and its processing.
 void setMetadata(const Options& options, const Content& content, const Step& step,
                  const Imported& imported) {
   openvdb::GridBase& grid = *imported.made.grid;
@@ -199,7 +200,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
-  // These entries let a scene guess from the .vdb alone find the same scene.
+  // From these entries, `palpate scene` finds the same scene for the .vdb as this import.
   text(guess::kMetaFrom, imported.image ? "image" : "mesh");
   if (imported.image && !imported.image->empty() && !imported.level_set) {
     const openvdb::Coord size = imported.image->dim();
@@ -216,7 +217,8 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
 }
 
-/// Throws Error if the result does not fit --as. Readers that ignore --as do not check this.
+/// Throws Error if the arrays do not have the meaning that --as states. Needed for readers that
+/// ignore --as.
 void checkAsked(const Request& request, const Content& content) {
   if (request.as.empty()) return;
   const int width = content.pieces.front().arrays.front().values.components();
@@ -269,7 +271,8 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
       continue;
     }
     for (Array& array : piece.arrays) {
-      // Only one array at a time is in memory twice.
+      // Frees each array before the next one is converted, so that only one array is in memory
+      // twice.
       Imported imported =
           fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes, shared);
       const std::string name = imported.made.grid->getName();
@@ -307,7 +310,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
         in, fmt::format("{} cannot be used in a scene ({})", what, refusal),
         "check the sizes, positions and values in the file, or choose arrays with --field");
   };
-  malloc_trim(0);  // returns the grids' memory, because describeGrids needs memory for one grid
+  malloc_trim(0);  // gives free memory back to the system: describeGrids needs memory for one grid
   std::vector<GridInfo> read;
   try {
     read = describeGrids(file);
@@ -315,7 +318,7 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
     const std::string_view why = e.what();
     refused("the result", std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
   }
-  // describeGrids lists vectors by component once more behind the grids.
+  // For each vector, describeGrids adds entries for its components behind the grids.
   for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
     if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
   }
@@ -344,7 +347,8 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
   }
   BrickInput input = brickInput(makeVolume(*grid));
   grid.reset();
-  // Measured values may differ in the last digit between machines.
+  // Uses the metadata of rank 0, because computed values may differ in the last digit between
+  // machines.
   const ProcessGroup::Bytes text = group.gather(std::as_bytes(std::span(input.metadata))).front();
   input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
   (void)writeBricks(folder, input, options);

@@ -1,4 +1,4 @@
-/// Makes grids from an open file, step by step.
+/// Makes the grids of an open file, one time step after another.
 #pragma once
 
 #include <filesystem>
@@ -16,74 +16,77 @@
 
 namespace palpate::importer {
 
-/// The user's options.
+/// Options of the command line.
 struct Options {
   Request request;
   std::filesystem::path out;
-  double voxel = 0.0;   ///< In the file's unit; 0: the image's own, or a suggested edge.
-  double smooth = 0.0;  ///< Standard deviation, in the file's unit; 0: no smoothing.
-  std::optional<double> tolerance;  ///< In the values' unit, >= 0; unset: default.
-  std::optional<double> iso;        ///< Make a level set of the surface of this value.
-  std::string time;                 ///< "", a step's number, or "all".
-  std::filesystem::path scene;      ///< Empty: no scene; -: standard output.
-  bool json = false;                ///< Report as JSON.
-  bool bricks = false;              ///< Write a folder of bricks, not a .vdb.
+  /// Edge of cubic voxels, in the file's unit; 0: the voxels of the image, or a suggested edge for
+  /// a mesh.
+  double voxel = 0.0;
+  /// Standard deviation of the smoothing filter, in the file's unit; 0: no smoothing.
+  double smooth = 0.0;
+  /// Tolerance about the background, in the values' unit, >= 0; unset: default.
+  std::optional<double> tolerance;
+  std::optional<double> iso;    ///< If set, makes a level set of the isosurface of this value.
+  std::string time;             ///< Empty, the number of a step, or "all".
+  std::filesystem::path scene;  ///< File for the scene guess; empty: none; "-": standard output.
+  bool json = false;            ///< Report as JSON.
+  bool bricks = false;          ///< Write a folder of bricks instead of a .vdb.
 };
 
-/// A grid and how it was made.
+/// A grid, and data about its conversion.
 struct Imported {
   Gridded made;
-  std::string unit;    ///< Unit of the values; empty: not known.
+  std::string unit;    ///< Unit of the values; empty: unknown.
   bool axial = false;  ///< The sign of the vectors has no meaning.
   std::optional<ResamplingError> resampling;
-  double voxel = 0.0;      ///< Edge of the resampling.
-  double smoothing = 0.0;  ///< Rms change of the values.
+  double voxel = 0.0;      ///< Edge of the voxels after resampling; 0: not resampled.
+  double smoothing = 0.0;  ///< Root mean square of the changes by smoothing.
   std::optional<LevelSet> level_set;
-  /// Box of an image's voxels, from which a scene knows where the image is cut; empty if resampled.
-  /// Not set for a mesh, whose inactive voxels have no data.
+  /// Box of the image's voxels; a scene guess uses it to find where the image cuts off objects.
+  /// Empty if the image was resampled. No value for a mesh, whose inactive voxels have no data.
   std::optional<openvdb::CoordBBox> image;
-  /// In a process group: the grid is only the part in these bricks (BrickInput::share).
+  /// In a process group: the grid contains only these bricks (BrickInput::share).
   std::optional<Share> share;
 };
 
-/// One step of a file, imported.
+/// Result of importing one time step.
 struct Step {
   std::optional<double> time;
   Modality modality = Modality::kUnknown;
   std::vector<Imported> grids;
-  std::vector<std::string> notes;  ///< Assumptions and losses, a line each.
+  std::vector<std::string> notes;  ///< Assumptions and losses, one line each.
 };
 
-/// Receives the current stage and its progress.
+/// Receives the name of the present stage and its progress.
 struct Telling {
   std::function<void(const std::string& what)> stage;
   Progress progress;
 };
 
-/// Opens the file. In a process group, a rank reads only its own part if the format stores it
-/// separately.
+/// Opens the file. In a process group, each rank reads only its own part if the format allows this.
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                               ProcessGroup& group);
 
-/// Reads a step and makes its grids, with their metadata. If no array varies, the step has no
-/// grids and its notes give the reason. Throws Error.
-/// @param group  Process group. Each rank gets its part of an image's grid (Imported::share). Every
-///               rank gets the whole grid that comes from a mesh, from cubes or from --iso.
+/// Reads a step, makes its grids and sets their metadata. If all arrays are constant, the step has
+/// no grids, and its notes state the reason. Throws Error.
+/// @param group  Process group. Each rank gets its part of an image's grid (Imported::share). A
+///               grid from a mesh, from cubes or from --iso is whole on every rank.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling, ProcessGroup& group);
 
-/// Writes the grids with Blosc, frees them, and reads them back as a scene would. Throws Error if a
-/// grid is rejected; the file then stays.
-/// @param in  Source file of the grids, for errors.
+/// Writes the grids with Blosc compression, frees them, and reads them back as a scene does. Throws
+/// Error if a grid is then rejected; the file remains.
+/// @param in  File that the grids were imported from, for errors.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
-/// Writes the one grid as bricks (samplers/bricks/write_bricks.h), and frees it. Throws Error if
-/// there are several grids. All ranks of the process group have to call it.
+/// Writes the only grid as bricks (samplers/bricks/write_bricks.h), and frees it. Throws Error if
+/// there are several grids. All ranks of the process group must call this function.
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
                    ProcessGroup& group);
 
-/// Returns a first scene for a .vdb with these grids; `vdb` is its path in the scene. Throws
-/// VolumeError if no grid varies.
+/// Returns the scene guess for a .vdb with these grids; `vdb` is its path in the scene. Throws
+/// VolumeError if all grids are constant.
 [[nodiscard]] std::string sceneFor(const std::string& vdb, const Step& step);
 
 }  // namespace palpate::importer

@@ -1,4 +1,4 @@
-/// Makes a level set from a surface of a scalar grid: `--iso`.
+/// Makes a level set from an isosurface of a scalar grid, for `--iso`.
 #pragma once
 
 #include <string>
@@ -10,21 +10,27 @@ namespace palpate::importer {
 
 struct LevelSet {
   openvdb::FloatGrid::Ptr grid;
-  bool solid_above = true;  ///< Solid is where the values are above the iso-value, else below.
-  /// Distance between its surface and the iso-surface of the original's trilinear interpolation, to
-  /// first order, at the edges that cross it [voxels].
+  /// True if the material is where the values exceed the iso-value; false if it is where they are
+  /// below it.
+  bool solid_above = true;
+  /// Distance between the level set's surface and the isosurface of the original's trilinear
+  /// interpolation [voxels]. Computed to first order on the voxel edges that the isosurface
+  /// crosses.
   double rms_error = 0.0;
   double p99_error = 0.0;
   std::uint64_t crossings = 0;
-  double lost = 0.0;  ///< Share of the original's surface that is thinner than the voxels.
+  /// Fraction of the original surface in places that are thinner than the voxels.
+  double lost = 0.0;
 };
 
-/// Returns the distance to the surface `iso`, three voxels to each side, on cubes of edge `voxel`.
-/// If `voxel` is 0, the edge is the smallest of the grid's. The background, which surrounds the
-/// object, is outside. Uses OpenVDB's surface extraction and its distance from a surface. The signs
-/// come from the values, so that cavities stay hollow. Throws VolumeError if no surface has this
-/// value, if all of it is thinner than the voxels, or if the voxels are too many.
-/// @param voxel  Edge of the cubes, in the file's unit, or 0.
+/// Returns the level set of the isosurface at `iso`: the signed distance within three voxels on
+/// each side. Voxels are cubes with edge `voxel`; if it is 0, the edge is the smallest edge of the
+/// grid's voxels. The background, which surrounds the object, is outside.
+///
+/// Uses OpenVDB's surface extraction and its distance from a surface. Takes the signs from the
+/// values, so that cavities stay hollow. Throws VolumeError if no surface has this value, if the
+/// whole surface is thinner than the voxels, or if there would be too many voxels.
+/// @param voxel  Edge of the cubes in the file's unit; 0: see above.
 [[nodiscard]] LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                                   const std::string& file, const Progress& progress);
 

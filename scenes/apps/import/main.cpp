@@ -1,4 +1,4 @@
-/// `palpate-import`: converts files of scanners and solvers to a .vdb that can be felt.
+/// `palpate-import`: converts files of scanners and simulation programs to a .vdb.
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -49,7 +49,8 @@ std::vector<std::size_t> stepsOf(const std::string& time, std::size_t count) {
   return {step};
 }
 
-/// Writes the scene, or adds a note with the reason why it is missing.
+/// Writes the scene guess and returns it. If no grid varies enough, adds a note that says so and
+/// returns an empty text.
 std::string writeScene(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
   teller.stage("scene");
   const bool to_stdout = options.scene == "-";
@@ -66,7 +67,8 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   if (to_stdout) return scene;
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
-  // The parent renames this partial file. A second one would be unknown to the parent.
+  // The parent process knows only this partial file and renames it. Therefore does not try another
+  // name.
   const int descriptor = createNewFile(partial);
   if (descriptor >= 0) {
     std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
@@ -79,8 +81,8 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
               "choose another path, or free space on the disk");
 }
 
-/// Returns a summary of the scene and the suggested next command; a line each.
-/// @param first  The first .vdb; empty: not written.
+/// Returns a summary of the scene and the suggested next command, one line each.
+/// @param first  First .vdb that was written; empty: none.
 std::string lastWords(const Options& options, const fs::path& first, const std::string& scene) {
   std::string text;
   if (!scene.empty()) {
@@ -97,7 +99,7 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
   }
   if (first.empty()) return text;
   const std::string felt = scene.empty() ? first.string() : options.scene.string();
-  // Grids for which no scene was found cannot be felt as they are.
+  // If the scene guess failed, the volume needs a scene before the hand can feel it.
   const bool none = options.bricks || (scene.empty() && !options.scene.empty());
   return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
                            cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
@@ -105,7 +107,7 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
 }
 
 int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
-  // Only rank 0 reports.
+  // In a process group only rank 0 reports.
   Telling telling{[](const std::string& /*what*/) {}, nullptr};
   if (group.rank() == 0) {
     telling = {[&](const std::string& what) { teller.stage(what); },
@@ -151,7 +153,8 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     if (!step.grids.empty()) {
       telling.stage("writing");
       if (options.bricks) {
-        // The folder itself shows whether it is complete, and an interrupted export resumes.
+        // No partial file is announced: a folder of bricks shows by itself whether it is complete,
+        // and an interrupted export resumes.
         writeAsBricks(out, step, telling.progress, group);
       } else {
         const fs::path partial = partialOf(out);
@@ -211,7 +214,8 @@ void check(const Options& options) {
   }
 }
 
-/// OpenVDB's exceptions mean that the file is at fault: its maps and places should be valid.
+/// Imports, and converts OpenVDB's exceptions to VolumeError: they mean that the file has invalid
+/// transforms or positions.
 int import(const Options& options, Teller& teller, ProcessGroup& group) {
   try {
     return importAll(options, teller, group);
@@ -222,7 +226,7 @@ int import(const Options& options, Teller& teller, ProcessGroup& group) {
   }
 }
 
-/// Throws Error if mpirun must not start this import.
+/// Throws Error if this import cannot run in several processes.
 void checkTogether(const Options& options) {
   if (!options.bricks) {
     throw Error("mpirun", "several processes can only write --bricks",
@@ -235,10 +239,10 @@ void checkTogether(const Options& options) {
   }
 }
 
-/// Imports in one process that mpirun has started. Every rank checks its options and files, which
-/// may differ between machines; only one rank reports.
+/// Imports in one of the processes that mpirun has started. Every rank checks its options and
+/// files, because files may differ between machines. Only one rank reports.
 int importTogether(const Options& options) {
-  // MPI ends a process with exit().
+  // MPI may end a process by exit() without a message; then this message is printed.
   const Error silent("mpirun", "this rank stopped without a message",
                      "check the network between the machines, or import the file with one process");
   return runGuarded(
@@ -322,20 +326,21 @@ int main(int argc, char** argv) {
       "  palpate import dicom_folder/ ct.vdb --iso 300\n"
       "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
       "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
-  // If there are several ranks, rank 0 reports for all.
+  // If there are several ranks, only rank 0 reports errors in the options.
   const std::optional<int> rank = importer::rankByEnvironment();
   bool quiet = rank.value_or(0) != 0;
   try {
     app.parse(argc, argv);
-    // A program under mpirun may start another program, which runs alone.
+    // If there is only one rank, it imports without MPI, unless it writes bricks: mpirun may have
+    // started a script that calls this program.
     const bool together = rank && (options.bricks || importer::ranksByEnvironment() > 1);
     if (together) importer::checkTogether(options);
     quiet = false;
     return together ? importer::importTogether(options) : importer::importAlone(options);
-  } catch (const CLI::Success& e) {  // also for --help
+  } catch (const CLI::Success& e) {  // also thrown for --help
     return quiet ? cli::kDone : app.exit(e);
   } catch (const CLI::ParseError& e) {
-    // A nonzero status would make mpirun end the rank that reports.
+    // With a nonzero status, mpirun would end the rank that reports before it can.
     if (quiet) return cli::kDone;
     cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));
   } catch (const Error& e) {

@@ -30,7 +30,8 @@ bool isWedge(int type) {
   return type == VTK_WEDGE || type == VTK_QUADRATIC_WEDGE || type == VTK_QUADRATIC_LINEAR_WEDGE ||
          type == VTK_BIQUADRATIC_QUADRATIC_WEDGE;
 }
-/// Returns whether the cell's coordinates show if a place is inside.
+/// Returns true if the parametric coordinates of a place in a cell of this type show whether the
+/// place is inside the cell.
 bool hasCoordinates(int type) {
   switch (type) {
     case VTK_VOXEL:

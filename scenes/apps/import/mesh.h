@@ -1,4 +1,4 @@
-/// Prepares a solver's mesh for resampling.
+/// Prepares the mesh of a simulation program for resampling.
 #pragma once
 
 #include <memory>
@@ -12,20 +12,22 @@
 
 namespace palpate::importer {
 
-/// Returns the cells that hold data: cells with volume that are neither hidden nor at a hidden
-/// point. Polyhedra, and cells that VTK cannot test for a place inside, are split into tetrahedra.
-/// Null if no cell is left. Lists omitted cells in `notes`. Throws VolumeError if cells refer to
-/// missing points.
+/// Returns the cells with data: cells with a volume that are not hidden and have no hidden point.
+/// Splits polyhedra, and other cells in which VTK cannot locate a place, into tetrahedra. Returns
+/// null if no cell is left. Adds notes about omitted cells. Throws VolumeError if cells refer to
+/// points that do not exist.
 [[nodiscard]] vtkSmartPointer<vtkDataSet> solidCells(vtkDataSet* mesh, const std::string& file,
                                                      std::vector<std::string>& notes);
 
-/// Returns whether a place is inside a cell, by the cell's own coordinates there. VTK's own
-/// answer is wrong for wedges: it accepts their whole bounding boxes.
-/// @param type       Type of the cell, as solidCells returns it.
-/// @param tolerance  Distance outside, in coordinates of 0 to 1, that still counts as inside.
+/// Returns true if a place with these parametric coordinates is inside a cell. VTK's own function
+/// is wrong for wedges: it accepts the whole bounding box.
+/// @param type       Type of the cell, from solidCells.
+/// @param tolerance  Distance outside the cell that still counts as inside, in coordinates of 0 to
+///                   1.
 [[nodiscard]] bool isInsideCell(int type, const double parametric[3], double tolerance);
 
-/// Wraps the cells for resampling, with VTK's own interpolation in the cell that holds a place.
+/// Returns a mesh that can be resampled. Values are interpolated by VTK in the cell that contains
+/// the place.
 [[nodiscard]] std::shared_ptr<const Mesh> meshOf(vtkDataSet* solid);
 
 }  // namespace palpate::importer

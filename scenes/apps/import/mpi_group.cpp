@@ -7,7 +7,7 @@
 #include <thread>
 #include <vector>
 
-// Use only the C interface.
+// Uses only the C interface of MPI.
 #define OMPI_SKIP_MPICXX 1
 #define MPICH_SKIP_MPICXX 1
 #include <mpi.h>
@@ -17,10 +17,10 @@
 namespace palpate::importer {
 namespace {
 
-/// Message that each rank sends when all ranks synchronise.
+/// Message that each rank sends when all ranks synchronize.
 struct Word {
-  std::uint64_t bytes = 0;     ///< Size of its contribution.
-  std::uint64_t gives_up = 0;  ///< 1: it gives up.
+  std::uint64_t bytes = 0;     ///< Number of bytes that the rank will send [bytes].
+  std::uint64_t gives_up = 0;  ///< 1 if the rank has failed.
 };
 
 class MpiGroup final : public ProcessGroup {
@@ -35,7 +35,7 @@ class MpiGroup final : public ProcessGroup {
   MpiGroup(const MpiGroup&) = delete;
   MpiGroup& operator=(const MpiGroup&) = delete;
   ~MpiGroup() override {
-    // MPI_Finalize waits for the other ranks: if they are lost, it would never return.
+    // MPI_Finalize waits for the other ranks. If a rank is lost, it would never return.
     if (!lost_) MPI_Finalize();
   }
 
@@ -48,8 +48,8 @@ class MpiGroup final : public ProcessGroup {
       if (word.gives_up != 0) throw GroupEnded();
     }
     std::vector<Bytes> all(words.size());
-    // From here on every rank has to send its announced bytes. A rank that cannot has lost the
-    // others.
+    // From here on every rank must send the announced bytes. If a rank cannot, its contact with the
+    // others is lost.
     try {
       for (std::size_t r = 0; r < words.size(); ++r) {
         all[r].resize(words[r].bytes);
@@ -77,10 +77,10 @@ class MpiGroup final : public ProcessGroup {
   }
 
  private:
-  /// Broadcasts from one rank to all, in parts: MPI counts with int.
+  /// Sends data from one rank to all, in parts, because MPI counts bytes with an int.
   void share(Bytes& bytes, int from) {
     constexpr std::uint64_t kMost = 1U << 30U;
-    // wait() tests the request until it is done.
+    // wait() tests the request until it is complete.
     // NOLINTNEXTLINE(clang-analyzer-optin.mpi.MPI-Checker)
     for (std::uint64_t at = 0; at < bytes.size(); at += kMost) {
       MPI_Request request{};
@@ -99,7 +99,8 @@ class MpiGroup final : public ProcessGroup {
     return all;  // NOLINT(clang-analyzer-optin.mpi.MPI-Checker): as above
   }
 
-  /// Sleeps while waiting: MPI itself would occupy a core that another rank may need.
+  /// Waits for a request and sleeps in between. MPI's own wait would occupy a core that another
+  /// rank may need.
   void wait(MPI_Request& request) {
     using std::chrono::microseconds;
     constexpr microseconds kLongest(2000);

@@ -1,4 +1,4 @@
-/// Private to the importer: a process group that mpirun has started, if built with MPI.
+/// Private to the importer: the group of processes that mpirun has started, if built with MPI.
 #pragma once
 
 #include <memory>
@@ -8,18 +8,19 @@
 
 namespace palpate::importer {
 
-/// Returns this process's rank from its environment; unset if no mpirun or similar launcher started
-/// it.
+/// Returns the rank of this process from its environment. No value if neither mpirun nor a similar
+/// launcher has started it.
 [[nodiscard]] std::optional<int> rankByEnvironment();
 
-/// Returns the number of ranks from the environment; 1 if not stated.
+/// Returns the number of ranks from the environment; 1 if it is not stated.
 [[nodiscard]] int ranksByEnvironment();
 
-/// Returns true if built with MPI.
+/// Returns true if this program was built with MPI.
 [[nodiscard]] bool canJoinGroup();
 
-/// Joins the other ranks, which have to join too. The group ends when the result is destroyed. Call
-/// this function once, in the process that does the work, and only if canJoinGroup().
+/// Joins the process group. All ranks must call this function. The group ends when the result is
+/// destroyed. Call it only once, in the process that does the work, and only if canJoinGroup() is
+/// true.
 [[nodiscard]] std::unique_ptr<ProcessGroup> joinGroup();
 
 }  // namespace palpate::importer

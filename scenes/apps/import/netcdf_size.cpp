@@ -8,7 +8,8 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads big-endian numbers. `ok` becomes false at the end of the file or at an absurd value.
+/// Reads the big-endian numbers of a header. `ok` becomes false at the end of the file, or if a
+/// number is impossibly large.
 class Header {
  public:
   explicit Header(std::istream& in, int version) : in_(in), version_(version) {}
@@ -22,11 +23,11 @@ class Header {
     }
     return out;
   }
-  /// Counts and lengths are 8 bytes wide in CDF-5.
+  /// Reads a count or a length, which has 8 bytes in CDF-5 and 4 bytes in older versions.
   std::uint64_t count() { return number(version_ == 5 ? 8 : 4); }
   std::uint64_t offset() { return number(version_ == 1 ? 4 : 8); }
   void skip(std::uint64_t bytes) {
-    constexpr std::uint64_t kLongest = 1U << 28U;  // longer than any header
+    constexpr std::uint64_t kLongest = 1U << 28U;  // [bytes]: longer than any real header
     if (bytes > kLongest) {
       ok = false;
       return;
@@ -34,9 +35,10 @@ class Header {
     in_.ignore(static_cast<std::streamsize>((bytes + 3) / 4 * 4));
     ok = ok && !in_.eof();
   }
-  /// Returns the number of elements in a list; an absent list has 0.
+  /// Reads the tag and the length of a list. Returns the number of elements; 0 if the list is
+  /// absent.
   std::uint64_t list() {
-    (void)number(4);  // its tag
+    (void)number(4);  // skips the tag of the list
     const std::uint64_t elements = count();
     if (elements > 1U << 20U) ok = false;
     return ok ? elements : 0;
@@ -57,7 +59,7 @@ std::uint64_t widthOf(std::uint64_t type) {
 void skipAttributes(Header& header) {
   const std::uint64_t attributes = header.list();
   for (std::uint64_t a = 0; a < attributes && header.ok; ++a) {
-    header.skip(header.count());  // name
+    header.skip(header.count());  // skips the name
     const std::uint64_t width = widthOf(header.number(4));
     header.skip(width * header.count());
   }
@@ -83,9 +85,9 @@ std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file) {
   skipAttributes(header);
 
   std::uint64_t end = 0;
-  std::uint64_t record = 0;        // bytes of one record
-  std::uint64_t record_begin = 0;  // of the first record
-  std::uint64_t last_part = 0;     // bytes of the last variable in a record, without padding
+  std::uint64_t record = 0;        // size of one record [bytes]
+  std::uint64_t record_begin = 0;  // offset of the first record [bytes]
+  std::uint64_t last_part = 0;     // size of the last variable in a record, without padding [bytes]
   std::uint64_t parts = 0;
   const std::uint64_t variables = header.list();
   for (std::uint64_t v = 0; v < variables && header.ok; ++v) {
@@ -105,7 +107,7 @@ std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file) {
     }
     skipAttributes(header);
     const std::uint64_t bytes = values * widthOf(header.number(4));
-    (void)header.count();  // the variable's size, which overflows if large
+    (void)header.count();  // skips the stated size, which overflows for large variables
     const std::uint64_t begin = header.offset();
     if (!is_record) {
       end = std::max(end, begin + bytes);
@@ -117,9 +119,9 @@ std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file) {
     last_part = bytes;
   }
   if (!header.ok) return std::nullopt;
-  constexpr std::uint64_t kStreaming = 0xffffffffU;  // the number of records is not known
+  constexpr std::uint64_t kStreaming = 0xffffffffU;  // means that the number of records is unknown
   if (parts > 0 && records > 0 && records != kStreaming) {
-    // A single variable's records are not padded.
+    // If there is only one record variable, its records have no padding.
     const std::uint64_t padding = parts == 1 ? record - last_part : 0;
     const std::uint64_t all = records * (record - padding);
     end = std::max(end, record_begin + all - (parts == 1 ? 0 : (4 - last_part % 4) % 4));

@@ -1,4 +1,4 @@
-/// Replaces read_dicom.cpp if vtk-dicom is missing, as in the program without VTK.
+/// Replaces read_dicom.cpp in a build without vtk-dicom, such as the program without VTK.
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/reader.h"
 

@@ -1,4 +1,4 @@
-/// Replaces mpi_group.cpp if MPI is missing.
+/// Replaces mpi_group.cpp in a build without MPI.
 #include "palpate/scenes/apps/import/mpi_group.h"
 
 namespace palpate::importer {

@@ -1,4 +1,4 @@
-/// Replaces read_nrrd.cpp if teem is missing.
+/// Replaces read_nrrd.cpp in a build without teem.
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/reader.h"
 

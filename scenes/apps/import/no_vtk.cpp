@@ -1,4 +1,4 @@
-/// Replaces read_vtk.cpp and read_meshes.cpp in the program without VTK.
+/// Replaces read_vtk.cpp and read_meshes.cpp in a build without VTK.
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/reader.h"
 

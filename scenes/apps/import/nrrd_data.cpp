@@ -28,7 +28,7 @@ std::string teemError() {
   while (std::getline(lines, line)) {
     if (!line.empty()) last = line;
   }
-  const auto colon = last.find(": ");  // "[nrrd] function: what"
+  const auto colon = last.find(": ");  // the message has the form "[nrrd] function: what"
   if (colon != std::string::npos) last.erase(0, colon + 2);
   for (char& c : last) {
     if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
@@ -71,7 +71,8 @@ void NrrdData::refuse(const std::string& why, const std::string& remedy) const {
   throw VolumeError(request_.file.string(), why, remedy);
 }
 
-/// Rejects long words: teem reads text into a buffer of 1024 characters without a check.
+/// Throws VolumeError if a text file has a word that is too long. teem reads words into a buffer of
+/// 1024 characters without a check.
 void NrrdData::checkWords(std::FILE* in) const {
   const long start = std::ftell(in);
   constexpr int kLongest = 500;
@@ -83,8 +84,8 @@ void NrrdData::checkWords(std::FILE* in) const {
   std::fseek(in, start, SEEK_SET);
 }
 
-/// Unpacks `bytes` bytes of the values of a gzipped part, which begins at `offset`. The first
-/// call verifies the whole part.
+/// Decompresses `bytes` bytes of a gzipped part, from byte `first` of its values on. The compressed
+/// data begin at `offset` in the file. The first call for a part verifies the whole part.
 void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::size_t first,
                           std::size_t bytes, char* to) {
   const auto open = [&] {
@@ -92,7 +93,8 @@ void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::siz
                                       static_cast<std::uint64_t>(offset));
   };
   auto before = static_cast<std::uint64_t>(std::max(skip, 0L));
-  if (skip < 0) {  // counted from the end, known only after unpacking; -1: no skip
+  // the values end `-skip - 1` bytes before the end, which is known only after decompression
+  if (skip < 0) {
     const std::uint64_t needed =
         part_values_ * nrrdElementSize(nrrd_) + (static_cast<std::uint64_t>(-(skip + 1)));
     const std::uint64_t there = open()->finish();
@@ -105,7 +107,7 @@ void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::siz
   if (sound_.insert(part.file).second) in->finish();
 }
 
-/// Reads values [first, first + count) of a part.
+/// Reads the values [first, first + count) of a part.
 void NrrdData::readPart(const NrrdPart& part, std::size_t first, std::size_t count, char* to) {
   const std::string name = part.file.filename().string();
   const NrrdFile in(std::fopen(part.file.c_str(), "rb"));
@@ -122,7 +124,8 @@ void NrrdData::readPart(const NrrdPart& part, std::size_t first, std::size_t cou
     return;
   }
   bool found = true;
-  if (encoding->isCompression == 0 && skip < 0) {  // counted from the end; -1: no skip
+  // the values end `-skip - 1` bytes before the end of the file
+  if (encoding->isCompression == 0 && skip < 0) {
     found = std::fseek(in.get(), -static_cast<long>(part_values_ * size) + skip + 1, SEEK_END) == 0;
   } else if (encoding->isCompression == 0) {
     found = std::fseek(in.get(), skip, SEEK_CUR) == 0;

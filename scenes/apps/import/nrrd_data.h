@@ -1,5 +1,5 @@
-/// Private to the importer: reads the values of an NRRD's data files with teem. This code decides
-/// how much is read, since teem trusts the header in that. It also unpacks gzip: teem does not
+/// Private to the importer: reads the values of NRRD data files with teem. This code limits how
+/// much is read, because teem trusts the header. It also decompresses gzip, because teem does not
 /// verify the checksum.
 #pragma once
 
@@ -22,18 +22,18 @@ struct CloseNrrdFile {
 };
 using NrrdFile = std::unique_ptr<std::FILE, CloseNrrdFile>;
 
-/// Returns the innermost line of teem's error, and clears the error.
+/// Returns the last line of teem's error messages, which states the cause, and clears all messages.
 [[nodiscard]] std::string teemError();
 
-/// The values of all data files of one NRRD, in the order of the header.
+/// Reads the values of all data files of one NRRD, in the order of the header.
 class NrrdData {
  public:
-  /// Checks that the files can hold what the header states, before memory is allocated. Throws
-  /// VolumeError if not.
-  /// @param nrrd, state  Hold the parsed header; have to outlive this object.
+  /// Checks that the files can hold the values that the header describes, before memory is
+  /// allocated. Throws VolumeError if they cannot.
+  /// @param nrrd, state  Parsed header; must outlive this object.
   NrrdData(const Request& request, std::vector<NrrdPart> parts, Nrrd* nrrd, NrrdIoState* state);
 
-  /// Reads values [first, first + count) of all parts together, in this machine's byte order.
+  /// Reads the values [first, first + count) of all parts together, in this machine's byte order.
   /// Throws VolumeError if the data are damaged.
   void read(std::size_t first, std::size_t count, char* to);
 
@@ -48,8 +48,8 @@ class NrrdData {
   std::vector<NrrdPart> parts_;
   Nrrd* nrrd_;
   NrrdIoState* state_;
-  std::size_t part_values_ = 0;            ///< Values of each part.
-  std::set<std::filesystem::path> sound_;  ///< Gzipped parts that were verified.
+  std::size_t part_values_ = 0;            ///< Number of values in each part.
+  std::set<std::filesystem::path> sound_;  ///< Gzipped parts whose checksum was verified.
 };
 
 }  // namespace palpate::importer

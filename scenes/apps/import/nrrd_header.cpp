@@ -16,7 +16,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Converts "name.%03d" and 7 to "name.007". Does not use printf, which would trust the pattern.
+/// Replaces the number format of a pattern: "name.%03d" and 7 give "name.007". Does not call
+/// printf, because a pattern from a file could misuse it.
 std::string numbered(const std::string& pattern, int number, const std::string& file) {
   const auto at = pattern.find('%');
   std::size_t end = at == std::string::npos ? at : at + 1;
@@ -35,7 +36,8 @@ std::string numbered(const std::string& pattern, int number, const std::string& 
   return pattern.substr(0, at) + digits + pattern.substr(end + 1);
 }
 
-/// Parses the text after "data file:", and the lines after it if it is a list.
+/// Parses the data files: the text after "data file:", and the following lines if that text
+/// announces a list.
 std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, const fs::path& file) {
   constexpr int kMost = 1000000;
   const auto besides = [&](const std::string& name) {
@@ -78,7 +80,8 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
       parts.push_back({besides(numbered(first, static_cast<int>(n), file.string())), 0, {}});
     }
   } else {
-    parts.push_back({besides(field), 0, {}});  // may have spaces
+    // the whole text is one name, which may contain spaces
+    parts.push_back({besides(field), 0, {}});
   }
   if (parts.empty())
     throw VolumeError(file.string(), "the header names no data file", kCorrectNrrdHeader);
@@ -91,7 +94,7 @@ void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
   std::string key = lowered(line.substr(0, line.find(':')));
   std::erase(key, ' ');
   if (key != "lineskip" && key != "byteskip") {
-    // Teem prints error messages into 1024 characters.
+    // teem writes error messages, which quote the line, into a buffer of 1024 characters.
     constexpr std::size_t kLongest = 800;
     if (line.size() > kLongest && key == "content") line.resize(kLongest);
     if (line.size() > kLongest) {
@@ -99,7 +102,7 @@ void takeLine(NrrdHeader& header, std::string line, const fs::path& file) {
                         kCorrectNrrdHeader);
     }
     header.lines.push_back(std::move(line));
-    // Debian's teem knows this kind's name but not its size.
+    // The teem of Debian accepts the name of this kind, but does not know its number of components.
     std::string& taken = header.lines.back();
     const auto gradient = key == "kinds" ? taken.find("3-gradient") : std::string::npos;
     if (gradient != std::string::npos) taken.replace(gradient, 10, "3-vector");
@@ -149,7 +152,7 @@ NrrdHeader readNrrdHeader(const fs::path& file) {
       const std::string field = value == std::string::npos ? "" : line.substr(value);
       header.parts = partsOf(field, in, file);
       if (field.rfind("LIST", 0) == 0 || field.rfind("SKIPLIST", 0) == 0) return header;
-      // The lines that follow belong to the header, until an empty line or the end.
+      // The following lines belong to the header, up to an empty line or the end of the file.
       while (std::getline(in, line)) {
         if (!line.empty() && line.back() == '\r') line.pop_back();
         if (line.empty() || header.lines.size() > 10000) break;

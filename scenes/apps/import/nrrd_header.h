@@ -1,5 +1,5 @@
-/// Private to the importer: the text of an NRRD header, apart from the fields that locate the data.
-/// Teem parses the text; this code decides which files are opened.
+/// Private to the importer: reads the text of an NRRD header, and separates the fields that locate
+/// the data. teem parses the remaining text, while this code decides which files are opened.
 #pragma once
 
 #include <filesystem>
@@ -13,14 +13,15 @@ inline constexpr const char* kNrrdDamaged =
     "the file may be truncated or damaged: copy or export it again";
 inline constexpr const char* kCorrectNrrdHeader = "correct the header";
 
-/// A file with a share of the data.
+/// A file that holds a part of the values.
 struct NrrdPart {
   std::filesystem::path file;
-  long offset = 0;           ///< End of an attached header.
-  std::optional<long> skip;  ///< Overrides the header's byte skip.
+  long offset = 0;  ///< Position behind a header in the same file [bytes]; else 0.
+  /// Byte skip of this part; if set, replaces the byte skip of the header.
+  std::optional<long> skip;
 };
 
-/// The header as text, without the fields that locate the data.
+/// A header without the fields that locate the data.
 struct NrrdHeader {
   std::vector<std::string> lines;
   std::vector<NrrdPart> parts;

@@ -28,13 +28,15 @@ Values withThree(const Values& two) {
   return out;
 }
 
-/// Returns a valid grid name: UTF-8 if possible, without control characters, of limited length.
+/// Returns a valid name for a grid, of limited length and without control characters. Invalid UTF-8
+/// is replaced.
 std::string nameOf(std::string name, std::vector<std::string>& notes) {
-  name.erase(name.find_last_not_of(' ') + 1);  // Exodus pads
+  name.erase(name.find_last_not_of(' ') + 1);  // Exodus fills names with spaces
   const std::string given = name;
   constexpr std::size_t kLongest = 100;
   if (name.size() > kLongest) name.resize(kLongest);
-  // Invalid UTF-8 makes nlohmann-json throw; then all characters that are not ASCII are replaced.
+  // If the name is not valid UTF-8, nlohmann-json throws. Then all characters beyond ASCII are
+  // replaced.
   bool plain = true;
   try {
     (void)nlohmann::json(name).dump();
@@ -49,7 +51,8 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
   return name.empty() ? "density" : name;
 }
 
-/// Keeps tensors only in images: directions cannot be interpolated within a mesh's cells.
+/// Returns the arrays in the form that grids need. Tensors of a mesh are left out, because their
+/// directions cannot be interpolated within a cell.
 std::vector<Array> readyArrays(std::vector<Array> given, const Content& content, bool image,
                                std::vector<std::string>& notes) {
   std::vector<Array> arrays;
@@ -85,7 +88,7 @@ std::vector<std::string> namesOf(const std::vector<Piece>& pieces) {
   return names;
 }
 
-/// Joins three scalars to one vector.
+/// Joins three scalar arrays to a vector array.
 Values joined(const std::array<Array*, 3>& parts) {
   const std::size_t count = parts[0]->values.tuples();
   Values out(Type::kFloat32, 3, count);
@@ -118,7 +121,7 @@ std::vector<Piece> makeReady(Content& content, const std::string& file,
     }
   }
   std::erase_if(pieces, [](const Piece& piece) { return piece.arrays.empty(); });
-  // Each grid gets a unique name.
+  // Makes the names of all grids unique.
   std::set<std::string> taken;
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {

@@ -1,4 +1,4 @@
-/// Prepares arrays for grids: one or three values, each array with a unique name.
+/// Prepares arrays for grids: each has one or three components and a unique name.
 #pragma once
 
 #include <string>
@@ -8,20 +8,21 @@
 
 namespace palpate::importer {
 
-/// Makes the arrays ready. Names become valid and unique names of grids; two components get a
-/// third, which is 0; tensors of images become scalars and vectors that can be felt. Omitted arrays
-/// are listed in `notes`. Takes the content's pieces. Throws VolumeError if no array is
-/// left or an image is flat.
+/// Prepares the arrays of a content for grids. Names become valid and unique; arrays with two
+/// components get a third one, which is 0; tensors of images become scalars and vectors. Adds a
+/// note about each omitted array. Moves the pieces out of `content`. Throws VolumeError if no array
+/// is left, or if an image has only one layer of voxels.
 [[nodiscard]] std::vector<Piece> makeReady(Content& content, const std::string& file,
                                            std::vector<std::string>& notes);
 
-/// Keeps the requested arrays, or all if `fields` is empty. If a requested array is missing, throws
-/// VolumeError with a list of the available arrays.
+/// Removes arrays that were not requested; keeps all if `fields` is empty. If a requested array is
+/// missing, throws VolumeError with a list of the available arrays.
 void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
             const std::string& file);
 
-/// Joins arrays of one unit that are components of a vector by their names (components.h), with a
-/// note for each vector. If `fields` is not empty, joins only the vectors that it names.
+/// Joins arrays that are the components of a vector according to their names (components.h) and
+/// have the same unit. Adds a note about each vector. If `fields` is not empty, makes only the
+/// vectors that it names.
 void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
                     std::vector<std::string>& notes);
 

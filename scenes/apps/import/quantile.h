@@ -1,4 +1,4 @@
-/// Finds the value below which a given share of values lies.
+/// Computes quantiles of values.
 #pragma once
 
 #include <algorithm>
@@ -8,8 +8,10 @@
 
 namespace palpate::importer {
 
-/// Returns the quantile of the values, or 0 if there are no values. Reorders `values`.
-/// @param share  0 (the lowest) to 1. 0.5 gives the median; for an even count, the upper one.
+/// Returns the value below which the fraction `share` of all values lies; 0 if there are no values.
+/// Changes the order of `values`.
+/// @param share  0 (lowest value) to 1. For 0.5 and an even number of values, returns the upper of
+///               the two middle values.
 template <class T>
 [[nodiscard]] T quantile(std::vector<T>& values, double share) {
   if (values.empty()) return T(0);

@@ -1,5 +1,5 @@
-/// Reads DICOM series through vtk-dicom, which unpacks pixels. dicom_header.h reads the headers;
-/// dicom_stack.h selects the images of a volume.
+/// Reads DICOM series through vtk-dicom, which decodes the pixels. dicom_header.h reads the
+/// headers. dicom_stack.h selects the images that make a volume.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -33,7 +33,8 @@ namespace fs = std::filesystem;
 
 constexpr const char* kAgain = "copy or export the file again";
 
-/// Returns the DICOM files of a folder by name; adds its subfolders to `folders`.
+/// Returns the DICOM files of a folder in the order of their names. Adds the folder's subfolders to
+/// `folders`.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -54,7 +55,7 @@ std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>
   return files;
 }
 
-/// Specifies the frames of a file, and their order, to vtkDICOMReader.
+/// Selects the frames of a file and their order for vtkDICOMReader.
 class Order final : public vtkDICOMSliceSorter {
  public:
   explicit Order(std::vector<int> frames) : frames_(std::move(frames)) { InitializeObjectBase(); }
@@ -75,7 +76,7 @@ class Order final : public vtkDICOMSliceSorter {
   std::vector<int> frames_;
 };
 
-/// Marks the stored values that are padding; empty if no value is.
+/// Returns an array that is not 0 where a stored value is padding; empty if there is no padding.
 Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   const bool any = std::any_of(slices.begin(), slices.end(),
                                [](const Slice& s) { return !std::isnan(s.padding[0]); });
@@ -99,10 +100,11 @@ Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   return found ? hidden : Values();
 }
 
-/// Returns slope * stored + intercept, slice by slice: 16 bits if exact, else floats. Does not use
-/// vtkDICOMReader's rescaling: it allows for all values that the bits could hold. Therefore it
-/// clips, or doubles the memory of, the output of most scanners.
-/// @param hidden  Not 0 where a value is padding; or null.
+/// Returns slope * stored + intercept for each slice, as 16-bit integers if these are exact,
+/// otherwise as floats. Does not use vtkDICOMReader's own rescaling, which chooses the type for all
+/// values that the stored bits could have. For most scanners that would clip values or double the
+/// memory.
+/// @param hidden  Not 0 where a value is padding; may be null.
 Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
                       const std::uint8_t* hidden) {
   const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
@@ -152,7 +154,7 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
     }
     Values floats(Type::kFloat32, 1, stored.tuples());
     fill(values, floats.as<float>());
-    // If each slice has its own scale, these two slices can lose most.
+    // One of these two slices loses more accuracy as floats than all other slices.
     const auto [least, most] = std::minmax_element(
         slices.begin(), slices.end(),
         [](const Slice& a, const Slice& b) { return std::abs(a.slope) < std::abs(b.slope); });
@@ -162,9 +164,9 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
   });
 }
 
-/// Collects damage messages of GDCM, which unpacks for vtk-dicom. GDCM does not report a damaged
-/// picture, but its JPEG library prints a message. This object captures standard error while it
-/// lives, and drops GDCM's other output.
+/// Collects messages about damaged images from GDCM, which decodes pixels for vtk-dicom. GDCM
+/// returns no error for a damaged image, but its JPEG library prints a message. While this object
+/// exists, it captures standard error and discards the other messages.
 class Overheard {
  public:
   Overheard() : chat_(std::cerr.rdbuf(nullptr)), file_(std::tmpfile()) {
@@ -182,10 +184,11 @@ class Overheard {
       ::close(kept_);
     }
     if (file_ != nullptr) std::fclose(file_);
-    std::cerr.rdbuf(chat_);  // clears the errors that a null buffer caused
+    std::cerr.rdbuf(chat_);  // also clears the error flags that the missing buffer has caused
   }
 
-  /// Returns the first line about damage. Extraneous bytes are harmless.
+  /// Returns the first line that reports damage; an empty text if there is none. A line about
+  /// extraneous bytes does not count, because they are harmless.
   [[nodiscard]] std::string damage() const {
     std::fflush(stderr);
     if (file_ == nullptr) return "";
@@ -237,7 +240,8 @@ class DicomReader final : public Reader {
                                      static_cast<int>(slices.size())};
     const Values stored = storedOf(slices);
 
-    // Keep only the values: the reader's image holds the whole header, with the patient's name.
+    // Keeps only the values. The image that the reader returns also holds the header, with the
+    // patient's name.
     Content content;
     Piece image;
     image.size = size;
@@ -255,7 +259,8 @@ class DicomReader final : public Reader {
   }
 
  private:
-  /// Reads file by file: errors name the damaged file, and files of different kinds do not mix.
+  /// Reads one file after another, so that an error can name the damaged file. Files may have
+  /// different types of pixels.
   Values storedOf(const std::vector<Slice>& slices) const {
     using Places = std::vector<std::size_t>;
     std::map<std::size_t, Places> of_file;
@@ -287,7 +292,7 @@ class DicomReader final : public Reader {
     return out;
   }
 
-  /// Returns the stored values of these frames; empty if the file has no pixels.
+  /// Returns the stored values of some frames of a file; empty if the file has no pixels.
   Values framesOf(std::size_t file, const std::vector<int>& frames) const {
     const auto sorter = vtkSmartPointer<Order>::Take(new Order(frames));
     vtkNew<vtkDICOMReader> reader;
@@ -310,8 +315,8 @@ class DicomReader final : public Reader {
     return values == nullptr ? Values() : valuesOf(values);
   }
 
-  /// Describes the scan, never the patient. No name, number, birth date, day, place, physician or
-  /// identity that leads to them may reach the output.
+  /// Describes the scan, and never the patient. No name, number, birth date, day, place, physician
+  /// or identity that leads to them may reach the output.
   void describe(Content& content) const {
     content.description = head_.description;
     if (!head_.study.empty() && head_.study != head_.description) {
@@ -323,7 +328,7 @@ class DicomReader final : public Reader {
     } else if (head_.modality == "MR") {
       content.modality = Modality::kMr;
     }
-    // US means unspecified.
+    // The unit US means unspecified.
     if (!head_.unit.empty() && head_.unit != "US") content.value_unit["density"] = head_.unit;
   }
 
@@ -334,7 +339,7 @@ class DicomReader final : public Reader {
   std::vector<bool> is_packed_;
 };
 
-/// Returns the files below a study's or a patient's folder.
+/// Returns the DICOM files in and below the folders of a study or a patient.
 std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
   constexpr int kDeepest = 3;  // patient, study, series
   std::vector<fs::path> files;
@@ -342,7 +347,7 @@ std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
     std::vector<fs::path> inner;
     for (const fs::path& folder : folders) {
       std::error_code error;
-      if (fs::is_symlink(folder, error)) continue;  // it may form a cycle
+      if (fs::is_symlink(folder, error)) continue;  // a link may lead back to a folder above
       const std::vector<fs::path> more = dicomFilesOf(folder, &inner);
       files.insert(files.end(), more.begin(), more.end());
     }
@@ -359,7 +364,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   if (!is_folder && !isDicom(request.file)) {
     throw VolumeError(request.file.string(), "the DICOM file is packed", "unpack it");
   }
-  // A single file selects its series, unless another series is requested.
+  // If the user gives a single file, imports the series of that file, unless --series names another
+  // one.
   Request wanted = request;
   if (!is_folder && wanted.series.empty()) {
     const File file = headerOf(request.file);
@@ -386,7 +392,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   std::vector<File> files;
   files.reserve(paths.size());
   for (const fs::path& path : paths) files.push_back(headerOf(path));
-  // A damaged file without series identity may belong to any series.
+  // A damaged file without a series UID may belong to the requested series, so it is reported.
   for (const File& file : files) {
     if (file.damage.empty() || (!file.series.empty() && file.is_image)) continue;
     throw VolumeError(file.path.string(), file.damage, kAgain);

@@ -1,4 +1,4 @@
-/// Reads solvers' files, Exodus II, CGNS, OpenFOAM and PLOT3D, through VTK.
+/// Reads files of simulation programs through VTK: Exodus II, CGNS, OpenFOAM and PLOT3D.
 #include <algorithm>
 #include <array>
 #include <filesystem>
@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the times that a reader has announced.
+/// Returns the times that a VTK reader has announced.
 std::vector<double> timesOf(vtkAlgorithm* reader) {
   vtkInformation* information = reader->GetOutputInformation(0);
   auto* key = vtkStreamingDemandDrivenPipeline::TIME_STEPS();
@@ -46,8 +46,8 @@ class ExodusReader final : public Reader {
     reader_->ApplyDisplacementsOff();
     reader_->UpdateInformation();
     times_ = timesOf(reader_);
-    // Reads only the requested arrays. If all of them are missing, reads all, so that they can be
-    // listed.
+    // Reads only the requested arrays. If none of them exists, reads all arrays, so that the error
+    // can list them.
     constexpr std::array kTypes{vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK};
     bool any = false;
     for (const int type : kTypes) {
@@ -88,7 +88,7 @@ class ExodusReader final : public Reader {
   std::vector<double> times_;
 };
 
-/// Reads OpenFOAM's values by cell; values of its patches are ignored.
+/// Reads the values of an OpenFOAM case by cell; ignores values on boundary patches.
 class FoamReader final : public Reader {
  public:
   explicit FoamReader(const Request& request) : request_(request) {
@@ -107,7 +107,7 @@ class FoamReader final : public Reader {
       throw VolumeError(request.file.string(), "the case is decomposed into one part per processor",
                         "run reconstructPar");
     }
-    // Time 0 is the solver's input.
+    // Skips time 0, which is the input of the simulation, unless there is no other time.
     for (const bool skip_zero : {true, false}) {
       reader_ = vtkSmartPointer<vtkOpenFOAMReader>::New();
       reader_->SetFileName(control.c_str());
@@ -136,7 +136,7 @@ class FoamReader final : public Reader {
     Content content;
     content.pieces = piecesOf(reader_->GetOutput(), request_.file.string(), content.notes);
     content.length_unit = "m";
-    // Names have the form "U [m s^-1]".
+    // Splits array names such as "U [m s^-1]" into the name and the unit.
     for (Piece& piece : content.pieces) {
       for (Array& array : piece.arrays) array.name = withoutUnit(array.name, content.value_unit);
     }
@@ -206,8 +206,8 @@ bool isCgns(const Request& request) {
   return reader->CanReadFile(request.file.c_str()) != 0;
 }
 
-/// Drops arrays that VTK derives from a file's energy if they are impossible. A pressure and a
-/// temperature are not negative, except at a few points that a solver has not solved well.
+/// Removes arrays that VTK derives from a file's energy, if they are impossible. Pressure and
+/// temperature cannot be negative, except at a few points where the simulation was inaccurate.
 void dropImpossible(Content& content) {
   constexpr double kFew = 0.01;
   for (Piece& piece : content.pieces) {

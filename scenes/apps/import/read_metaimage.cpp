@@ -1,5 +1,5 @@
-/// Reads MetaImage (.mha, .mhd) without VTK. VTK 9.1 ignores the image's position in the header and
-/// reads missing files as zeros; its MetaIO library crashes on damaged headers.
+/// Reads MetaImage (.mha, .mhd) without VTK. VTK 9.1 ignores the image's position in the header,
+/// and reads missing files as zeros. Its MetaIO library crashes on damaged headers.
 #include <algorithm>
 #include <bit>
 #include <cctype>
@@ -33,13 +33,13 @@ std::string trimmed(const std::string& text) {
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
-/// A file with a share of the values.
+/// A file that holds a part of the values.
 struct Part {
   fs::path file;
   std::uintmax_t offset = 0;
 };
 
-/// Content of a header's text.
+/// Parses a header and locates its values.
 class Header {
  public:
   explicit Header(const Request& request) : file_(request.file), follow_(request.follow) {
@@ -70,7 +70,7 @@ class Header {
     throw VolumeError(file_.string(), why, remedy);
   }
 
-  /// Returns the text of the first of these fields that is present, or "".
+  /// Returns the text of the first of these fields that is in the header; an empty text if none is.
   [[nodiscard]] std::string text(std::initializer_list<const char*> keys) const {
     for (const char* key : keys) {
       const auto at = fields_.find(key);
@@ -79,7 +79,8 @@ class Header {
     return "";
   }
 
-  /// Returns as many numbers as expected; empty if the field is absent.
+  /// Returns the numbers of a field; empty if the field is absent. Throws VolumeError unless there
+  /// are as many as expected.
   [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
                                             std::size_t count) const {
     std::istringstream words(text(keys));
@@ -132,10 +133,11 @@ class Header {
     return count.empty() ? 1 : static_cast<int>(count[0]);
   }
 
-  /// Returns whether slices can be read separately.
+  /// Returns true if single slices can be read, because the data are neither text nor compressed.
   [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
 
-  /// Returns the values of these slices: all, or a part of a seekable image. Throws VolumeError.
+  /// Returns the values of these slices. They must be all slices, unless isSeekable() is true.
+  /// Throws VolumeError.
   [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
     Values values;
     const std::vector<double> n = sizes();
@@ -157,7 +159,7 @@ class Header {
   }
 
  private:
-  /// Reads data files that have equal numbers of slices.
+  /// Reads slices from data files that each have the same number of slices.
   void readSlices(const Slab& slices, std::size_t count, const Values& values,
                   const Progress& progress) const {
     const std::size_t each = count / parts_.size();
@@ -210,7 +212,7 @@ class Header {
         if (!(in >> value))
           refuse("a value is not a number, or the values end too early", kCorrectHeader);
         if constexpr (std::is_integral_v<T>) {
-          // Limits the value to the range of the type.
+          // Clamps the value to the range of the type.
           value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
                              std::nexttoward(std::ldexp(1.0, std::numeric_limits<T>::digits), 0));
         }
@@ -254,7 +256,7 @@ class Header {
     checkData(bytes, sizes[2]);
   }
 
-  /// Locates the values, and checks before memory is allocated that the files can hold them.
+  /// Locates the values. Checks that the files can hold them, before memory is allocated.
   void checkData(double bytes, double slices) {
     const std::string name = text({"ElementDataFile"});
     if (name.empty()) refuse("the header has no ElementDataFile", kCorrectHeader);
@@ -288,7 +290,8 @@ class Header {
     }
   }
 
-  /// Returns the files of "slice%03d.raw 1 93 1", one for each slice.
+  /// Returns the file names that a pattern such as "slice%03d.raw 1 93 1" stands for, one for each
+  /// slice.
   [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
     constexpr double kMost = 100000.0;
     if (slices > kMost)
@@ -330,7 +333,7 @@ class Header {
   std::map<std::string, std::string> fields_;
   std::vector<std::string> list_;
   std::vector<Part> parts_;
-  std::uintmax_t offset_ = 0;  ///< End of the header.
+  std::uintmax_t offset_ = 0;  ///< End of the header in the file [bytes].
 };
 
 class MetaImageReader final : public Reader {
@@ -342,7 +345,7 @@ class MetaImageReader final : public Reader {
     Piece image;
     const std::vector<double> sizes = header_.sizes();
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
-    // If the header names patient axes, ITK's physical space is the patient's, x to the left and y
+    // If the header names the patient's axes, positions are in the space of ITK: x to the left, y
     // to the back.
     const std::string axes = header_.text({"AnatomicalOrientation"});
     const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
@@ -357,7 +360,7 @@ class MetaImageReader final : public Reader {
     if (header_.text({"Modality"}) == "MET_MOD_MR") content.modality = Modality::kMr;
     content.description = header_.text({"Comment", "Name"});
     const std::string unit = header_.text({"DistanceUnits"});
-    content.length_unit = unit.empty() || unit == "?" ? "mm" : unit;  // MetaIO's default
+    content.length_unit = unit.empty() || unit == "?" ? "mm" : unit;  // default unit of MetaIO
     return content;
   }
 
@@ -366,7 +369,7 @@ class MetaImageReader final : public Reader {
     Affine map;
     const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
     if (spacing.empty()) notes.emplace_back("no ElementSpacing: a spacing of 1 is assumed");
-    // A row of the text is the direction of an axis.
+    // Each row of the text is the direction of one axis.
     const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
     for (int axis = 0; axis < 3; ++axis) {
       for (int d = 0; d < 3 && !matrix.empty(); ++d) {

@@ -1,4 +1,4 @@
-/// Reads netCDF files with CF conventions, as weather and ocean models write them.
+/// Reads netCDF files with CF conventions, which weather and ocean models write.
 #include "palpate/scenes/apps/import/read_netcdf.h"
 
 #include <algorithm>
@@ -30,7 +30,7 @@ enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime, kNoSpace };
 struct Dimension {
   std::string name;
   std::size_t length = 0;
-  int variable = -1;  ///< Variable of its positions.
+  int variable = -1;  ///< Index of the variable with its positions; -1: none.
   Is is = Is::kUnknown;
 };
 
@@ -44,7 +44,7 @@ bool contains(const std::string& text, std::string_view what) {
   return text.find(what) != std::string::npos;
 }
 
-/// A file that the netCDF library has open.
+/// An open file of the netCDF library.
 class File {
  public:
   explicit File(const std::filesystem::path& path) : path_(path) {
@@ -89,7 +89,7 @@ class File {
                        [&](const Dimension& d) { return d.variable == variable; });
   }
 
-  /// Returns an attribute's text; empty if absent.
+  /// Returns the text of an attribute; an empty text if it is absent.
   [[nodiscard]] std::string text(int variable, const char* name) const {
     nc_type type = NC_NAT;
     std::size_t length = 0;
@@ -109,7 +109,7 @@ class File {
     return out;
   }
 
-  /// Returns an attribute's numbers; empty if absent.
+  /// Returns the numbers of an attribute; empty if it is absent.
   [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const {
     nc_type type = NC_NAT;
     std::size_t length = 0;
@@ -123,13 +123,13 @@ class File {
     return out;
   }
 
-  /// Reads values from `start` on, `count` along each dimension.
+  /// Reads the values of a variable from the indices `start` on, `count` along each dimension.
   void read(int variable, const std::vector<std::size_t>& start,
             const std::vector<std::size_t>& count, double* to) const {
     check(nc_get_vara_double(id_, variable, start.data(), count.data(), to));
   }
 
-  /// Returns the positions along a dimension; numbers from 0 if not in the file.
+  /// Returns the positions along a dimension; indices from 0 if the file has no positions.
   [[nodiscard]] std::vector<double> positions(int d) const {
     const Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];
     checkAbsurd(static_cast<double>(dimension.length));
@@ -142,7 +142,8 @@ class File {
     return out;
   }
 
-  /// Rejects more values than the file can hold, even at the best compression.
+  /// Throws VolumeError if there are more values than the file could hold at the best possible
+  /// compression.
   void checkAbsurd(double values) const {
     std::error_code error;
     const auto there = static_cast<double>(std::filesystem::file_size(path_, error));
@@ -160,8 +161,8 @@ class File {
                       "the file may be truncated or damaged: copy or export it again");
   }
 
-  /// Classifies a dimension by the variable of the same name: its axis, units, standard name and
-  /// name.
+  /// Finds the meaning of a dimension from the variable with the same name: from its axis, units,
+  /// standard name and name.
   void see(int d) {
     Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];
     for (std::size_t v = 0; v < variables_.size(); ++v) {
@@ -176,7 +177,8 @@ class File {
     const auto named = [&](std::initializer_list<const char*> names) {
       return std::find(names.begin(), names.end(), name) != names.end();
     };
-    // Members of an ensemble, and forecast steps beside a time axis.
+    // These dimensions are not in space: the members of an ensemble, and forecast steps beside a
+    // time dimension.
     const std::string standard =
         dimension.variable < 0 ? "" : text(dimension.variable, "standard_name");
     if (standard == "realization" || standard == "forecast_period" ||
@@ -213,11 +215,11 @@ class File {
   std::vector<Variable> variables_;
 };
 
-/// A variable with its dimensions in space and time.
+/// A variable whose dimensions are a volume, or a volume and time.
 struct Field {
   int variable = 0;
-  std::array<std::size_t, 3> axes{};  ///< Its dimensions that are x, y and z.
-  std::optional<std::size_t> time;    ///< The dimension that is time.
+  std::array<std::size_t, 3> axes{};  ///< Indices of its dimensions that are x, y and z.
+  std::optional<std::size_t> time;    ///< Index of its time dimension; no value if it has none.
 };
 
 class NetcdfReader final : public Reader {
@@ -247,7 +249,7 @@ class NetcdfReader final : public Reader {
     content.notes = left_;
     const bool asked = std::any_of(fields_.begin(), fields_.end(),
                                    [&](const Field& field) { return isAsked(nameOf(field)); });
-    // Fields on one grid are read together.
+    // Reads all fields on the same grid together.
     std::map<std::vector<int>, std::vector<const Field*>> grids;
     for (const Field& field : fields_) {
       if (asked && !isAsked(nameOf(field))) continue;
@@ -296,7 +298,7 @@ class NetcdfReader final : public Reader {
     return file_.variables()[static_cast<std::size_t>(field.variable)].dimensions;
   }
 
-  /// Takes a variable if its dimensions form a volume.
+  /// Adds a variable to the fields if its dimensions are a volume.
   void find(int v) {
     const Variable& variable = file_.variables()[static_cast<std::size_t>(v)];
     if (variable.dimensions.size() < 3 || variable.type == NC_CHAR || variable.type > NC_UINT64 ||
@@ -330,7 +332,8 @@ class NetcdfReader final : public Reader {
         unknown.push_back(i);
       }
     }
-    // If no dimension is marked as x, the last dimension, which is the fastest, is x.
+    // Dimensions of unknown meaning become x, y and z from the last one on: the last dimension is
+    // the fastest.
     for (std::optional<std::size_t>& axis : axes) {
       if (axis || unknown.empty()) continue;
       axis = unknown.back();
@@ -340,7 +343,7 @@ class NetcdfReader final : public Reader {
       return leave("the variable has fewer than three dimensions of space");
     }
     for (std::size_t a = 0; a < 3; ++a) field.axes[a] = *axes[a];
-    // Rejects positions that depend on two dimensions.
+    // Rejects variables on curvilinear grids, whose positions depend on two dimensions.
     const std::string coordinates = file_.text(v, "coordinates");
     for (std::size_t c = 0; c < file_.variables().size(); ++c) {
       const Variable& other = file_.variables()[c];
@@ -396,7 +399,8 @@ class NetcdfReader final : public Reader {
     return axis;
   }
 
-  /// Reads one step, x fastest: unpacked, NaN where missing.
+  /// Reads one step of a field with x fastest. Packed values are unpacked, and missing values are
+  /// NaN.
   [[nodiscard]] Values valuesOf(const Field& field, std::size_t step) const {
     const std::vector<int>& own = dimensionsOf(field);
     std::array<std::size_t, 3> size{};
@@ -418,7 +422,7 @@ class NetcdfReader final : public Reader {
       low = range[0];
       high = range[1];
     }
-    // The classic format has no unsigned types.
+    // The classic format has no unsigned types, so an attribute states that values are unsigned.
     const bool is_unsigned = file_.text(v, "_Unsigned") == "true";
     const double bits = !is_unsigned       ? 0.0
                         : type == NC_BYTE  ? 8.0
@@ -433,7 +437,7 @@ class NetcdfReader final : public Reader {
     const bool fits = packed || type == NC_FLOAT || type == NC_BYTE || type == NC_UBYTE ||
                       type == NC_SHORT || type == NC_USHORT;
     Values out(fits ? Type::kFloat32 : Type::kFloat64, 1, size[0] * size[1] * size[2]);
-    // Reads a plane at a time; the file decides which of the plane's axes is faster.
+    // Reads one plane at a time. The file decides which axis of the plane is faster.
     std::vector<double> plane(size[0] * size[1]);
     const bool x_last = field.axes[0] > field.axes[1];
     std::vector<std::size_t> start(own.size(), 0);
@@ -462,7 +466,8 @@ class NetcdfReader final : public Reader {
     return out;
   }
 
-  /// Returns the library's fill value for data that were never written; bytes have no fill value.
+  /// Returns the library's fill value, which marks values that were never written. Types of one
+  /// byte have no fill value.
   static double fillOf(nc_type type) {
     switch (type) {
       case NC_SHORT:

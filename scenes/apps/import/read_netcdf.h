@@ -7,7 +7,7 @@
 
 namespace palpate::importer {
 
-/// Reads the file by the CF conventions. Throws VolumeError.
+/// Opens a file with CF conventions. Throws VolumeError.
 [[nodiscard]] std::unique_ptr<Reader> openCf(const Request& request);
 
 }  // namespace palpate::importer

@@ -1,6 +1,7 @@
-/// Reads NIfTI-1 and -2 without libnifti, which reads values that are not numbers as zeros and
-/// reports damage only to standard error. The file's own space is the sform, else the qform, else
-/// the spacing; it is RAS by definition. Source: nifti.nimh.nih.gov, nifti1.h and nifti2.h.
+/// Reads NIfTI-1 and NIfTI-2 without libnifti, which reads values that are not numbers as zeros and
+/// reports damage only on standard error. The space of the file is given by the sform, else by the
+/// qform, else by the spacing. By definition it is RAS: +x right, +y front, +z up. Source: nifti1.h
+/// and nifti2.h of nifti.nimh.nih.gov.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -28,16 +29,18 @@ constexpr const char* kCheckWriter = "check the program that wrote the file";
 constexpr const char* kAsFsl =
     "along the voxel axes, as FSL writes them (x is mirrored if the axes are right-handed)";
 
-/// The header's numbers, for both versions and byte orders.
+/// The numbers of a header, for both versions and both byte orders.
 struct Header {
   bool swapped = false;
-  bool single = false;  ///< The values are in the same file.
+  /// True if header and values are in one file; false for a pair .hdr and .img.
+  bool single = false;
   int intent = 0;
   int type = 0;
   int bits = 0;
-  std::array<std::int64_t, 8> size{};  ///< size[0]: number of dimensions; the others at least 1.
-  std::array<double, 8> spacing{};     ///< spacing[0]: the qform's handedness.
-  double offset = 0.0;                 ///< Start of the values [bytes].
+  /// size[0] is the number of dimensions; the others are at least 1.
+  std::array<std::int64_t, 8> size{};
+  std::array<double, 8> spacing{};  ///< spacing[0] is the handedness of the qform.
+  double offset = 0.0;              ///< Start of the values in their file [bytes].
   double slope = 0.0;
   double intercept = 0.0;
   double start = 0.0;
@@ -47,11 +50,11 @@ struct Header {
   int sform = 0;
   std::array<double, 3> quaternion{};
   std::array<double, 3> shift{};
-  std::array<double, 12> rows{};  ///< The sform's.
+  std::array<double, 12> rows{};  ///< The rows of the sform's matrix.
   std::string description;
 };
 
-/// Reads numbers from a header's bytes.
+/// Reads numbers from the bytes of a header.
 class Fields {
  public:
   Fields(const std::array<char, 540>& bytes, bool swapped) : bytes_(&bytes), swapped_(swapped) {}
@@ -63,7 +66,7 @@ class Fields {
     if (swapped_) std::reverse(raw.begin(), raw.end());
     return std::bit_cast<T>(raw);
   }
-  /// Reads several numbers in a row.
+  /// Reads an array of numbers.
   template <class T, class Out, std::size_t N>
   void take(std::size_t byte, std::array<Out, N>& out) const {
     for (std::size_t i = 0; i < N; ++i) out[i] = static_cast<Out>(at<T>(byte + i * sizeof(T)));
@@ -124,7 +127,7 @@ Header headerFrom(const std::array<char, 540>& bytes, bool second) {
   for (std::size_t i = 1; i < 8; ++i) {
     if (static_cast<std::int64_t>(i) > out.size[0]) out.size[i] = 1;
   }
-  // In a single file the values cannot begin within the header.
+  // In a single file the values start behind the header.
   if (out.single) out.offset = std::max(out.offset, length + 4.0);
   return out;
 }
@@ -201,7 +204,7 @@ class NiftiReader final : public Reader {
     constexpr int kVector = 1007;
     if (size[4] == 3 && size[5] == 1 &&
         (header_.intent == kVector || header_.intent == kDisplacement)) {
-      // Components are stored as time steps, but the intent marks them as a vector's.
+      // Some files store components as time steps; the intent code says that they are components.
       header_.size[5] = 3;
       header_.size[4] = 1;
       series_ = false;
@@ -232,8 +235,8 @@ class NiftiReader final : public Reader {
     notes_.push_back(std::string("components are read ") + kAsFsl);
   }
 
-  /// Detects directions of fibres, which FSL writes as three volumes: a vector of length 1 or 0 at
-  /// each voxel. They are not a time series.
+  /// Detects files of FSL with fibre directions. FSL stores a vector as three volumes, which look
+  /// like a time series. The vectors have length 1, or 0 where there is no fibre.
   void findDirections() {
     if (!series_ || header_.size[4] != 3 || header_.size[5] != 1 || !request_.as.empty()) return;
     if (type_ != Type::kFloat32 && type_ != Type::kFloat64) return;
@@ -313,7 +316,8 @@ class NiftiReader final : public Reader {
     }
   }
 
-  /// Checks that the file can hold what its header states, before memory is allocated.
+  /// Checks that the file can hold the values that its header describes, before memory is
+  /// allocated.
   void weigh() const {
     const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
     const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
@@ -324,7 +328,7 @@ class NiftiReader final : public Reader {
               isGzip(data) ? leastDeflated(least) : least);
   }
 
-  /// Returns the second of the pair name.hdr and name.img.
+  /// Returns the file with the values: for a pair name.hdr and name.img, the second one.
   [[nodiscard]] fs::path dataFile() const {
     fs::path data = request_.file;
     const bool packed = data.extension() == ".gz";
@@ -338,7 +342,7 @@ class NiftiReader final : public Reader {
     return packed || fs::exists(gz, error) ? gz : data;
   }
 
-  /// Reads one step. A voxel's components are separate volumes in the file.
+  /// Reads one step. If a voxel has several components, they are separate volumes in the file.
   [[nodiscard]] Values readValues(std::size_t step, const Slab& slices) {
     const auto& size = header_.size;
     const std::size_t slice = static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(size[2]);
@@ -346,7 +350,7 @@ class NiftiReader final : public Reader {
     const auto steps = static_cast<std::size_t>(size[4]);
     const std::size_t components =
         as_components_ ? steps : static_cast<std::size_t>(std::max<std::int64_t>(size[5], 1));
-    // Distance between the volumes of two components.
+    // Distance in the file between the volumes of two components [volumes].
     const std::size_t stride = as_components_ ? 1 : steps;
     const fs::path data = dataFile();
     Unpacked in(request_.file, data);
@@ -382,7 +386,7 @@ class NiftiReader final : public Reader {
     } catch (const std::bad_alloc&) {
       refuse("the values need more memory than is free", "export and import a smaller part");
     }
-    // The whole file is verified once, also for a series.
+    // Verifies the checksum of the whole file, once for all steps.
     if (!sound_) in.finish();
     sound_ = true;
     if (header_.swapped) swapBytes(values.data(), values.size(), values.bytesEach());
@@ -405,7 +409,7 @@ class NiftiReader final : public Reader {
     if (header_.qform > 0) {
       const auto [b, c, d] = header_.quaternion;
       const double rest = 1.0 - (b * b + c * c + d * d);
-      // If rest is 0, this is half a turn: rounding has left 0 for the first component.
+      // Without a remainder this is half a turn, whose first component is 0.
       Eigen::Quaterniond turn(std::sqrt(std::max(rest, 0.0)), b, c, d);
       map.linear = turn.normalized().toRotationMatrix();
       if (header_.spacing[0] < 0.0) map.linear.col(2) *= -1.0;
@@ -422,8 +426,9 @@ class NiftiReader final : public Reader {
     return map;
   }
 
-  /// Returns the axes of FSL's components: the file's voxel axes, with x mirrored if they are
-  /// right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs use?").
+  /// Returns the axes that the components of FSL's vectors refer to: the voxel axes of the file,
+  /// with x mirrored if they are right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs
+  /// use?").
   static Mat3 fslFrame(const Affine& map) {
     Mat3 axes = map.linear;
     if (axes.determinant() > 0.0) axes.col(0) = -axes.col(0);
@@ -437,9 +442,10 @@ class NiftiReader final : public Reader {
   Type type_ = Type::kFloat32;
   Meaning meaning_ = Meaning::kScalar;
   bool series_ = false;
-  bool as_components_ = false;  ///< The volumes of a 4-D file are components.
-  bool axial_ = false;          ///< Directions; the sign has no meaning.
-  bool sound_ = false;          ///< The values' file was verified to its end.
+  /// True if the volumes along the fourth dimension are components, not time steps.
+  bool as_components_ = false;
+  bool axial_ = false;  ///< True for directions whose sign has no meaning.
+  bool sound_ = false;  ///< True if the file's checksum was verified.
   std::vector<std::string> notes_;
 };
 

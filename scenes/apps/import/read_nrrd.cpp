@@ -1,4 +1,4 @@
-/// Reads NRRD with teem, which parses the header and decodes the data.
+/// Reads NRRD through teem, which parses the header and decodes the data.
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -129,7 +129,8 @@ class NrrdReader final : public Reader {
   void parse(std::vector<std::string> lines) {
     if (!tryParse(lines)) {
       const std::string why = teemError();
-      // Space directions exclude spacings and similar fields; some programs write both.
+      // NRRD does not allow spacings and similar fields beside space directions, but some programs
+      // write both. Parses the header again without these fields.
       const auto begins = [](const std::string& line, const char* with) {
         return lowered(line).rfind(with, 0) == 0;
       };
@@ -156,7 +157,7 @@ class NrrdReader final : public Reader {
     }
   }
 
-  /// Classifies an axis that is not a direction of space.
+  /// Finds the meaning of an axis that is not a direction in space.
   void takeKind(int axis, int kind) {
     const std::size_t size = axisAt(axis).size;
     const auto component = [&](Meaning meaning) {
@@ -201,10 +202,10 @@ class NrrdReader final : public Reader {
     }
   }
 
-  /// Finds the axes of space, of components and of a series.
+  /// Finds the axes of space, the axis of components and the axis of a series.
   void classify() {
     const int dim = static_cast<int>(nrrd_->dim);
-    const auto directed = [&](int axis) {  // within space, not along its time
+    const auto directed = [&](int axis) {  // true for directions in space, but not for time
       const double* d = axisAt(axis).spaceDirection;
       return nrrd_->spaceDim >= 3 && AIR_EXISTS(d[0]) &&
              (d[0] != 0.0 || d[1] != 0.0 || d[2] != 0.0);
@@ -219,14 +220,14 @@ class NrrdReader final : public Reader {
         const int kind = axisAt(a).kind;
         if (kind == nrrdKindSpace || kind == nrrdKindDomain) space.push_back(a);
       }
-      // Old files have no kinds: a fourth axis is one of components, or a series.
+      // In old files without kinds, the fourth axis is either an axis of components or a series.
       if (space.empty()) space = guess();
     }
     if (space.size() < 3) {
       refuse("the image has fewer than three axes of space",
              "give an image with three axes of space");
     }
-    // If four domain axes have no directions, the last is time.
+    // Of four domain axes without directions, the last one is time.
     if (space.size() > 3 && (directed_ || space.size() > 4)) {
       refuse(fmt::format("the image has {} axes of space, not 3", space.size()),
              kCorrectNrrdHeader);
@@ -274,14 +275,14 @@ class NrrdReader final : public Reader {
     return product;
   }
 
-  /// Returns whether only stubs come before the components, and no axis after the series.
+  /// Returns true if the values of a step are contiguous in the file, with components fastest.
   [[nodiscard]] bool isInOrder() const {
     return (component_ < 0 || sizeBetween(0, component_) == 1) &&
            (series_ < 0 || sizeBetween(series_ + 1, static_cast<int>(nrrd_->dim)) == 1);
   }
 
-  /// Reads one step's values, components fastest.
-  /// @param slices  All, or a part if isInOrder().
+  /// Reads the values of one step, components fastest.
+  /// @param slices  All slices; if isInOrder() is true, possibly a part.
   Values readValues(std::size_t step, const Slab& slices) {
     const std::size_t size = nrrdElementSize(nrrd_.get());
     const std::size_t width = component_ < 0 ? 1 : axisAt(component_).size;
@@ -292,14 +293,16 @@ class NrrdReader final : public Reader {
       values = Values(*typeOf(nrrd_->type), static_cast<int>(width), points);
       auto* to = values.as<char>();
       if (isInOrder()) {
-        // Teem adds hexadecimal digits to the memory's present content.
+        // For hexadecimal data, teem combines each digit with the previous content of the memory,
+        // so that content must be 0.
         if (state_->encoding == nrrdEncodingHex) std::memset(to, 0, points * width * size);
         const std::size_t before =
             step * axisAt(space_[2]).size + static_cast<std::size_t>(slices.first);
         data_->read(before * slice * width, points * width, to);
         return values;
       }
-      // Otherwise the whole data are read once, and kept for the other steps.
+      // The values of a step are not contiguous. Reads all data once and keeps them for the other
+      // steps.
       if (whole_.empty()) {
         whole_.resize(nrrdElementNumber(nrrd_.get()) * size);
         data_->read(0, nrrdElementNumber(nrrd_.get()), whole_.data());
@@ -324,7 +327,7 @@ class NrrdReader final : public Reader {
     return values;
   }
 
-  /// Returns where a masked tensor's mask excludes it.
+  /// Returns an array that is not 0 where the mask of a masked tensor excludes the tensor.
   static Values hiddenOf(const Values& masked) {
     Values hidden(Type::kUint8, 1, masked.tuples());
     auto* out = hidden.as<std::uint8_t>();
@@ -334,7 +337,8 @@ class NrrdReader final : public Reader {
 
   // ------------------------------------------------------------------ the space
 
-  /// Maps the file's space to RAS, or to a right-handed space if the file names no axes.
+  /// Returns the rotation or reflection from the file's space to RAS. If the file names no
+  /// anatomical axes, the result is a right-handed space.
   [[nodiscard]] Mat3 turn() const {
     switch (nrrd_->space) {
       case nrrdSpaceLeftPosteriorSuperior:
@@ -343,7 +347,8 @@ class NrrdReader final : public Reader {
       case nrrdSpaceLeftAnteriorSuperior:
       case nrrdSpaceLeftAnteriorSuperiorTime:
         return Vec3(-1.0, 1.0, 1.0).asDiagonal();
-      case nrrdSpace3DLeftHanded:  // the hand's world is right-handed: else it would be mirrored
+      case nrrdSpace3DLeftHanded:  // W is right-handed; without this reflection the volume would
+                                   // appear mirrored
       case nrrdSpace3DLeftHandedTime:
         return Vec3(1.0, -1.0, 1.0).asDiagonal();
       default:
@@ -402,11 +407,11 @@ class NrrdReader final : public Reader {
     return map;
   }
 
-  /// Sets an axis that has a spacing or an extent, but no direction.
+  /// Sets the position and the spacing of an axis that has no direction.
   static void placeAlong(int c, const NrrdAxisInfo& axis, Affine& map,
                          std::vector<std::string>& notes) {
-    // If the file does not state the centring, min and max refer to the voxels' faces, teem's
-    // default.
+    // If the file does not state the centring, teem takes min and max as the faces of the outer
+    // voxels.
     const bool node = axis.center == nrrdCenterNode;
     double spacing = axis.spacing;
     if (!AIR_EXISTS(spacing) && AIR_EXISTS(axis.min) && AIR_EXISTS(axis.max)) {
@@ -421,7 +426,8 @@ class NrrdReader final : public Reader {
     if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);
   }
 
-  /// Converts vectors and tensors to RAS; drops masks; orders symmetric tensors as VTK does.
+  /// Converts vectors and tensors to RAS. Drops masks, and orders the components of symmetric
+  /// tensors as VTK does.
   Values inSpace(Values values, Content& content) const {
     if (meaning_ == Meaning::kScalar) return values;
     if (meaning_ != Meaning::kVector) {
@@ -432,7 +438,7 @@ class NrrdReader final : public Reader {
       for (int& c : order) c += skip;
       if (symmetric || skip > 0) values = picked(values, order);
     }
-    // M(row, column) is measurementFrame[column][row].
+    // measurementFrame stores columns: M(row, column) is measurementFrame[column][row].
     Mat3 M = Mat3::Identity();
     const auto& frame = nrrd_->measurementFrame;
     if (nrrd_->spaceDim >= 3 && AIR_EXISTS(frame[0][0])) {
@@ -451,7 +457,7 @@ class NrrdReader final : public Reader {
   std::string file_;
   std::unique_ptr<Nrrd, FreeNrrd> nrrd_;
   std::unique_ptr<NrrdIoState, FreeState> state_;
-  std::optional<NrrdData> data_;  ///< Set by the constructor, after the header's checks.
+  std::optional<NrrdData> data_;  ///< Set in the constructor, once the header is checked.
   std::array<int, 3> space_{};
   int component_ = -1;
   int series_ = -1;

@@ -1,4 +1,4 @@
-/// Reads values without a header: the user states their layout.
+/// Reads files without a header. The user states the layout of their values.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -32,21 +32,22 @@ constexpr std::array kTypes{
     Stored{"int64", Type::kInt64, 8},     Stored{"uint64", Type::kUint64, 8},
     Stored{"float32", Type::kFloat32, 4}, Stored{"float64", Type::kFloat64, 8}};
 
-/// Layout as in docs/import.md.
+/// Layout of the values, as docs/import.md describes it.
 struct Layout {
   std::array<int, 3> size{};
   Stored type{};
   bool big_endian = false;
   int components = 1;
-  bool planar = false;    ///< All x, then all y, then all z.
-  std::int64_t skip = 0;  ///< Bytes before the values; -1: they end the file.
-  std::string after;      ///< Alternatively, the values begin behind this text.
+  bool planar = false;  ///< True if all x components come first, then all y, then all z.
+  /// Number of bytes before the values; -1: the values are at the end of the file.
+  std::int64_t skip = 0;
+  std::string after;  ///< If set, the values begin behind this text.
   Affine map;
   std::string name = "density";
   std::string length_unit;
 };
 
-/// Reads a layout; every error names its key.
+/// Parses a layout. Each error names the key that causes it.
 class LayoutParser {
  public:
   LayoutParser(const Json& json, std::string source) : json_(json), source_(std::move(source)) {}
@@ -154,7 +155,7 @@ class LayoutParser {
 
   void parseSkip(Layout& layout) const {
     const Json& skip = json_["skip"];
-    constexpr double kMost = 1e18;  // [bytes]
+    constexpr double kMost = 1e18;  // [bytes]: a greater number is an error
     if (skip.is_number_integer() && skip.get<double>() >= -1.0 && skip.get<double>() < kMost) {
       layout.skip = skip.get<std::int64_t>();
     } else if (skip.is_object() && skip.size() == 1 && skip.contains("after") &&
@@ -201,11 +202,11 @@ Layout layoutOf(const std::string& raw) {
   return LayoutParser(json, source).parse();
 }
 
-/// Returns where the values begin.
+/// Returns the offset of the values in the file [bytes].
 std::uint64_t offsetOf(std::ifstream& in, const Layout& layout, std::uint64_t needed,
                        std::uint64_t have, const std::string& file) {
   if (!layout.after.empty()) {
-    // These layouts have a text header: a megabyte is enough.
+    // Such files have a short text header, so the text is searched in the first megabyte.
     std::string head(std::min<std::uint64_t>(have, 1U << 20U), '\0');
     in.read(head.data(), static_cast<std::streamsize>(head.size()));
     const auto at = head.find(layout.after);
@@ -274,7 +275,7 @@ class RawReader final : public Reader {
   }
 
  private:
-  /// Copies interleaved values as they are; interleaves planar ones plane by plane.
+  /// Copies interleaved components. Interleaves planar components one plane after another.
   /// @param points  Number of points in the image; values are read from the point `first` on.
   void readValues(std::ifstream& in, std::uint64_t offset, std::uint64_t points,
                   std::uint64_t first, const Values& values) const {

@@ -1,4 +1,4 @@
-/// Reads VTK's own files, legacy and XML.
+/// Reads the legacy and the XML formats of VTK.
 #include <array>
 #include <cstdio>
 #include <fstream>
@@ -34,7 +34,7 @@ Content readLegacy(const Request& request) {
   return content;
 }
 
-/// Returns the number of cells of "x0 x1 y0 y1 z0 z1".
+/// Returns the number of cells in an extent "x0 x1 y0 y1 z0 z1".
 double cellsOf(const std::string& extent) {
   std::array<int, 6> e{};
   if (std::sscanf(extent.c_str(), "%d %d %d %d %d %d", &e[0], &e[1], &e[2], &e[3], &e[4], &e[5]) !=
@@ -45,15 +45,15 @@ double cellsOf(const std::string& extent) {
          (static_cast<double>(e[5]) - e[4]);
 }
 
-/// Rejects structured files whose pieces do not cover the whole extent. VTK would leave the rest of
-/// the memory uninitialised.
+/// Throws VolumeError if the pieces of a structured file do not cover its whole extent. VTK would
+/// leave the remaining memory uninitialized.
 void checkPieces(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
   const std::regex piece_extent("<Piece[^>]*[ \t]Extent=\"([^\"]*)\"");
   double whole = 0.0;
   double pieces = 0.0;
-  // Reads tag by tag: tags are short, but the content between them may be long.
+  // Reads up to each ">": tags are short, but the content between tags can be long.
   std::string tag;
   while (in.ignore(std::numeric_limits<std::streamsize>::max(), '<') && in.good()) {
     if (in.peek() == '_') break;

@@ -10,13 +10,13 @@
 
 namespace palpate::importer {
 
-/// Returns the report as text: the file, its grids and losses, a line each.
+/// Returns the report as text: the file, its grids and the losses, one line each.
 [[nodiscard]] std::string textOf(const std::filesystem::path& out, const Step& step);
 
-/// Returns the peak memory of this process so far [bytes].
+/// Returns the peak memory use of this process so far [bytes].
 [[nodiscard]] std::uint64_t peakMemory();
 
-/// Returns the report as docs/formats.md defines it, without memory.peak.
+/// Returns the report in the format that docs/formats.md defines, without the entry memory.peak.
 [[nodiscard]] nlohmann::ordered_json jsonOf(const std::filesystem::path& out, const Step& step);
 
 }  // namespace palpate::importer

@@ -1,4 +1,5 @@
-/// Grids of cubes, and their errors against the meshes and images that they were made from.
+/// Grids with cubic voxels, and their errors relative to the mesh or the image that they were made
+/// from.
 #pragma once
 
 #include <cstdint>
@@ -8,19 +9,20 @@
 
 namespace palpate::importer {
 
-/// Errors of resampling, relative to the range of the values. A mesh's own interpolation is
-/// compared with the trilinear one of the grid at random places in the mesh; an image at its
-/// voxels.
+/// Errors of resampling, divided by the range of the values. For a mesh, compares its interpolation
+/// with the trilinear interpolation of the grid, at random places in the mesh. For an image,
+/// compares the values at its voxels.
 struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
-  std::uint64_t points = 0;  ///< Places where all 8 voxels around have data.
-  /// The same errors beside voxels without data, where the grid gives the background: at the edge
-  /// of the mesh, in the outermost voxel.
+  std::uint64_t points = 0;  ///< Number of places where all 8 surrounding voxels have data.
+  /// The same errors at places with data in only some of the 8 surrounding voxels. There the
+  /// interpolation also reads the background. Such places are in the outermost voxel of the mesh.
   double edge_rms = 0.0;
   double edge_largest = 0.0;
   std::uint64_t edge_points = 0;
-  std::uint64_t lost_points = 0;  ///< Places in the mesh without data in any voxel around.
+  /// Number of places in the mesh where no surrounding voxel has data.
+  std::uint64_t lost_points = 0;
 };
 
 struct Resampled {
@@ -28,7 +30,7 @@ struct Resampled {
   ResamplingError error;
 };
 
-/// Returns the errors of gridOnCubes at up to 200,000 of the image's own voxels.
+/// Returns the errors of gridOnCubes, at up to 200,000 voxels of the image.
 [[nodiscard]] ResamplingError errorOf(const Piece& image, const Array& array, const Gridded& made);
 
 }  // namespace palpate::importer

@@ -10,7 +10,7 @@ namespace {
 
 using openvdb::Vec3d;
 
-/// Compares at the image's own voxels that have data.
+/// Compares the grid with the image at voxels of the image that have data.
 template <class GridT>
 Differences compareAt(const Piece& image, const Array& array, const GridT& grid) {
   Differences differences;
@@ -19,7 +19,7 @@ Differences compareAt(const Piece& image, const Array& array, const GridT& grid)
   const int components = array.values.components();
   const auto row = static_cast<std::size_t>(image.size[0]);
   const auto rows = static_cast<std::size_t>(image.size[1]);
-  // Large images are sampled with a stride.
+  // In a large image, skips voxels at regular intervals.
   const std::size_t count = array.values.tuples();
   const std::size_t stride = count / 200000 + 1;
   for (std::size_t point = 0; point < count; point += stride) {

@@ -1,4 +1,5 @@
-/// Divides an image among the ranks of a process group: slabs along k, the slowest axis of files.
+/// Divides an image among the processes of a group, the ranks. Each gets a range of slices along k,
+/// the slowest axis of files.
 #pragma once
 
 #include <algorithm>
@@ -12,8 +13,8 @@
 
 namespace palpate::importer {
 
-/// One rank of a process group. Results for the whole image are combined slice by slice, or by
-/// operations that do not depend on the order. They are therefore the same for any number of ranks.
+/// One rank of a process group. Results for the whole image do not depend on the number of ranks:
+/// they are combined slice by slice, or by operations that are independent of the order.
 class Shared {
  public:
   explicit Shared(ProcessGroup& group) : group_(&group) {}
@@ -21,17 +22,18 @@ class Shared {
   [[nodiscard]] ProcessGroup& group() const { return *group_; }
   [[nodiscard]] bool isAlone() const { return group_->size() == 1; }
 
-  /// Returns this rank's bricks along k, for an image with this number of slices.
+  /// Returns the bricks of this rank along k, for an image with this number of slices.
   [[nodiscard]] Share bricks(int slices) const {
     return shareOf(*group_, (slices + kBrickSide - 1) / kBrickSide);
   }
-  /// Returns the slices in these bricks.
+  /// Returns the slices in the bricks of this rank.
   [[nodiscard]] Slab own(int slices) const {
     const Share share = bricks(slices);
     const int first = static_cast<int>(share.first) * kBrickSide;
     return {first, std::min(static_cast<int>(share.end) * kBrickSide, slices) - first};
   }
-  /// Returns these slices and `more` on each side; an empty slab stays empty.
+  /// Returns the slices of own() and `more` slices on each side. If own() is empty, the result is
+  /// empty.
   [[nodiscard]] Slab own(int slices, std::size_t more) const {
     const Slab mine = own(slices);
     if (mine.count == 0) return mine;
@@ -39,17 +41,17 @@ class Shared {
     const int first = std::max(mine.first - by, 0);
     return {first, std::min(mine.end() + by, slices) - first};
   }
-  /// Returns the slices that the bricks need, with their aprons.
+  /// Returns the slices of this rank's bricks and their aprons.
   [[nodiscard]] Slab inBricks(int slices) const { return own(slices, kBrickApron); }
 
-  /// Returns the worst of all ranks' losses, on each rank.
+  /// Returns the most serious loss of all ranks. Every rank gets the same result.
   [[nodiscard]] Loss worst(const Loss& own) const;
 
  private:
   ProcessGroup* group_;
 };
 
-/// Returns only these slices of the array; memory is shared.
+/// Returns the values of these slices. The result shares the memory of `values`.
 [[nodiscard]] Values slicesOf(const Piece& image, const Values& values, const Slab& slices);
 
 }  // namespace palpate::importer

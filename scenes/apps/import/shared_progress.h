@@ -1,4 +1,4 @@
-/// Progress of work that several threads share.
+/// Progress of a task that several threads work on.
 #pragma once
 
 #include <atomic>
@@ -8,12 +8,13 @@
 
 namespace palpate::importer {
 
-/// Reports progress from one thread at a time. A thread does not wait while another reports.
+/// Reports the progress from one thread at a time. If another thread is reporting, a thread
+/// continues without waiting.
 class SharedProgress {
  public:
   SharedProgress(const Progress& progress, int steps) : progress_(progress), steps_(steps) {}
 
-  /// Counts one more step as done.
+  /// Counts one step as done, and reports the progress.
   void step() { tell(static_cast<double>(++done_) / steps_); }
   void tell(double done) {
     if (!progress_ || !telling_.try_lock()) return;

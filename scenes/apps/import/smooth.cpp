@@ -20,13 +20,15 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns how many points the filter reads to one side, along an axis with `count` points.
+/// Returns the number of points that the filter reads on each side, along an axis with `count`
+/// points.
 std::size_t reachOf(double deviation, std::size_t count) {
   const auto last = static_cast<double>(count - 1);
   return static_cast<std::size_t>(std::min(3.0 * deviation, last));
 }
 
-/// Returns half of a Gaussian along an axis with `count` points: its middle and one side.
+/// Returns the weights of the Gaussian from its middle to one side, along an axis with `count`
+/// points.
 std::vector<double> weightsOf(double deviation, std::size_t count) {
   const std::size_t reach = reachOf(deviation, count);
   std::vector<double> weights;
@@ -37,11 +39,11 @@ std::vector<double> weightsOf(double deviation, std::size_t count) {
   return weights;
 }
 
-/// One line of an image's points.
+/// A line of points along one axis of an image.
 struct Line {
   float* first = nullptr;
   std::size_t count = 0;
-  std::size_t stride = 0;  ///< Floats from a point to the next.
+  std::size_t stride = 0;  ///< Distance in memory from one point of the line to the next [floats].
   std::size_t components = 1;
 };
 
@@ -68,13 +70,13 @@ void smoothLine(const Line& line, const std::vector<double>& weights, std::vecto
   }
 }
 
-/// Returns the standard deviations in points.
+/// Returns the standard deviations along i, j and k [points].
 Vec3 deviationsOf(const Affine& file_from_index, double width) {
   const Vec3 spacing = file_from_index.linear.colwise().norm().transpose();
   return {width / spacing[0], width / spacing[1], width / spacing[2]};
 }
 
-/// Smooths along one axis, all its lines in parallel.
+/// Smooths all lines along one axis, in parallel.
 void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation,
                  SharedProgress& progress) {
   std::size_t size[3];
@@ -107,7 +109,7 @@ void smoothAlong(std::size_t axis, const Piece& image, const Values& values, dou
       });
 }
 
-/// Returns the change of all ranks' own slices.
+/// Returns the changes by smoothing, for the own slices of all ranks together.
 Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
                   const Shared& shared) {
   const Slab own = shared.own(image.size[2]);
@@ -115,7 +117,7 @@ Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
   const Values now = slicesOf(image, after, own);
   const auto* from = old.as<float>();
   const auto* to = now.as<float>();
-  // Sums slice by slice, so that the total does not depend on the distribution among ranks.
+  // Adds up each slice first, so that the total does not depend on the number of ranks.
   const std::size_t each = own.count == 0 ? 0 : now.size() / static_cast<std::size_t>(own.count);
   std::vector<double> sums;
   for (std::size_t i = 0; i < now.size();) {
@@ -168,7 +170,8 @@ Smoothed smoothImage(const Piece& image, Array& array, double width, const std::
 
 Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
                      const Progress& progress, const Shared& shared) {
-  // Converts to floats, then makes one copy: an array may take all available memory.
+  // Converts to floats in place of the original. An array may need most of the available memory, so
+  // only one copy is made.
   array.values = floatsOf(array.values);
   const Values original = array.values;
   const auto* before = original.as<float>();

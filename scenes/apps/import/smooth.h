@@ -1,4 +1,4 @@
-/// Smooths an image's array with a Gaussian, before it becomes a grid.
+/// Smooths an array of an image with a Gaussian filter, before it becomes a grid.
 #pragma once
 
 #include <string>
@@ -10,24 +10,25 @@ namespace palpate::importer {
 
 struct Smoothed {
   double rms_change = 0.0;
-  double range = 0.0;  ///< Highest minus lowest value; of vectors the longest.
+  double range = 0.0;  ///< Highest minus lowest value; for vectors, the greatest length.
 };
 
-/// Replaces the array by its smoothed floats, along i, j and k in turn, to three standard
-/// deviations. At the image's edge the part of the Gaussian inside the image is normalised to 1.
-/// Takes one copy and a few lines of memory. Throws VolumeError if values are not finite or are
-/// hidden: smoothing would spread them.
+/// Smooths the array along i, j and k in turn, up to three standard deviations, and converts it to
+/// floats. At the edges of the image, the weights inside the image are scaled so that their sum is
+/// 1. Needs memory for one copy of the array. Throws VolumeError if values are not finite or are
+/// hidden, because smoothing would spread them.
 ///
-/// In a process group, slices are correct if smoothingReach() more on each side are held. The
-/// changes are those of all ranks' own slices together.
-/// @param width  Standard deviation, in the file's units.
+/// In a process group, the slices of a rank are correct only if smoothingReach() more slices on
+/// each side are in memory. The returned changes are those of all ranks together.
+/// @param width  Standard deviation, in the file's unit.
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
                                    const std::string& file, const Progress& progress = nullptr);
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
                                    const std::string& file, const Progress& progress,
                                    const Shared& shared);
 
-/// Returns how many slices the filter reads on each side, for an image with this map and `slices`.
+/// Returns the number of slices that the filter reads on each side, for an image with this
+/// transform and this number of slices.
 [[nodiscard]] std::size_t smoothingReach(const Affine& file_from_index, int slices, double width);
 
 }  // namespace palpate::importer

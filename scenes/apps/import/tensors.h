@@ -1,4 +1,4 @@
-/// Derives scalars and vectors from diffusion tensors, for haptics.
+/// Derives scalars and vectors from diffusion tensors, because modes cannot read tensors.
 #pragma once
 
 #include <array>
@@ -8,24 +8,27 @@
 
 namespace palpate::importer {
 
-/// Properties of one tensor.
+/// Quantities derived from one tensor.
 struct Diffusion {
-  Vec3 direction = Vec3::Zero();  ///< Unit; the sign has no meaning: the first component is > 0.
-  double anisotropy = 0.0;        ///< Fractional, 0 (a ball) to 1 (a line).
-  double diffusivity = 0.0;       ///< Mean: a third of the trace.
+  /// Unit vector, whose sign has no meaning: the first component that is not 0 is positive.
+  Vec3 direction = Vec3::Zero();
+  /// Fractional anisotropy, from 0 (equal in all directions) to 1 (diffusion along a line only).
+  double anisotropy = 0.0;
+  double diffusivity = 0.0;  ///< Mean diffusivity: a third of the trace.
 };
 
-/// Evaluates D's symmetric part, with the eigenvalues a >= b >= c:
-///   direction    of a; if the first component is 0, the next one is > 0, and so on;
+/// Derives quantities from the symmetric part of D, whose eigenvalues are a >= b >= c:
+///   direction    eigenvector of a; its first component that is not 0 is positive;
 ///   anisotropy   sqrt(1/2) sqrt((a-b)^2 + (b-c)^2 + (c-a)^2) / sqrt(a^2 + b^2 + c^2)
-///                (Basser & Pierpaoli 1996); negative eigenvalues, which are noise, count as 0
-///                there, as is common, so that it stays within 0 and 1;
+///                (Basser & Pierpaoli 1996). Negative eigenvalues are due to noise. Here they
+///                count as 0, so that the anisotropy lies between 0 and 1;
 ///   diffusivity  (a + b + c) / 3, with negative eigenvalues unchanged.
 /// All are zero for a tensor that is zero or not finite. The direction is zero if a = c or a <= 0.
 [[nodiscard]] Diffusion diffusionOf(const Mat3& D);
 
-/// Evaluates an array of tensors, 9 components row by row or 6 in VTK's order. Returns
-/// NAME_direction, NAME_anisotropy and NAME_diffusivity, as floats.
+/// Derives the quantities from an array of tensors, which have 9 components row by row or 6 in
+/// VTK's order. Returns three arrays of floats: NAME_direction, NAME_anisotropy and
+/// NAME_diffusivity.
 [[nodiscard]] std::array<Array, 3> diffusionOf(const Array& tensors);
 
 }  // namespace palpate::importer

@@ -16,7 +16,8 @@ namespace {
 
 constexpr std::size_t kChunk = 1U << 18U;
 
-/// Checks two magic bytes, the deflate method, and three flags that are never set.
+/// Returns true for a gzip header: two magic bytes, the method deflate, and three flag bits that
+/// must be 0.
 bool beginsAsGzip(std::istream& in) {
   std::array<unsigned char, 4> head{};
   in.read(reinterpret_cast<char*>(head.data()), head.size());
@@ -45,7 +46,8 @@ struct Unpacked::Inflater {
   std::vector<char> packed = std::vector<char>(kChunk);
   bool usable = false;
   bool gzip = false;
-  bool ended = false;  ///< The packed data have ended, and their checksums were right.
+  /// True once the compressed data have ended and their checksums were correct.
+  bool ended = false;
 };
 
 Unpacked::Unpacked(std::filesystem::path header, std::filesystem::path data, Packing packing,
@@ -71,7 +73,7 @@ void Unpacked::refuse(const std::string& why) const {
                     "copy or export the file again");
 }
 
-/// Reads more packed bytes if all are used; returns false at the end of the file.
+/// Reads more compressed bytes if all bytes so far were used. Returns false at the end of the file.
 bool Unpacked::refill() {
   z_stream& stream = inflater_->stream;
   if (stream.avail_in > 0) return true;
@@ -92,7 +94,8 @@ std::size_t Unpacked::inflateSome(void* to, std::size_t bytes) {
     if (!refill()) refuse("is truncated: the packed values end too early");
     const int state = inflate(&stream, Z_NO_FLUSH);
     if (state == Z_STREAM_END) {
-      // Another gzip member may follow, as in bgzip; other trailing bytes are ignored.
+      // Another gzip member may follow, as in files of bgzip. Other bytes behind the data are
+      // ignored.
       inflater_->ended = !inflater_->gzip || !refill() || *stream.next_in != 0x1f;
       if (!inflater_->ended) inflateReset(&stream);
     } else if (state != Z_OK) {

@@ -14,10 +14,10 @@
 namespace palpate::importer {
 namespace {
 
-/// Size of each Type [bytes], in the order of the enumerators.
+/// Size of a number of each Type [bytes], in the order of the enumerators.
 constexpr std::array<std::size_t, 10> kBytes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
 
-/// Calls body(first, end) for parts of [0, count), in parallel.
+/// Calls body(first, end) in parallel for ranges that together cover [0, count).
 template <class Body>
 void forParts(std::size_t count, const Body& body) {
   tbb::parallel_for(
@@ -25,7 +25,7 @@ void forParts(std::size_t count, const Body& body) {
       [&](const tbb::blocked_range<std::size_t>& part) { body(part.begin(), part.end()); });
 }
 
-/// Returns the greatest magnitude of slope * value + offset over finite values; 0 if there are
+/// Returns the greatest magnitude of slope * value + offset over all finite values; 0 if there are
 /// none.
 double greatest(const Values& values, double slope, double offset) {
   return visit(values, [&](const auto* data) {
@@ -107,8 +107,10 @@ Loss floatLoss(const Values& values, double slope, double offset) {
     return kLossBeyond;
   }
   if (!whole) return "";
-  constexpr double kFloat = 16777216.0;           // 2^24
-  constexpr double kDouble = 9007199254740992.0;  // 2^53; slope and offset are applied in double
+  // 2^24: greatest number up to which a float represents all whole numbers
+  constexpr double kFloat = 16777216.0;
+  // 2^53: the same for double, the type in which slope and offset are applied
+  constexpr double kDouble = 9007199254740992.0;
   if (!scaled) return most > kFloat ? "whole numbers above 16,777,216 are rounded" : "";
   const bool rounded = (slope != 0.0 && most > kFloat * std::abs(slope)) ||
                        (values.bytesEach() == 8 && greatest(values, 1.0, 0.0) > kDouble);

@@ -1,5 +1,5 @@
-/// Numbers as stored in files, and the operations of readers: to scale values, and to turn vectors
-/// and tensors with their space.
+/// Arrays of numbers as files store them, and operations on them: scaling values, and converting
+/// vectors and tensors to another space.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace palpate::importer {
 
-/// Type of a number in memory.
+/// Type of the numbers in an array.
 enum class Type : std::uint8_t {
   kInt8,
   kUint8,
@@ -26,45 +26,46 @@ enum class Type : std::uint8_t {
   kFloat64
 };
 
-/// Message about numbers that a float could not hold; empty if there was no loss.
+/// Message about numbers that a float cannot represent; empty if there are none.
 using Loss = std::string;
 
-/// The message with the highest priority: these values are lost, not rounded.
+/// The most serious message: these values become missing data, while other losses are rounding
+/// errors.
 inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are read as missing";
 
-/// Numbers of one type, one or more to a tuple, stored tuple by tuple. Copies share the memory. The
-/// loss of a conversion to float is kept with them, so that every reader reports it.
+/// An array of tuples of numbers of one type, stored tuple by tuple. Copies share the memory. The
+/// array keeps the message about losses of its conversion to float, so that each reader reports it.
 class Values {
  public:
   Values() = default;
-  /// Allocates values to be filled. Throws std::bad_alloc.
+  /// Allocates memory for values, which the caller fills in. Throws std::bad_alloc.
   Values(Type type, int components, std::size_t tuples);
-  /// Wraps memory of another owner, which `data` keeps alive.
+  /// Uses memory of another owner. The array keeps that memory alive by its copy of `data`.
   Values(Type type, int components, std::size_t tuples, std::shared_ptr<void> data);
 
   [[nodiscard]] bool none() const { return data_ == nullptr; }
   [[nodiscard]] Type type() const { return type_; }
   [[nodiscard]] int components() const { return components_; }
   [[nodiscard]] std::size_t tuples() const { return tuples_; }
-  /// Returns the number of components in all tuples.
+  /// Returns the number of all components of all tuples.
   [[nodiscard]] std::size_t size() const { return tuples_ * static_cast<std::size_t>(components_); }
   [[nodiscard]] std::size_t bytesEach() const;
 
-  /// Returns the loss of earlier conversions.
+  /// Returns the message about the losses of earlier conversions.
   [[nodiscard]] const Loss& lost() const { return lost_; }
   void setLost(const Loss& loss) {
     if (!loss.empty()) lost_ = loss;
   }
 
   [[nodiscard]] void* data() const { return data_.get(); }
-  /// Returns the numbers; they have to be of type T.
+  /// Returns a pointer to the numbers, whose type must be T.
   template <class T>
   [[nodiscard]] T* as() const {
     return static_cast<T*>(data_.get());
   }
-  /// Returns tuples [first, first + count); memory is shared.
+  /// Returns the tuples [first, first + count). The result shares the memory.
   [[nodiscard]] Values part(std::size_t first, std::size_t count) const;
-  /// Returns one number, converted from its type.
+  /// Returns one number, converted to double.
   [[nodiscard]] double at(std::size_t tuple, int component) const;
 
  private:
@@ -75,7 +76,7 @@ class Values {
   Loss lost_;
 };
 
-/// Calls f with a pointer to the numbers, in their type.
+/// Calls f with a pointer to the numbers. The pointer has their type.
 template <class F>
 auto visit(const Values& values, F&& f) {
   switch (values.type()) {
@@ -103,33 +104,36 @@ auto visit(const Values& values, F&& f) {
   return f(values.as<double>());
 }
 
-/// Returns the loss of storing slope * value + offset as float, or an earlier loss.
+/// Returns the loss of converting slope * value + offset to float. If there is none, returns the
+/// loss of earlier conversions.
 [[nodiscard]] Loss floatLoss(const Values& values, double slope = 1.0, double offset = 0.0);
 
-/// Reverses the bytes of each of `count` numbers.
+/// Reverses the byte order of `count` numbers.
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each);
 
-/// Positions of VTK's six components, xx yy zz xy yz xz, in the upper triangle row by row: xx xy
-/// xz yy yz zz; and in the lower one: xx yx yy zx zy zz.
+/// For `picked`: for each component of an upper triangle (xx xy xz yy yz zz), its index in VTK's
+/// order xx yy zz xy yz xz. Below, the same for a lower triangle (xx yx yy zx zy zz).
 inline const std::vector<int> kUpperTriangle{0, 3, 5, 1, 4, 2};
 inline const std::vector<int> kLowerTriangle{0, 2, 5, 1, 4, 3};
 
-/// Returns slope * value + offset as floats; the values themselves if they would not change. In
-/// NIfTI and MetaImage a slope that is 0 or not finite means: not scaled.
+/// Returns slope * value + offset as floats. If this does not change the values, returns the values
+/// themselves. In NIfTI and MetaImage, a slope that is 0 or not finite means that values are not
+/// scaled.
 [[nodiscard]] Values rescaled(const Values& values, double slope, double offset);
 
-/// Returns the values as floats; the values themselves if they are floats.
+/// Returns the values as floats. If they are floats already, returns the values themselves.
 [[nodiscard]] Values floatsOf(const Values& values);
 
-/// Returns values of the same type; component c of the result is component order[c] of `values`.
+/// Returns values with other components: component c of the result is component order[c] of
+/// `values`.
 [[nodiscard]] Values picked(const Values& values, const std::vector<int>& order);
 
-/// Returns vectors M v, or tensors M D M^T (9 components row by row, or 6 in VTK's order). Changes
-/// floats and doubles in place and converts others to floats. For the identity it returns the
-/// values themselves.
+/// Returns the vectors M v, or the tensors M D M^T (9 components row by row, or 6 in VTK's order).
+/// Changes floats and doubles in place; converts other types to floats. If M is the identity,
+/// returns the values themselves.
 [[nodiscard]] Values turned(const Values& values, const Mat3& M);
 
-/// Returns one tensor, in the layouts above.
+/// Returns a tensor as a matrix, from 9 components row by row or 6 in VTK's order.
 [[nodiscard]] Mat3 tensorOf(const double* six_or_nine, int components);
 
 }  // namespace palpate::importer

@@ -32,7 +32,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Largest deviation of a point from an image's lattice [edges].
+/// Largest distance of a point from the lattice of an image, relative to a voxel's edge.
 constexpr double kStraight = 1e-5;
 
 Vec3 pointOf(vtkDataSet* data, vtkIdType index) {
@@ -50,13 +50,14 @@ Affine mapOf(vtkImageData* image) {
     }
     map.origin[row] = matrix->GetElement(row, 3);
   }
-  // The first point's index need not be 0.
+  // The index of the first point may differ from 0.
   const int* extent = image->GetExtent();
   map.origin += map.linear * Vec3(extent[0], extent[2], extent[4]);
   return map;
 }
 
-/// Returns the map of a rectilinear or curvilinear grid if its points lie on an image's lattice.
+/// Returns the transform of a rectilinear or curvilinear grid if its points form an even lattice;
+/// otherwise no value.
 std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& size) {
   const auto at = [&](vtkIdType i, vtkIdType j, vtkIdType k) {
     return pointOf(grid, (k * size[1] + j) * size[0] + i);
@@ -78,13 +79,14 @@ std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& 
   return map;
 }
 
-/// Returns true for arrays that only number points or cells, as in Exodus. They are not imported.
+/// Returns true for arrays with the numbers of points or cells, as in Exodus. These are not
+/// imported.
 bool isNumbering(vtkDataSetAttributes* attributes, vtkDataArray* array) {
   return array == attributes->GetGlobalIds() || array == attributes->GetPedigreeIds();
 }
 
-/// Throws VolumeError if an array has a wrong length. VTK's readers accept any length, but its
-/// later reads assume the right one.
+/// Throws VolumeError if an array has a wrong length. VTK's readers accept any length, but VTK then
+/// reads beyond the end of a short array.
 void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::string& file) {
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);
@@ -97,7 +99,7 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
   }
 }
 
-/// Returns the arrays of points or cells, without VTK's own.
+/// Returns the arrays of the points or cells, without arrays that VTK has added.
 std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
@@ -110,7 +112,7 @@ std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
   return arrays;
 }
 
-/// Returns the points or cells without data; empty if all have data.
+/// Returns an array that is not 0 at points or cells without data; empty if all have data.
 Values hiddenOf(vtkDataSetAttributes* attributes, int bits) {
   auto* ghosts = vtkUnsignedCharArray::SafeDownCast(
       attributes->GetArray(vtkDataSetAttributes::GhostArrayName()));
@@ -125,7 +127,7 @@ Values hiddenOf(vtkDataSetAttributes* attributes, int bits) {
   return any ? hidden : Values();
 }
 
-/// Calls `visit` with each cell's number and each of its corners' numbers.
+/// Calls `visit` for each corner of each cell, with the indices of the cell and the corner.
 template <class Visit>
 void visitCorners(const std::array<int, 3>& size, Visit visit) {
   vtkIdType cell = 0;
@@ -142,7 +144,7 @@ void visitCorners(const std::array<int, 3>& size, Visit visit) {
   }
 }
 
-/// Hides cells at a hidden point, and points with hidden cells only.
+/// Hides cells that have a hidden point, and points that have only hidden cells.
 void hideBoth(Piece& image, Piece& cells) {
   const auto all = [](const Piece& piece, std::uint8_t value) {
     Values out(Type::kUint8, 1,
@@ -172,7 +174,8 @@ void hideBoth(Piece& image, Piece& cells) {
   }
 }
 
-/// Adds an image. If its cells have data, also adds an image of the cells' centres.
+/// Adds an image. If its cells have data, adds a second image, whose points are the centres of the
+/// cells.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
                const std::string& file, std::vector<Piece>& pieces) {
   checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
@@ -181,7 +184,7 @@ void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& m
   image.size = size;
   image.file_from_index = map;
   image.arrays = arraysOf(data->GetPointData());
-  if (*std::min_element(size.begin(), size.end()) < 2) {  // it will be rejected
+  if (*std::min_element(size.begin(), size.end()) < 2) {  // rejected later
     pieces.push_back(std::move(image));
     return;
   }
@@ -199,7 +202,7 @@ void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& m
   pieces.push_back(std::move(cells));
 }
 
-/// Adds one data set, and collects meshes; returns false if it has no volume.
+/// Adds an image to `pieces`, or a mesh to `meshes`. Returns false if the data set has no volume.
 bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& pieces,
              std::vector<vtkSmartPointer<vtkDataSet>>& meshes, std::vector<std::string>& notes) {
   if (data->GetNumberOfPoints() == 0) return false;
@@ -232,7 +235,7 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   return true;
 }
 
-/// Joins all blocks, with cell data at the points.
+/// Joins all blocks to one mesh. Moves data of cells to the points.
 Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::string& file,
                std::vector<std::string>& notes) {
   vtkSmartPointer<vtkDataSet> mesh = meshes.front();
@@ -288,7 +291,8 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   return piece;
 }
 
-/// Returns the type by its size and sign, because several of VTK's integer types are the same.
+/// Returns the type by its size and its sign, because VTK has several names for the same integer
+/// type.
 Type typeOf(vtkDataArray* values) {
   const bool is_signed = values->GetDataTypeMin() < 0.0;
   switch (values->GetDataType()) {
@@ -328,7 +332,7 @@ std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
                             std::vector<std::string>& notes) {
   std::vector<Piece> pieces;
   std::vector<vtkSmartPointer<vtkDataSet>> meshes;
-  bool seen = false;  // a volume, with or without arrays
+  bool seen = false;  // true once a volume was found, even if it has no arrays
   if (auto* composite = vtkCompositeDataSet::SafeDownCast(data)) {
     const auto iterator = vtk::TakeSmartPointer(composite->NewIterator());
     for (iterator->InitTraversal(); !iterator->IsDoneWithTraversal(); iterator->GoToNextItem()) {

@@ -1,4 +1,4 @@
-/// Converts VTK's data to the importer's pieces: images, and meshes to be resampled.
+/// Converts data of VTK to the pieces of the importer: images, and meshes that are resampled later.
 #pragma once
 
 #include <string>
@@ -11,14 +11,16 @@
 
 namespace palpate::importer {
 
-/// Returns values that share the array's memory.
+/// Returns values that share the memory of a VTK array.
 [[nodiscard]] Values valuesOf(vtkDataArray* values);
 
-/// Splits a vtkDataSet, or a composite data set, into pieces. Rectilinear and curvilinear grids are
-/// images if their points lie on an image's lattice. An image's cell data become a second image,
-/// with the cells' centres as points. A mesh's cell data are moved to its points. Blocks become one
-/// mesh. Conversions and omitted arrays are listed in `notes`. Throws VolumeError if there is no
-/// volume, only points, lines or surfaces.
+/// Splits a vtkDataSet or a composite data set into pieces.
+///
+/// Rectilinear and curvilinear grids become images if their points form an even lattice. The cell
+/// data of an image become a second image, whose points are the centres of the cells. The cell data
+/// of a mesh are moved to its points. All meshes are joined to one. Adds notes about conversions
+/// and omitted arrays. Throws VolumeError if there are only points, lines or surfaces, but no
+/// volume.
 [[nodiscard]] std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
                                           std::vector<std::string>& notes);
 

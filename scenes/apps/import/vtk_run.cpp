@@ -16,7 +16,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Shortens VTK's "ERROR: In FILE, line N\nvtkClass (0x...): what\n\n" to "what".
+/// Returns the part "what" of a VTK message "ERROR: In FILE, line N\nvtkClass (0x...): what\n\n".
 std::string shortened(const std::string& text) {
   std::string out = text;
   if (out.rfind("ERROR: In ", 0) == 0 || out.rfind("Generic", 0) == 0) {
@@ -32,7 +32,7 @@ std::string shortened(const std::string& text) {
                           out.back() == '.' || out.back() == '!')) {
     out.pop_back();
   }
-  // The message may quote a damaged file.
+  // Replaces control characters, because the message may quote a damaged file.
   for (char& c : out) {
     if (c < 0x20 || c > 0x7e) c = '?';
   }
@@ -44,11 +44,12 @@ std::string shortened(const std::string& text) {
   return out;
 }
 
-/// Receives VTK's messages: readers inside other readers have no other observer.
+/// Receives messages of VTK, also from readers inside other readers, which have no observer of
+/// their own.
 class Ear final : public vtkOutputWindow {
  public:
   static Ear* New() {
-    auto* ear = new Ear;  // VTK counts its references
+    auto* ear = new Ear;  // VTK counts the references to the object
     ear->InitializeObjectBase();
     return ear;
   }
@@ -61,11 +62,12 @@ class Ear final : public vtkOutputWindow {
   void DisplayGenericWarningText(const char* text) override { hearWarning(text); }
   void DisplayDebugText(const char* /*text*/) override {}
 
-  /// Returns the first error.
+  /// Returns the first error message; empty if there is none.
   [[nodiscard]] const std::string& heard() const { return first_; }
 
  private:
-  /// VTK reports "Error reading ascii data" as a warning.
+  /// Records a warning as an error if it reports damage: VTK reports "Error reading ascii data"
+  /// only as a warning.
   void hearWarning(const char* text) {
     if (text != nullptr && std::string_view(text).find("rror reading") != std::string_view::npos) {
       DisplayErrorText(text);
@@ -75,7 +77,7 @@ class Ear final : public vtkOutputWindow {
   std::string first_;
 };
 
-/// Replaces VTK's output window while it lives.
+/// While this object exists, VTK sends its messages to an Ear.
 class Listening {
  public:
   Listening() : before_(vtkOutputWindow::GetInstance()) {

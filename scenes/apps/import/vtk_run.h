@@ -1,4 +1,4 @@
-/// Runs VTK's readers and filters, and forwards their errors and progress.
+/// Runs VTK's readers and filters. Converts their errors to exceptions and reports their progress.
 #pragma once
 
 #include <string>
@@ -9,8 +9,8 @@
 
 namespace palpate::importer {
 
-/// Calls Update(). The first error that VTK reports, also from readers inside this one, is thrown
-/// as VolumeError(what, why, remedy). `why` is VTK's message, shortened.
+/// Calls Update(). If VTK reports an error, throws VolumeError(what, why, remedy) for the first
+/// one, also if a reader inside this one reports it. `why` is VTK's message, shortened.
 void run(
     vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
     const std::string& remedy = "the file may be truncated or damaged: copy or export it again");

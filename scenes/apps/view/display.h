@@ -1,22 +1,24 @@
-/// The X server for drawing: the user's, or for pictures one of our own.
+/// The X server on which this program draws: the user's server, or Xvfb for a picture without a
+/// window.
 #pragma once
 
 namespace palpate::view {
 
-/// Ensures that a display with OpenGL exists. If it is missing and `picture` is set, starts Xvfb
-/// until the program ends. Throws Error. If the display is later lost or refuses a request, this
-/// program alone prints one line and ends. Call it before any function of VTK.
+/// Makes sure that a display with OpenGL exists. If there is none and `picture` is true, starts
+/// Xvfb, which ends with this program. Throws Error. If the display is lost later, or rejects a
+/// request, this process prints one line and ends; the loop continues. Call this function before
+/// any function of VTK.
 void needDisplay(bool picture);
 
-/// Reports whether any part of a window is visible. Uses a connection of its own, because VTK's
-/// connection drops events that it does not know.
+/// Observes whether any part of a window is visible. Uses a connection of its own, because VTK
+/// discards the events that report this.
 class Sight {
  public:
-  /// `window`: the window's number. Call after needDisplay(). The window counts as visible until an
-  /// event reports otherwise.
+  /// `window` is the X id of the window. Call this after needDisplay(). Until an event reports
+  /// otherwise, the window counts as visible.
   explicit Sight(unsigned long window);
 
-  /// Returns the last reported state.
+  /// Returns true if the window is visible according to the last event.
   [[nodiscard]] bool now();
 
  private:

@@ -8,7 +8,8 @@
 namespace palpate::view {
 namespace {
 
-/// Copies a part from one framebuffer to the other, without the scissor of the last drawing.
+/// Copies a part of the framebuffer that is bound for reading to the one bound for drawing.
+/// Switches off the scissor test, which a drawing may have left on.
 void copy(vtkOpenGLState& state, const Area& part) {
   const vtkOpenGLState::ScopedglEnableDisable scissor(&state, GL_SCISSOR_TEST);
   state.vtkglDisable(GL_SCISSOR_TEST);
@@ -32,7 +33,8 @@ void KeptImage::take(vtkOpenGLRenderWindow& window) {
   if (image_ == nullptr || size_[0] != size[0] || size_[1] != size[1]) {
     image_ = vtkSmartPointer<vtkOpenGLFramebufferObject>::New();
     image_->SetContext(&window);
-    // Uses the depth format of the window: otherwise OpenGL copies neither colours nor depths.
+    // The depth format must be that of the window. Otherwise OpenGL copies neither colours nor
+    // depths.
     window.GetRenderFramebuffer()->Bind(GL_READ_FRAMEBUFFER);
     GLint bits = 0;
     glGetFramebufferAttachmentParameteriv(GL_READ_FRAMEBUFFER, GL_DEPTH_ATTACHMENT,

@@ -1,5 +1,5 @@
-/// Keeps a rendered picture, colours and depths, and puts it back in each frame: unchanged parts
-/// are drawn once.
+/// Stores a rendered picture with its colours and depths, and copies it back in each frame, so that
+/// the parts that do not change are drawn only once.
 #pragma once
 
 #include <vtkOpenGLFramebufferObject.h>
@@ -8,27 +8,28 @@
 
 namespace palpate::view {
 
-/// A part of a window, from its lower left corner [pixels].
+/// A rectangle in a window, measured from the window's lower left corner [pixels].
 struct Area {
   int left = 0;
   int low = 0;
-  int right = 0;  ///< One after the last pixel; not more than `left`: empty.
+  int right = 0;  ///< One more than the last pixel; if not greater than `left`, the area is empty.
   int high = 0;
 
   [[nodiscard]] bool empty() const noexcept { return right <= left || high <= low; }
-  /// Returns the smallest area that contains both.
+  /// Returns the smallest area that contains this area and `other`.
   [[nodiscard]] Area with(const Area& other) const noexcept;
 };
 
-/// Colours and depths of a window at some time.
+/// Stored colours and depths of a window.
 class KeptImage {
  public:
-  /// Takes the last rendering of the window.
+  /// Stores the last rendering of the window.
   void take(vtkOpenGLRenderWindow& window);
-  /// Copies a part back into the window's rendering, between the start of a frame and the drawing
-  /// on it. Has no effect before take(), or if the size of the window has changed.
+  /// Copies a part of the stored picture into the window. Call it after the start of a frame and
+  /// before drawing. Does nothing before the first take(), or if the size of the window has changed
+  /// since.
   void putBack(vtkOpenGLRenderWindow& window, const Area& part) const;
-  /// Frees the graphics resources.
+  /// Frees the textures on the graphics card.
   void release(vtkOpenGLRenderWindow& window);
 
  private:

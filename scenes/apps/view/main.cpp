@@ -1,5 +1,5 @@
-/// `palpate-view`: the window of a run, started by `palpate view`. Loads the scene again to draw
-/// it, and reads the loop's data through shared memory.
+/// `palpate-view`: the program of the window, which `palpate view` starts. It loads the scene a
+/// second time for drawing, and reads the state of the loop from shared memory.
 #include <cerrno>
 #include <csignal>
 #include <cstdlib>
@@ -36,17 +36,17 @@ namespace {
 
 using namespace palpate;
 
-/// Gives the loop priority on every core.
+/// Lowers the priority of this process, so that the loop has priority on every core.
 void stepBack() {
   constexpr int kNice = 10;
   (void)!nice(kNice);
-  // A software renderer uses as many threads as this variable allows.
+  // A software renderer starts as many threads as this variable allows.
   const unsigned cores = std::thread::hardware_concurrency();
   setenv("LP_NUM_THREADS", std::to_string(cores > 2 ? cores - 1 : 1).c_str(), 0);
 }
 
-/// Prints one line and ends, without an allocation. Threads of libraries need no handler for an
-/// exception then.
+/// Prints one line and ends the program without allocating memory. Called instead of throwing an
+/// exception, which a thread of a library might not catch.
 [[noreturn]] void endWithoutMemory() {
   constexpr char kWords[] =
       "palpate: window: not enough memory to draw this scene: free memory, or run palpate feel, "
@@ -55,9 +55,9 @@ void stepBack() {
   _exit(cli::kEndedEarly);
 }
 
-/// Makes the window end first if memory runs out. Limits the memory of this process to `most`
-/// [bytes], or if that is not positive to the available memory. Of this process and the loop's, the
-/// kernel then ends this one.
+/// Makes sure that this process ends before the loop if memory runs out. Limits its memory to
+/// `most` [bytes]; if `most` is not positive, to the memory that is available now. Also raises its
+/// OOM score, so that the kernel ends this process first.
 void takeNoMore(double most) {
   std::ofstream("/proc/self/oom_score_adj") << 1000;
   std::ifstream info("/proc/meminfo");
@@ -71,14 +71,15 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// Leaves a core to the loop. Moves all present threads off this core, also threads of the graphics
-/// driver, which may allow every core when they start. Later threads inherit the cores of the
-/// thread that makes them.
+/// Moves all threads of this process off the core `loops`, which the loop uses. A thread of the
+/// graphics driver may use every core again after it has started. A later thread inherits the cores
+/// of the thread that creates it.
 void stepAside(int loops) {
   cpu_set_t cores;
   if (loops < 0 || sched_getaffinity(0, sizeof cores, &cores) != 0) return;
   CPU_CLR(loops, &cores);
-  // Repeats until no thread is left: a thread that was not moved yet may have made another one.
+  // Repeats until no thread uses the core. A thread that was not moved yet may have created another
+  // thread.
   for (bool moved = true; moved;) {
     moved = false;
     for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
@@ -90,7 +91,7 @@ void stepAside(int loops) {
   }
 }
 
-/// Throws Error if the graphics are too old for VTK, which would crash.
+/// Throws Error if the OpenGL version is too old for VTK, which would crash.
 void needOpenGL() {
   const auto window = vtkSmartPointer<vtkRenderWindow>::New();
   window->SetOffScreenRendering(1);
@@ -101,7 +102,7 @@ void needOpenGL() {
 
 BuiltScene shown(const std::string& scene) {
   SceneSpec spec = openScene(scene);
-  spec.waits = true;  // reads may wait, because this process has no real-time thread
+  spec.waits = true;  // reads may block, because this process has no real-time thread
   return buildScene(spec);
 }
 
@@ -124,7 +125,7 @@ int run(int argc, char** argv) {
   app.add_option("--reengage", options.reengage,
                  "Time from the last late tick until the loop restores the force [s]; 0: never");
   app.add_flag("--watch", watch, "Redraw the scene when its file changes");
-  // For tests.
+  // Option for tests.
   app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
   app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
   app.add_option("--told-every", told_every)->group("")->envname("PALPATE_VIEW_TOLD_EVERY");
@@ -145,7 +146,8 @@ int run(int argc, char** argv) {
   const bool still = !picture.empty();
   const int loops = still ? -1 : loopsCore();
   stepAside(loops);
-  // Before the memory limit: a driver without memory fails as if it were missing.
+  // Called before the memory is limited: a graphics driver that gets no memory reports that there
+  // is no display.
   view::needDisplay(still);
   vtkObject::GlobalWarningDisplayOff();
   needOpenGL();
@@ -181,7 +183,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   using namespace palpate;
-  // The loop ends the run; signals of a terminal are for the loop.
+  // This process ignores signals from the terminal. The loop receives them and ends the run.
   std::signal(SIGINT, SIG_IGN);
   std::signal(SIGPIPE, SIG_IGN);
   try {

@@ -1,5 +1,5 @@
-/// Draws the parts that change in every frame: probe, proxy, spring, force, and the kind and state
-/// of each primitive.
+/// Draws the objects that move in every frame: probe, proxy, spring, force, and each primitive with
+/// its kind and state.
 #pragma once
 
 #include <array>
@@ -17,31 +17,32 @@
 
 namespace palpate::view {
 
-/// Returns the colour of a primitive's state.
+/// Returns the colour for the state of a primitive.
 [[nodiscard]] Colour colourOf(cli::Hold hold);
 
-/// Returns the load of a primitive in the last balance: whether it holds or yields.
+/// Returns the load of a primitive in the last balance of the tick, with its state.
 [[nodiscard]] cli::Load loadIn(const LiveTick& tick, const LivePrimitive& primitive);
 
-/// Draws one tick. A window has two overlays: one for visible parts, and a faint one for hidden
-/// parts.
+/// Draws one tick. A window has two overlays: one draws the visible parts, the other draws hidden
+/// parts faintly.
 class Overlay {
  public:
-  /// `size`: size of the scene [m], which scales the drawing; `opacity` 0 to 1.
+  /// @param size     Size of the scene [m]; all shapes are drawn in proportion to it.
+  /// @param opacity  Opacity, 0 to 1.
   Overlay(vtkRenderer& renderer, double size, double opacity);
 
-  /// Draws a tick. RT: not for a loop; about 0.1 ms.
+  /// Draws a tick. Takes about 0.1 ms; not for a haptic loop.
   void show(const LiveTick& tick);
 
-  /// Returns the bounds of each visible actor, as VTK gives them.
+  /// Returns the bounds of each visible actor, in VTK's order.
   [[nodiscard]] std::vector<std::array<double, 6>> seen() const;
-  /// Returns the arrow's length for one newton [m].
+  /// Returns the length of the force's arrow for 1 N [m].
   [[nodiscard]] double metresPerNewton() const noexcept { return 0.1 * size_; }
-  /// Returns the tip of the force's arrow, as drawn last [m].
+  /// Returns the tip of the force's arrow in the last drawing [m].
   [[nodiscard]] const Vec3& tip() const noexcept { return tip_; }
 
  private:
-  static constexpr std::size_t kMost = 24;  ///< Primitives that are drawn.
+  static constexpr std::size_t kMost = 24;  ///< Largest number of primitives that are drawn.
 
   vtkSmartPointer<vtkActor> add(vtkAlgorithmOutput* output, const Colour& colour);
   vtkRenderer& renderer_;
@@ -53,7 +54,8 @@ class Overlay {
   vtkSmartPointer<vtkActor> proxy_;
   vtkSmartPointer<vtkActor> spring_;
   vtkSmartPointer<vtkActor> force_;
-  /// Each primitive has one actor per kind, and shows the actor of its kind.
+  /// Four actors for each primitive, one for each kind; only the actor of the present kind is
+  /// visible.
   std::array<std::array<vtkSmartPointer<vtkActor>, 4>, kMost> primitives_;
 };
 

@@ -23,13 +23,13 @@ constexpr Colour kTrack{0.22, 0.24, 0.27};
 constexpr double kMargin = 14.0;
 constexpr double kInner = Panel::kWidth - 2.0 * kMargin;
 
-/// Formats with three digits, and never with a power of ten.
+/// Formats a number with three significant digits, without an exponent.
 std::string brief(double value) {
   const double size = std::abs(value);
   return size < 1e-3 || size >= 100.0 ? fmt::format("{:.0f}", value) : fmt::format("{:.3g}", value);
 }
 
-/// Returns the remedy for a tick that did not converge.
+/// Returns advice for a tick that did not converge.
 const char* adviceFor(StepStatus status) {
   switch (status) {
     case StepStatus::kConverged:
@@ -110,7 +110,7 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
     lines.emplace_back("press Enter to restore the force");
     return lines;
   }
-  constexpr double kFinest = 1e-3;  // [um]
+  constexpr double kFinest = 1e-3;  // [um]: least value that is shown
   lines.push_back(fmt::format("{}, within {} um", wordFor(tick.status),
                               brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
@@ -169,7 +169,7 @@ void Panel::text(double x, double y, const std::string& words, int size, const C
     renderer_.AddActor2D(texts_.back());
   }
   vtkTextActor& actor = *texts_[used_++];
-  // VTK renders a text again only if it has changed.
+  // VTK renders a text again only if the text has changed.
   actor.SetInput(words.c_str());
   actor.SetPosition(scale_ * x, scale_ * y);
   actor.GetTextProperty()->SetFontSize(static_cast<int>(scale_ * size));
@@ -192,7 +192,7 @@ double Panel::strip(double top, const std::string& title, const std::vector<Live
                    unit, brief(most)),
        12, kFaint);
   if (rows.size() < 2) return bottom - 10.0;
-  // The highest value of each column, so that every peak is visible.
+  // Draws the highest value in each column of pixels, so that no peak is lost.
   std::array<double, kColumns> columns{};
   std::array<bool, kColumns> there{};
   const double first = rows.front().time;
@@ -225,7 +225,7 @@ void Panel::show(const Content& content, double height) {
   double y = height - 26.0;
   for (const std::string& words : content.status) {
     const bool first = &words == &content.status.front();
-    // Letters in the width of the panel.
+    // Number of letters in a line of the panel.
     constexpr std::size_t kLetters = 42;
     for (std::size_t at = 0; at < words.size();) {
       std::size_t end = std::min(words.size(), at + kLetters);
@@ -258,7 +258,7 @@ void Panel::show(const Content& content, double height) {
   for (const Shapes::Entry& entry : content.legend) {
     if (y < 60.0) break;
     if (entry.high > entry.low) {
-      // The scale, with the values at its ends.
+      // Draws the colour scale and the values at its ends.
       constexpr int kSteps = 24;
       constexpr double kWide = 60.0;
       for (int i = 0; i < kSteps; ++i) {

@@ -1,5 +1,5 @@
-/// The panel beside the picture: the load and the strength of each mode in a tick, the last two
-/// seconds, and the state of the loop in words.
+/// The panel beside the picture. It shows the load and the strength of each mode in a tick, plots
+/// of the last two seconds, and the state of the loop as text.
 #pragma once
 
 #include <array>
@@ -23,47 +23,47 @@
 
 namespace palpate::view {
 
-/// One mode, as the panel shows it.
+/// Data of one mode in the panel.
 struct Bar {
   std::string name;
-  double load = 0.0;      ///< Force on the proxy [N].
-  double strength = 0.0;  ///< Largest force [N].
+  double load = 0.0;      ///< Force of the mode on the proxy [N].
+  double strength = 0.0;  ///< Largest force of the mode [N].
   cli::Hold hold = cli::Hold::kIdle;
-  bool slips = false;  ///< Its friction slips.
-  LiveDial felt;       ///< Dial that the loop uses.
-  float wish = 1.0F;   ///< Factor that the user has requested.
+  bool slips = false;  ///< True if the friction of the mode slips.
+  LiveDial felt;       ///< Gain that the loop uses.
+  float wish = 1.0F;   ///< Gain that the user has requested.
 };
-/// Returns the bars of a tick's modes, in the scene's order.
+/// Returns the data of the modes of a tick, in the order of the scene.
 [[nodiscard]] std::vector<Bar> barsOf(const LiveTick& tick, const LiveScene& scene,
                                       const LiveWishes& wishes);
 
-/// Returns the text of a bar: the present state, and a request that is not in effect yet.
+/// Returns the text for a mode: its state, and the requested gain until the loop uses it.
 [[nodiscard]] std::string wordsOf(const Bar& bar);
 
-/// Returns the state of the loop, with cause and remedy, one line each.
+/// Returns the state of the loop with its cause and a remedy, one line each.
 ///
 /// @param reengage  LoopParams::reengage of the loop [s].
 [[nodiscard]] std::vector<std::string> statusOf(const LiveTick& tick, double reengage);
 
-/// A panel of fixed width at the right of a window.
+/// A panel of fixed width at the right edge of a window.
 class Panel {
  public:
-  static constexpr int kWidth = 300;            ///< [pixels]
-  static constexpr std::size_t kMostBars = 12;  ///< Modes that are shown.
+  static constexpr int kWidth = 300;            ///< Width of the panel [pixels].
+  static constexpr std::size_t kMostBars = 12;  ///< Largest number of modes that are shown.
 
-  /// `scale`: pixels of the picture per pixel of the panel.
+  /// `scale` is the number of pixels in the picture for one pixel of the panel.
   Panel(vtkRenderer& renderer, double scale);
 
-  /// Content of the panel, shown about ten times a second.
+  /// Content of the panel. It is shown about ten times a second.
   struct Content {
     std::vector<Bar> bars;
-    std::optional<std::uint32_t> selected;  ///< The mode that keys change.
-    std::vector<LiveRow> rows;              ///< The last two seconds, ascending.
-    std::vector<std::string> status;        ///< Lines.
-    std::vector<std::string> notes;         ///< Lines, small.
+    std::optional<std::uint32_t> selected;  ///< LiveDial::mode of the mode that the keys change.
+    std::vector<LiveRow> rows;        ///< The ticks of the last two seconds, in ascending order.
+    std::vector<std::string> status;  ///< Lines about the state of the loop.
+    std::vector<std::string> notes;   ///< Lines in a small font.
     std::vector<Shapes::Entry> legend;
   };
-  /// Draws the content. `height`: the panel's height [pixels].
+  /// Draws the content. `height` is the height of the panel [pixels].
   void show(const Content& content, double height);
 
  private:
@@ -73,7 +73,7 @@ class Panel {
   double strip(double top, const std::string& title, const std::vector<LiveRow>& rows,
                float LiveRow::*value, double scale, const char* unit, const Colour& colour);
 
-  /// Shapes of one kind, each with its colour.
+  /// Shapes of one kind, with a colour for each.
   struct Drawing {
     vtkSmartPointer<vtkPoints> points;
     vtkSmartPointer<vtkCellArray> cells;
@@ -85,9 +85,9 @@ class Panel {
   vtkRenderer& renderer_;
   double scale_;
   Drawing quads_;
-  Drawing lines_;  ///< In front of quads_.
+  Drawing lines_;  ///< Drawn in front of quads_.
   std::vector<vtkSmartPointer<vtkTextActor>> texts_;
-  std::size_t used_ = 0;  ///< Texts used by this drawing.
+  std::size_t used_ = 0;  ///< Number of texts that the present drawing has used.
 };
 
 }  // namespace palpate::view

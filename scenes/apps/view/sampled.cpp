@@ -11,7 +11,7 @@
 namespace palpate::view {
 namespace {
 
-/// An empty lattice over a box.
+/// Returns a lattice over a box, with `most` points along the longest side and without values.
 vtkSmartPointer<vtkImageData> lattice(const Box& box, int most) {
   const double step = std::max(box.size().maxCoeff() / (most - 1), 1e-9);
   auto image = vtkSmartPointer<vtkImageData>::New();
@@ -33,7 +33,7 @@ vtkSmartPointer<vtkFloatArray> array(const char* name, int components, vtkIdType
   return values;
 }
 
-/// Calls `put(index, place, cache)` for every point.
+/// Calls `put(index, place, cache)` for each point of the lattice, in parallel.
 template <class F, class Put>
 void readAll(const F& field, vtkImageData& image, const Put& put) {
   int size[3];

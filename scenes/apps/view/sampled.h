@@ -1,4 +1,4 @@
-/// Samples fields on an even lattice, for VTK.
+/// Samples fields on a regular lattice, for drawing with VTK.
 #pragma once
 
 #include <utility>
@@ -11,14 +11,14 @@
 
 namespace palpate::view {
 
-/// Samples a scalar field over its bounds, at rest, with `most` points along the longest side. The
-/// image is in W [m], its scalars are named "value". Slow, on all cores.
+/// Samples a scalar field in its rest pose within its bounds, with `most` points along the longest
+/// side. The image is in W [m]; its scalars have the name "value". Slow; uses all cores.
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const ScalarField& field, int most);
-/// Samples vectors, named "vector", zero where data are missing, and their magnitudes, named
-/// "value".
+/// Samples a vector field in the same way. The vectors have the name "vector" and are zero where
+/// data are missing; their magnitudes have the name "value".
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along,
                                                     int most);
-/// Returns the two values between which nearly all values lie.
+/// Returns two values between which nearly all values of the image lie.
 [[nodiscard]] std::pair<double, double> usual(vtkImageData& image);
 
 }  // namespace palpate::view

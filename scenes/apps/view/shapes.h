@@ -1,4 +1,4 @@
-/// Draws a scene's volumes and guides: the backdrop behind the hand.
+/// Draws the volumes and the guides of a scene as a backdrop behind the hand.
 #pragma once
 
 #include <array>
@@ -16,9 +16,10 @@
 
 namespace palpate::view {
 
-using Colour = std::array<double, 3>;  ///< Red, green, blue, 0 to 1.
+using Colour = std::array<double, 3>;  ///< Red, green and blue, each 0 to 1.
 
-/// Colours by the effect of a mode, distinct for every kind of colour vision (Okabe and Ito).
+/// Colours for the state of a primitive. They can be distinguished with every kind of colour vision
+/// (Okabe and Ito).
 inline constexpr Colour kHolds{0.00, 0.45, 0.70};
 inline constexpr Colour kYields{0.84, 0.37, 0.00};
 inline constexpr Colour kPushes{0.00, 0.62, 0.45};
@@ -27,53 +28,55 @@ inline constexpr Colour kProbe{0.90, 0.62, 0.00};
 inline constexpr Colour kProxy{0.34, 0.71, 0.91};
 inline constexpr Colour kForce{0.80, 0.47, 0.65};
 
-/// Returns the colour of a share of the scale, 0 to 1. A larger share is lighter, for every kind of
-/// colour vision.
+/// Returns the colour for a position on the colour scale, 0 to 1. Colours become lighter from 0 to
+/// 1, also for people with colour blindness.
 [[nodiscard]] Colour onScale(double share);
 
-/// Draws each field by its modes: a surface for an isosurface, a cloud as dense as a strength,
-/// streamlines along a vector, guides as they are. Moving shapes are drawn at their present place.
+/// Draws each field as its modes use it: a surface for an isosurface, a cloud for a strength,
+/// streamlines along a vector. Draws each guide as its shape. Moving shapes are drawn at their
+/// present pose.
 class Shapes {
  public:
-  /// Reads all fields; takes a second or two. `fine`: for pictures, eight times as many triangles.
-  /// If there are more than kMostParts parts, draws the first ones.
+  /// Reads all fields, which takes one or two seconds. `fine` is for still pictures: surfaces get
+  /// eight times as many triangles as in a window. If the scene has more than kMostParts parts,
+  /// only the first ones are drawn.
   Shapes(const BuiltScene& built, bool fine);
 
   static constexpr std::size_t kMostParts = 48;
 
-  /// Adds all shapes. Translucent shapes go into `through`, a layer in front of `solid`. The depths
-  /// of that layer are drawn first, so that only its nearest surface is visible.
+  /// Adds all shapes to the renderers. Translucent shapes are added to `through`, which is drawn in
+  /// front of `solid`. Their depths are drawn first, so that only the nearest translucent surface
+  /// is visible.
   void addTo(vtkRenderer& solid, vtkRenderer& through) const;
   static constexpr int kCoarsest = 4;
-  /// Sets the detail of the drawing: a cloud has one ray per `step` pixels each way, 1 to
-  /// kCoarsest. At kCoarsest surfaces are coarse too.
+  /// Sets the level of detail, 1 (finest) to kCoarsest: a cloud has one ray for each square of
+  /// `step` by `step` pixels. With kCoarsest, surfaces have fewer triangles too.
   void detail(int step);
-  /// Puts moving shapes at their place at a time [s].
+  /// Moves all moving shapes to their pose at a time [s].
   void moveTo(double time);
   [[nodiscard]] bool moves() const noexcept;
-  /// Returns the scene's bounds [m].
+  /// Returns the bounds of all shapes [m].
   [[nodiscard]] const Box& bounds() const noexcept { return bounds_; }
 
-  /// A drawn shape, for the panel's legend.
+  /// A shape in the legend of the panel.
   struct Entry {
     std::string name;  ///< Name of the mode or the volume.
     Colour colour;
-    double low = 0.0;   ///< Value of the darkest colour, in the data's unit.
-    double high = 0.0;  ///< Value of the lightest colour; not more than `low`: one colour.
-    bool grey = false;  ///< A grey scale, for slices.
+    double low = 0.0;  ///< Value of the darkest colour, in the unit of the data.
+    /// Value of the lightest colour. If it is not greater than `low`, the shape has one colour.
+    double high = 0.0;
+    bool grey = false;  ///< True for the grey scale of the slices.
   };
   [[nodiscard]] const std::vector<Entry>& legend() const noexcept { return legend_; }
-  /// A volume with its field and motion.
   struct Volume {
     std::string name;
     FieldPtr field;
     MotionPtr motion;
   };
-  /// Returns all volumes.
   [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }
-  /// Shows or hides surfaces and clouds, because these hide slices.
+  /// Shows or hides surfaces and clouds. While they are shown, they hide the slices.
   void showBodies(bool on);
-  /// Returns notes on parts that were left out, one line each.
+  /// Returns notes about parts that are not drawn, one line each.
   [[nodiscard]] const std::vector<std::string>& notes() const noexcept { return notes_; }
 
  private:
@@ -82,12 +85,12 @@ class Shapes {
     vtkSmartPointer<vtkProp3D> prop;
     When when = When::kAlways;
     MotionPtr motion;
-    Vec3 centre = Vec3::Zero();  ///< Centre at rest [m].
+    Vec3 centre = Vec3::Zero();  ///< Centre in the rest pose [m].
     bool body = false;
-    int surface = -1;                             ///< Number of a surface that does not move.
-    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Depths of a translucent surface.
-    vtkSmartPointer<vtkPolyData> mesh = nullptr;  ///< Drawn mesh of a surface that deforms.
-    vtkSmartPointer<vtkPoints> rest = nullptr;    ///< Points of this mesh at rest.
+    int surface = -1;  ///< Index of a surface that does not move; -1: another shape.
+    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Draws the depths of a translucent surface.
+    vtkSmartPointer<vtkPolyData> mesh = nullptr;  ///< Mesh of a surface that deforms.
+    vtkSmartPointer<vtkPoints> rest = nullptr;    ///< Points of this mesh in the rest pose.
   };
   void addGraph(const Graph& graph, bool fine);
   void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,
@@ -97,14 +100,15 @@ class Shapes {
   void addStreams(const Graph& graph, std::size_t field, Along along, const std::string& name);
   void addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name);
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
-  /// Makes a surface translucent if it has another surface in it.
+  /// Makes each surface translucent that encloses another surface.
   void seeThrough();
 
   std::vector<Shape> shapes_;
   std::vector<Entry> legend_;
   std::vector<Volume> volumes_;
   std::vector<std::string> notes_;
-  std::vector<std::string> known_;  ///< Keys of drawn shapes; each is drawn once.
+  /// Keys of the shapes that were drawn, so that none is drawn twice.
+  std::vector<std::string> known_;
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;

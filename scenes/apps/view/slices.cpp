@@ -11,7 +11,7 @@
 namespace palpate::view {
 namespace {
 
-constexpr int kSide = 160;  ///< Points of a slice each way.
+constexpr int kSide = 160;  ///< Number of points along each side of a slice.
 
 }  // namespace
 

@@ -1,5 +1,5 @@
-/// Draws three planes through a place, parallel to a volume's sides, in grey: a scalar as its modes
-/// read it.
+/// Draws three planes through a point, parallel to the sides of a volume, with grey values of a
+/// scalar field.
 #pragma once
 
 #include <array>
@@ -15,13 +15,13 @@
 
 namespace palpate::view {
 
-/// Draws the three planes, or hides them.
+/// Draws three slices, or hides them.
 class Slices {
  public:
   explicit Slices(vtkRenderer& renderer);
 
-  /// Draws planes through `at` [m] of a field that is placed by `pose`; black at `low`, white at
-  /// `high`. Takes some milliseconds.
+  /// Draws slices of a field with the pose `pose` through the point `at` [m]. The value `low` is
+  /// black and `high` is white. Takes a few milliseconds.
   void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high);
   void hide();
 

@@ -1,4 +1,4 @@
-/// Traces lines along a vector field.
+/// Computes lines along a vector field.
 #pragma once
 
 #include <vector>
@@ -7,19 +7,19 @@
 
 namespace palpate::view {
 
-/// The vector of a field that a line follows.
+/// The vector that a line follows.
 enum class Along : std::uint8_t {
-  kValue,  ///< The field's value.
-  kCurl,   ///< Its curl: vortices turn about these lines.
+  kValue,  ///< The vector of the field.
+  kCurl,   ///< The curl of the field. Vortices turn about these lines.
 };
 
-/// Returns that vector at a place; zero where data are missing.
+/// Returns the vector at a place; zero where data are missing.
 [[nodiscard]] Vec3 vectorAt(const VectorField& field, Along along, const Vec3& p,
                             FieldCache& cache);
 
-/// Returns the line through a place, in both directions, at most `length` in each [m]; empty if the
-/// vector there is zero. The sign of a vector is chosen to agree with the vector before it: axes
-/// are followed like arrows.
+/// Returns a line through a place, at most `length` [m] in each direction. Returns an empty line if
+/// the vector is zero there. Each vector gets the sign that agrees with the previous vector, so
+/// that vectors without a sign can be followed too.
 [[nodiscard]] std::vector<Vec3> lineThrough(const VectorField& field, Along along, const Vec3& p,
                                             double length);
 

@@ -1,5 +1,5 @@
-/// The window. Draws the backdrop when it changes, the hand in front of it in every frame and the
-/// panel beside it, and takes the user's requests.
+/// The window. It draws the backdrop when it changes, and the hand and the panel in every frame. It
+/// also takes the user's requests.
 #pragma once
 
 #include <chrono>
@@ -31,24 +31,27 @@
 
 namespace palpate::view {
 
-/// Data of the last drawing, for tests: in pixels from the window's lower left corner, and in
-/// numbers.
+/// Data of the last drawing, for tests. Positions are in pixels from the window's lower left
+/// corner.
 using Told = nlohmann::ordered_json;
 
-/// Shows a running loop until it is closed.
+/// Shows the state of a running loop until the window is closed.
 class ViewWindow {
  public:
   struct Options {
-    int width = 960;        ///< [pixels]
-    int height = 640;       ///< [pixels]
+    int width = 960;        ///< Width of the window [pixels].
+    int height = 640;       ///< Height of the window [pixels].
     double reengage = 0.0;  ///< LoopParams::reengage of the loop [s].
     bool offscreen = false;
-    int magnify = 1;         ///< Factor of a picture's pixels each way.
-    double patience = 0.75;  ///< Longest time for a refined backdrop; after that it is coarser [s].
-    /// Called when the loop has a new scene. Returns the shapes once they are read, or Error; an
-    /// invalid future if the scene's file is unchanged.
+    /// Number of pixels of the picture for one pixel of the window, in each direction.
+    int magnify = 1;
+    /// Longest time that drawing a refined backdrop may take [s]. If it takes longer, the next one
+    /// is coarser.
+    double patience = 0.75;
+    /// Called when the loop has a new scene. The future gets the shapes once they are read, or an
+    /// Error. Returns an invalid future if the scene file has not changed.
     std::function<std::future<std::unique_ptr<Shapes>>()> again;
-    std::function<void()> shown;  ///< Called after the first frame.
+    std::function<void()> shown;  ///< Called once the first frame is shown.
   };
   ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const std::string& title,
              const Options& options);
@@ -56,11 +59,11 @@ class ViewWindow {
   ViewWindow(const ViewWindow&) = delete;
   ViewWindow& operator=(const ViewWindow&) = delete;
 
-  /// Runs until the window is closed or the run has ended. Every `every` seconds [s], writes the
-  /// data of the drawing to the file `told`, and a picture of the window to `shot`. An empty name
-  /// disables its file.
+  /// Runs until the window is closed or the run has ended. Every `every` seconds, writes the data
+  /// of the drawing to the file `told` and a picture of the window to the file `shot`. A file with
+  /// an empty name is not written.
   void run(double every, const std::string& shot, const std::string& told);
-  /// Draws the newest tick once, and writes it as a PNG.
+  /// Draws the newest tick once and writes the picture as a PNG file.
   void draw(const std::string& file);
   /// Returns the data of the last drawing.
   [[nodiscard]] Told told() const;
@@ -70,48 +73,55 @@ class ViewWindow {
   class Events;
 
   void frame();
-  void refresh();    ///< Reads new data of the loop.
-  void takeAgain();  ///< Starts to read a changed scene; shows it once it is read.
+  void refresh();    ///< Reads the newest data from the loop.
+  void takeAgain();  ///< Starts to read a changed scene, or shows it once it is read.
   void showHand();
-  /// Returns the bounds of the hand as shown, as far from the scene as depths reach.
+  /// Returns the bounds of the drawn hand. The bounds end where a wider range would make the depths
+  /// too inaccurate.
   [[nodiscard]] vtkBoundingBox hand() const;
-  void clip();  ///< Sets the depth range to cover all drawn objects.
+  void clip();  ///< Sets the depth range of the camera so that it covers all shapes and the hand.
   void drawBackdrop(int detail);
   void drawFrame();
   void fillPanel();
-  [[nodiscard]] std::vector<std::string> notes() const;  ///< Notes on the picture, or a message.
-  void layOut();                        ///< Lays out panel and picture by the window's size.
-  void furnish();                       ///< Puts all shapes into their layers.
-  void follow(const LiveScene& modes);  ///< Takes a new scene of the loop.
+  /// Returns the notes for the panel: about the picture, or a message.
+  [[nodiscard]] std::vector<std::string> notes() const;
+  void layOut();                        ///< Divides the window into picture and panel.
+  void furnish();                       ///< Adds all shapes to their renderers.
+  void follow(const LiveScene& modes);  ///< Takes the modes of a new scene of the loop.
   void drawSlices();                    ///< Draws slices and streamlines through the proxy.
-  void slice();                         ///< Selects the next volume for slices, or no volume.
-  void wish();                          ///< Sends the wishes to the loop.
+  void slice();  ///< Selects the next volume for the slices; after the last one, none.
+  void wish();   ///< Sends the user's requests to the loop.
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
-  [[nodiscard]] Area drawnOver() const;  ///< The area of the hand as shown now.
+  [[nodiscard]] Area drawnOver() const;  ///< Returns the area that the hand covers now.
 
   // User input.
   void key(const std::string& name);
   void move(int x, int y);
   void wheel(double steps);
   void resetCamera();
-  void choose(std::size_t bar);              ///< Selects the mode that keys change.
-  [[nodiscard]] std::size_t chosen() const;  ///< Its bar; no mode: one after the last.
-  void dial(float factor);                   ///< Multiplies its strength; 0: off, or on again.
-  void withdraw();                           ///< Withdraws wishes that the loop has refused.
+  /// Selects the mode with this index in bars_, which the keys then change.
+  void choose(std::size_t bar);
+  /// Returns the index of the selected mode in bars_; if no mode is selected, the number of bars.
+  [[nodiscard]] std::size_t chosen() const;
+  /// Multiplies the gain of the selected mode. With 0, switches the mode off, or on again.
+  void dial(float factor);
+  void withdraw();  ///< Resets requested gains that the loop has rejected.
 
   LiveBlock& block_;
-  bool again_ = false;  ///< The scene's file must be checked for a change.
-  std::future<std::unique_ptr<Shapes>> reading_;  ///< Outlives the window; its destructor waits.
+  bool again_ = false;  ///< True if the scene file must be checked for a change.
+  /// The thread that reads a changed scene; the destructor waits for it.
+  std::future<std::unique_ptr<Shapes>> reading_;
   std::unique_ptr<Shapes> shapes_;
   Options options_;
   vtkSmartPointer<vtkOpenGLRenderWindow> window_;
-  vtkSmartPointer<vtkRenderer> scene_;     ///< The backdrop.
-  vtkSmartPointer<vtkRenderer> through_;   ///< Translucent shapes.
-  vtkSmartPointer<vtkRenderer> restored_;  ///< The restored backdrop and the visible hand.
-  vtkSmartPointer<vtkRenderer> hidden_;    ///< Hidden parts of the hand, faintly.
-  vtkSmartPointer<vtkRenderer> side_;      ///< The panel.
+  vtkSmartPointer<vtkRenderer> scene_;    ///< Draws the backdrop.
+  vtkSmartPointer<vtkRenderer> through_;  ///< Draws translucent shapes.
+  /// Draws the stored backdrop and the visible parts of the hand.
+  vtkSmartPointer<vtkRenderer> restored_;
+  vtkSmartPointer<vtkRenderer> hidden_;  ///< Draws the hidden parts of the hand faintly.
+  vtkSmartPointer<vtkRenderer> side_;    ///< Draws the panel.
   vtkSmartPointer<vtkRenderWindowInteractor> interactor_;
   std::unique_ptr<Events> events_;
   std::optional<Sight> sight_;
@@ -120,47 +130,50 @@ class ViewWindow {
   std::optional<Panel> panel_;
   std::optional<Slices> slices_;
   vtkSmartPointer<vtkPolyData> stream_;  ///< Streamlines through the proxy.
-  std::optional<std::size_t> sliced_;    ///< Index in Shapes::volumes.
-  std::pair<double, double> grey_;       ///< Values of black and white in slices.
-  Vec3 sliced_at_ = Vec3::Zero();        ///< Place that slices and streamlines go through [m].
+  std::optional<std::size_t> sliced_;    ///< Index in Shapes::volumes() of the volume with slices.
+  std::pair<double, double> grey_;       ///< Values that are black and white in the slices.
+  /// Point in which the slices meet, and where streamlines start [m].
+  Vec3 sliced_at_ = Vec3::Zero();
   vtkSmartPointer<vtkTextActor> newtons_;
   vtkSmartPointer<vtkTextActor> help_;
   KeptImage backdrop_;
 
   LiveTick tick_;
   LiveScene modes_;
-  LiveWishes wishes_;                          ///< Dials of the modes in modes_, in the same order.
-  std::map<std::uint32_t, float> before_off_;  ///< Factors of modes that are off.
-  std::uint64_t refused_ = 0;                  ///< LiveBlock::refused, as last seen.
+  LiveWishes wishes_;  ///< Requests of the user. The gains are in the order of the modes in modes_.
+  /// Gains that modes had before they were switched off.
+  std::map<std::uint32_t, float> before_off_;
+  std::uint64_t refused_ = 0;  ///< Last value of LiveBlock::refused that was read.
   std::array<int, 2> laid_out_{};
   std::vector<LiveRow> rows_;
   std::vector<Bar> bars_;
-  std::optional<std::uint32_t> selected_;  ///< The mode that keys change.
-  Vec3 hand_ = Vec3::Zero();               ///< Place of the hand by the mouse [m].
+  std::optional<std::uint32_t> selected_;  ///< LiveDial::mode of the mode that the keys change.
+  Vec3 hand_ = Vec3::Zero();               ///< Target of the hand that the mouse leads [m].
   bool hand_known_ = false;
   bool over_ = false;
   bool stalled_ = false;
-  bool gone_ = false;              ///< The loop's program has ended.
-  int detail_ = 1;                 ///< Detail of a refined backdrop, as Shapes::detail.
-  int drawn_ = Shapes::kCoarsest;  ///< Detail of the visible backdrop.
-  bool stale_ = true;              ///< The backdrop must be drawn.
-  vtkBoundingBox clipped_;         ///< Bounds that its depth range covers.
-  std::uint64_t changes_ = 1;      ///< Counts changes of the content.
-  std::uint64_t framed_ = 0;       ///< Value of changes_ in the last frame.
-  std::uint64_t panelled_ = 0;     ///< Value of changes_ in the panel.
-  bool panel_fresh_ = true;        ///< The panel must be drawn.
-  Area over_backdrop_;             ///< Area that the last frame drew over.
-  int turning_ = 0;                ///< Button that is held: 1 turns, 2 shifts, 3 zooms.
+  bool gone_ = false;              ///< True if the process of the loop has ended.
+  int detail_ = 1;                 ///< Detail of a refined backdrop, as for Shapes::detail().
+  int drawn_ = Shapes::kCoarsest;  ///< Detail of the backdrop in the window.
+  bool stale_ = true;              ///< True if the backdrop must be drawn.
+  vtkBoundingBox clipped_;         ///< Bounds that the depth range of the backdrop covers.
+  std::uint64_t changes_ = 1;      ///< Number of changes of the content.
+  std::uint64_t framed_ = 0;       ///< Value of changes_ that the last frame shows.
+  std::uint64_t panelled_ = 0;     ///< Value of changes_ that the panel shows.
+  bool panel_fresh_ = true;        ///< True if the panel must be drawn.
+  Area over_backdrop_;             ///< Area of the backdrop that the last frame has drawn over.
+  /// Mouse button that is held: 1 turns the camera, 2 shifts it, 3 zooms; 0: none.
+  int turning_ = 0;
   std::array<int, 2> last_{};
-  std::string message_;  ///< Shown for a while in the panel.
+  std::string message_;  ///< Message that the panel shows for a short time.
   Clock::time_point message_until_;
   Clock::time_point rest_since_;
   Clock::time_point panel_at_;
   Clock::time_point tick_at_;
   static constexpr std::size_t kCosts = 256;
   std::size_t next_cost_ = 0;
-  std::vector<double> frame_costs_;  ///< CPU time of the last frames [s].
-  /// Cost of a backdrop [s].
+  std::vector<double> frame_costs_;  ///< CPU time of each of the last frames [s].
+  /// Time for drawing a backdrop [s].
   struct Cost {
     double cpu = 0.0;
     double wall = 0.0;
@@ -168,7 +181,8 @@ class ViewWindow {
   Cost coarse_cost_;
   Cost refined_cost_;
   std::int64_t frames_ = 0;
-  std::int64_t frames_reading_ = 0;  ///< Frames while a scene was read again.
+  /// Number of frames that were drawn while a changed scene was read.
+  std::int64_t frames_reading_ = 0;
 };
 
 }  // namespace palpate::view

@@ -1,13 +1,13 @@
-/// Private to scenes/apps/view: clocks of the window.
+/// Private to scenes/apps/view: times for measuring the cost of drawing.
 #pragma once
 
 #include <chrono>
 
 namespace palpate::view {
 
-/// Returns the time since a moment [s].
+/// Returns the time that has passed since `since` [s].
 [[nodiscard]] double secondsSince(std::chrono::steady_clock::time_point since);
-/// Returns the CPU time of this process, in all threads [s].
+/// Returns the CPU time that all threads of this process have used [s].
 [[nodiscard]] double cpu();
 
 }  // namespace palpate::view

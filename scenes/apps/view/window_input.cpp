@@ -21,7 +21,7 @@ void ViewWindow::withdraw() {
   const std::uint64_t refused = block_.refused.load();
   if (refused == refused_) return;
   refused_ = refused;
-  // Newer requests are answered later.
+  // The loop has not answered the last request yet.
   if (refused < wishes_.dialled) return;
   for (std::size_t i = 0; i < wishes_.dial_count; ++i) wishes_.dials[i] = modes_.modes[i].dial;
   ++changes_;
@@ -46,7 +46,7 @@ void ViewWindow::dial(float factor) {
   if (turned == end) return;
   float& dial = turned->factor;
   if (factor == 0.0F) {
-    // Switches the mode off, or on again with its last factor.
+    // Switches the mode off; if it is off, restores its previous gain.
     const auto [before, fresh] = before_off_.try_emplace(turned->mode, 1.0F);
     if (dial != 0.0F) before->second = dial;
     dial = dial == 0.0F ? before->second : 0.0F;
@@ -104,7 +104,7 @@ void ViewWindow::move(int x, int y) {
   const int* size = window_->GetSize();
   if (turning_ == 0) {
     if (!hand_known_ || x > size[0] - Panel::kWidth) return;
-    // Moves the hand on its plane parallel to the screen.
+    // Moves the hand in the plane through its position that is parallel to the screen.
     double shown[3];
     double world[4];
     scene_->SetWorldPoint(hand_.x(), hand_.y(), hand_.z(), 1.0);
@@ -118,7 +118,7 @@ void ViewWindow::move(int x, int y) {
     block_.hand.write({{hand_.x(), hand_.y(), hand_.z()}});
     return;
   }
-  constexpr double kTurn = 0.4;  // degrees per pixel
+  constexpr double kTurn = 0.4;  // [degrees per pixel]
   if (turning_ == 1) {
     camera.Azimuth(-kTurn * dx);
     camera.Elevation(std::clamp(-kTurn * dy, -5.0, 5.0));

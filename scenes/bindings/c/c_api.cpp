@@ -22,7 +22,7 @@ struct palpate_hand {
 
   palpate::DeviceInfo arm;
   double rate;
-  std::filesystem::path path;  // absolute: the host may change its folder
+  std::filesystem::path path;  // absolute, because the host may change its working directory
   palpate::Servo servo;
 };
 
@@ -30,7 +30,7 @@ namespace {
 
 using palpate::Vec3;
 
-/// Copies as much as fits.
+/// Copies a text to the buffer, shortened if it does not fit.
 void copyTo(char* text, std::size_t size, const std::string& from) {
   if (text == nullptr || size == 0) return;
   const std::size_t count = std::min(from.size(), size - 1);
@@ -38,14 +38,16 @@ void copyTo(char* text, std::size_t size, const std::string& from) {
   text[count] = '\0';
 }
 
-/// Returns the error message if `f` fails, else "": no exception crosses into C.
+/// Runs `f`. Returns the message of its exception, or an empty text, so that no exception reaches C
+/// code.
 template <class F>
 std::string failureOf(F&& f) {
   try {
     f();
     return "";
   } catch (const std::exception& e) {
-    return palpate::cli::sentence(e.what()).text();  // file names may hold any characters
+    // file names in the message may have any characters
+    return palpate::cli::sentence(e.what()).text();
   } catch (...) {
     return "palpate: unknown failure: report it";
   }
@@ -62,14 +64,15 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
   return spec;
 }
 
-/// Publishes the scene only when it is complete.
+/// Publishes the scene once it is completely built. Otherwise the previous scene remains.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
   auto scene = palpate::buildScene(specFor(hand, path)).scene;
   hand.path = palpate::absolutePlace(path);
   hand.servo.publish(std::move(scene));
 }
 
-/// The servo checks the limits of the force.
+/// Converts the description of an arm. Checks only the limits of the coupling, because the servo
+/// checks those of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   if (!(arm.max_stiffness > 0.0) || !(arm.max_damping >= 0.0)) {
     throw palpate::DeviceError("arm", "its largest stiffness or damping is not a valid number",
@@ -127,7 +130,7 @@ int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t siz
 }
 
 void palpate_unload(palpate_hand* hand) {
-  delete hand;  // NOLINT(cppcoreguidelines-owning-memory): C has no owner
+  delete hand;  // NOLINT(cppcoreguidelines-owning-memory): C code has no smart pointers
 }
 
 int palpate_tick(palpate_hand* hand, const double position[3], double age, double dt,

@@ -16,7 +16,7 @@ using namespace pybind11::literals;
 
 namespace {
 
-/// A row of the result of Field.sample.
+/// A row in the result of Field.sample.
 struct ScalarRow {
   bool inside;
   double value;
@@ -66,8 +66,8 @@ py::array sampled(const Field& field, const Doubles& points) {
   return rows;
 }
 
-/// Samples the field on a lattice over its bounds, for VTK. The default of `spacing` is a voxel, or
-/// 1/256 of the longest side if that is more: half a voxel would be too fine for large volumes.
+/// Samples the field on a lattice within its bounds, for VTK. By default, the spacing is the edge
+/// of a voxel, but at least 1/256 of the longest side.
 py::object toVtk(const NamedField& field, std::optional<double> spacing) {
   const FieldFrame& frame = field.frame();
   const Vec3 size = frame.bounds.size();
@@ -81,7 +81,7 @@ py::object toVtk(const NamedField& field, std::optional<double> spacing) {
   const auto nx = static_cast<py::ssize_t>(counts.x());
   const auto ny = static_cast<py::ssize_t>(counts.y());
   const auto nz = static_cast<py::ssize_t>(counts.z());
-  // x runs fastest, as in VTK.
+  // x is the fastest axis, as in VTK.
   Doubles points(std::vector<py::ssize_t>{nz, ny, nx, 3});
   double* p = points.mutable_data();
   for (py::ssize_t k = 0; k < nz; ++k) {

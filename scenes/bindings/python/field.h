@@ -1,4 +1,4 @@
-/// A field for scripts.
+/// The Python class for fields.
 #pragma once
 
 #include <memory>
@@ -9,17 +9,17 @@
 
 namespace palpate::python {
 
-/// A field, with a name for messages.
+/// A field, and its name for error messages.
 struct NamedField {
   FieldPtr field;
   std::string name;
 
   [[nodiscard]] const FieldFrame& frame() const;
-  /// Returns one row a point: Field.sample. Releases Python's lock.
+  /// Returns a row for each point, as Field.sample does. Releases Python's lock meanwhile.
   [[nodiscard]] py::array sample(const Doubles& points) const;
 };
 
-/// Returns the field of a volume in the volume's own space. Throws Error for an unknown
+/// Returns the field of a volume in the file's own space. Throws Error for an unknown
 /// interpolation.
 [[nodiscard]] NamedField fieldOf(const std::shared_ptr<const Volume>& volume,
                                  const std::string& interpolation, bool axial);

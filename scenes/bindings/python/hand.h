@@ -1,4 +1,4 @@
-/// A hand for scripts.
+/// The Python class for hands.
 #pragma once
 
 #include <memory>
@@ -13,15 +13,15 @@
 
 namespace palpate::python {
 
-/// Returns the limits of the device `path`, which all hands of scripts have.
+/// Returns the limits of the device `path`. All hands of Python scripts have these limits.
 [[nodiscard]] DeviceInfo pathInfo();
 
-/// A script's own hand in a scene, one tick at a time.
+/// The hand of a script in a scene. Each call of step() runs one tick.
 class Hand {
  public:
   Hand(std::shared_ptr<const Scene> scene, const PlayParams& play, double rate);
 
-  /// Runs one tick with the probe at x, y, z [m]; returns the force [N]. Throws DeviceError.
+  /// Runs a tick with the probe at x, y, z [m], and returns the force [N]. Throws DeviceError.
   std::tuple<double, double, double> step(double x, double y, double z, std::optional<double> play);
   void clear() { state_.clearFault(); }
 
@@ -32,8 +32,8 @@ class Hand {
  private:
   std::shared_ptr<const Scene> scene_;
   double dt_;
-  PlayClock clock_;    ///< For ticks without a time of their own.
-  PlayHead head_;      ///< Present state of `clock_`.
+  PlayClock clock_;    ///< Clock for ticks whose play time the script does not set.
+  PlayHead head_;      ///< State of `clock_` after the last tick.
   double play_ = 0.0;  ///< Play time of the last tick [s].
   Reader reader_;
   ProxyState state_;

@@ -1,4 +1,4 @@
-/// Types and functions that all sources of the Python module share.
+/// Types and functions that all source files of the Python module use.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -15,14 +15,14 @@ namespace py = pybind11;
 using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 [[nodiscard]] py::tuple tupleOf(const Vec3& v);
-/// Returns the lower and the upper corner.
+/// Returns a pair: the lower and the upper corner.
 [[nodiscard]] py::tuple tupleOf(const Box& box);
-/// Returns three finite numbers as a vector. Throws Error; `what` names the argument.
+/// Returns three finite numbers as a vector. Throws Error, which names the argument `what`.
 [[nodiscard]] Vec3 vectorOf(const Doubles& values, const char* what);
 
-// Each adds one part of the module. Later parts use the types of earlier ones.
+// Each function registers a part of the module. A part may use the types of the parts before it.
 void bindErrors(py::module_& m);
-/// Registers functions that wait for threads when Python ends.
+/// Registers the functions that wait for threads when Python ends.
 void registerEnd();
 void bindField(py::module_& m);
 void bindVolume(py::module_& m);

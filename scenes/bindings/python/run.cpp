@@ -9,7 +9,7 @@
 namespace palpate::python {
 namespace {
 
-constexpr double kFarthest = 1e6;  ///< Limit of hapticStep [m].
+constexpr double kFarthest = 1e6;  ///< Limit of hapticStep for a coordinate of the hand [m].
 
 TraceRow rowOf(const Telemetry& tick) {
   const StepReport& r = tick.report;

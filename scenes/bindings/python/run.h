@@ -1,4 +1,4 @@
-/// A run of a scene along a path: the given positions, and the rows of its result.
+/// Runs a scene along a path. The path and the result are numpy arrays.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 namespace palpate::python {
 
-/// A row of a run: the columns of `palpate feel --trace`.
+/// A row of the result, with the same columns as `palpate feel --trace`.
 struct TraceRow {
   double t;
   std::array<double, 3> probe;
@@ -28,10 +28,10 @@ struct TraceRow {
   double waiting;
 };
 
-/// Returns numpy's type of a TraceRow.
+/// Returns the numpy type that corresponds to TraceRow.
 [[nodiscard]] py::dtype traceType();
 
-/// Stores rows in memory that was reserved before the first tick.
+/// Stores a row for each tick. All memory is reserved before the first tick.
 class Rows final : public TickSink {
  public:
   explicit Rows(std::size_t most) { rows.reserve(most); }
@@ -39,7 +39,8 @@ class Rows final : public TickSink {
   std::vector<TraceRow> rows;
 };
 
-/// Reads positions, one a tick, or rows of t, x, y, z.
+/// Converts an array to a path. The array has either a position for each tick, or rows of t, x, y,
+/// z.
 [[nodiscard]] std::vector<PathPoint> pathOf(const Doubles& given, double rate);
 
 }  // namespace palpate::python

@@ -31,15 +31,16 @@ namespace {
 
 using Volumes = std::map<std::string, std::shared_ptr<const Volume>>;
 
-/// Returns text as it is, other objects as Python's json writes them; numpy objects as lists and
-/// numbers.
+/// Returns a text unchanged. Converts other objects to JSON with Python's module json; objects of
+/// numpy become lists and numbers.
 std::string jsonOf(const py::object& given) {
   try {
     if (py::isinstance<py::str>(given)) return given.attr("encode")().cast<std::string>();
     const py::cpp_function plain([](const py::object& one) -> py::object {
       if (py::hasattr(one, "tolist")) {
         py::object list = one.attr("tolist")();
-        if (py::type::of(list).is(py::type::of(one))) return py::float_(one);  // a long double
+        // of type long double, which stays itself
+        if (py::type::of(list).is(py::type::of(one))) return py::float_(one);
         return list;
       }
       const auto type = py::str(py::type::of(one).attr("__name__")).cast<std::string>();
@@ -59,7 +60,8 @@ std::string jsonOf(const py::object& given) {
   }
 }
 
-/// Adds the script's own volumes to a scene: they need no file, and may have no entry.
+/// Adds a script's own volumes to the JSON of a scene. Such a volume needs no file, and the scene
+/// need not list it.
 std::string withVolumes(const std::string& text, const Volumes& volumes) {
   if (volumes.empty()) return text;
   Json scene = parseJson(text, "scene", raiseAs<SceneError>);
@@ -73,7 +75,7 @@ std::string withVolumes(const std::string& text, const Volumes& volumes) {
   return scene.dump();
 }
 
-/// A valid scene, and its hand for Scene.step.
+/// A valid scene, and the hand that Scene.step moves.
 class PyScene {
  public:
   explicit PyScene(SceneSpec spec) : spec_(waiting(std::move(spec))), built_(buildScene(spec_)) {
@@ -117,7 +119,7 @@ class PyScene {
     }
     const std::vector<TraceRow>& made = rows->rows;
     const py::capsule owner(rows.get(), [](void* p) { delete static_cast<Rows*>(p); });
-    (void)rows.release();  // the capsule owns it
+    (void)rows.release();  // from here on the capsule owns the rows
     return {traceType(), {made.size()}, {sizeof(TraceRow)}, made.data(), owner};
   }
 
@@ -135,7 +137,7 @@ class PyScene {
     const Vec3 from = vectorOf(at, "at");
     const Vec3 by = vectorOf(push, "push");
     const std::string text = aside([spec = loaded(), from, by, rate] {
-      // The scene has reported its notes already.
+      // The notes of the scene were already reported.
       const auto silent = [](const std::string& /*line*/) {};
       return cli::dump(cli::explainTick(spec, from, by, rate, nullptr, silent).json);
     });
@@ -157,7 +159,7 @@ class PyScene {
   [[nodiscard]] Volumes volumes() const { return built_.volumes; }
 
  private:
-  /// Ticks from Python are in virtual time.
+  /// Returns the description for virtual time, because ticks from Python have no deadline.
   [[nodiscard]] static SceneSpec waiting(SceneSpec spec) {
     spec.waits = true;
     return spec;
@@ -167,7 +169,8 @@ class PyScene {
     return aside([spec = std::move(spec)]() mutable { return PyScene(std::move(spec)); });
   }
 
-  /// Returns the scene with the volumes that are already loaded.
+  /// Returns the description with the volumes that are already in memory, so that they are not
+  /// loaded again.
   [[nodiscard]] SceneSpec loaded() const {
     SceneSpec spec = spec_;
     for (auto& [name, volume] : spec.volumes) {

@@ -51,7 +51,7 @@ apart = np.linalg.norm(probe - proxy, axis=1)
 print(f"{len(felt)} ticks, at most {size.max():.2f} N, median {np.median(felt['tick_ns']):.0f} ns a tick")
 
 # %% Force over time, and the path over a slice
-BLUE, ORANGE = "#0072B2", "#D55E00"  # Okabe and Ito's, which colour-blind people tell apart
+BLUE, ORANGE = "#0072B2", "#D55E00"  # colours of Okabe and Ito, which people with colour blindness can distinguish
 figure, axes = plt.subplot_mosaic([["force", "slice"], ["apart", "slice"]], figsize=(9, 4), layout="constrained")
 axes["force"].plot(felt["t"], size, color=BLUE)
 axes["force"].set_ylabel("force [N]")
@@ -92,7 +92,7 @@ if importlib.util.find_spec("vtk"):
         actor.GetProperty().SetColor(vtk.vtkNamedColors().GetColor3d(colour))
         actor.GetProperty().SetOpacity(opacity)
         renderer.AddActor(actor)
-    if os.environ.get("DISPLAY"):  # a window, until q is pressed in it
+    if os.environ.get("DISPLAY"):  # a window, which closes when q is pressed
         window = vtk.vtkRenderWindow()
         window.AddRenderer(renderer)
         hand = vtk.vtkRenderWindowInteractor()

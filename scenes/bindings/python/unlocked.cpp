@@ -9,19 +9,20 @@
 namespace palpate::python {
 namespace {
 
-/// Work without a waiting caller: it runs to its end, and its result is dropped.
+/// A task that no caller waits for. It runs to its end, and its result is discarded.
 struct Abandoned {
-  std::shared_ptr<void> work;  ///< Its last owner waits for the end.
+  std::shared_ptr<void> work;  ///< Future of the task; destroying it waits for the end of the task.
   std::function<bool()> ended;
-  py::object kept;  ///< The object that it reads.
+  py::object kept;  ///< Python object that the task reads.
 };
 std::vector<Abandoned>& abandoned() {
-  static auto* all = new std::vector<Abandoned>;  // leaked: Python's objects outlive no interpreter
+  // never freed, because Python objects must not be destroyed after the interpreter has ended
+  static auto* all = new std::vector<Abandoned>;
   return *all;
 }
 
-/// Called when Python ends: waits for threads, because they use objects that end with Python.
-/// Another Ctrl-C ends the process.
+/// Called when Python ends. Waits for all abandoned tasks, because they use objects that end with
+/// Python. Ctrl-C then ends the process.
 void awaitAbandoned() {
   if (abandoned().empty()) return;
   std::signal(SIGINT, SIG_DFL);
@@ -32,9 +33,10 @@ void awaitAbandoned() {
   }
 }
 
-pid_t begun_in = 0;  ///< The process that has the threads. A fork of it has none of them.
+/// Process that started the threads. A fork of this process does not have them.
+pid_t begun_in = 0;
 
-/// Called after Python has ended, and before static objects end.
+/// Called after Python has ended, before static objects are destroyed.
 void awaitThreads() {
   if (getpid() != begun_in) return;
   std::signal(SIGINT, SIG_DFL);

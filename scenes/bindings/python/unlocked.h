@@ -1,4 +1,4 @@
-/// Work without Python's lock: its threads, Ctrl-C, and the end of Python.
+/// Runs tasks without Python's lock. Handles their threads, Ctrl-C, and the end of Python.
 #pragma once
 
 #include <atomic>
@@ -14,20 +14,21 @@
 
 namespace palpate::python {
 
-/// Time between two polls for Python's signals, such as Ctrl-C. A poll takes Python's lock.
+/// Time between two checks for signals such as Ctrl-C. A check takes Python's lock.
 inline constexpr auto kAsk = std::chrono::milliseconds(50);
 
-/// Returns true on the main thread, which alone receives signals. If another thread polled while
-/// Python ends, Python would end it from within.
+/// Returns true on the main thread, the only thread that receives signals. Another thread must not
+/// check for them while Python ends, because Python would end that thread within the check.
 [[nodiscard]] bool onMainThread();
 
-/// Counts threads other than the main one that compute without Python's lock. Python does not wait
-/// for a daemon thread. The static objects of OpenVDB and TBB end with the process, so they would
-/// end under a thread that still uses them, and the process would abort.
+/// Counts the threads, except for the main thread, that compute without Python's lock. Python does
+/// not wait for its daemon threads when it ends. Static objects of OpenVDB and TBB would then be
+/// destroyed while a thread still uses them, and the process would abort.
 class Computing {
  public:
   static Computing& all() {
-    static auto* one = new Computing;  // leaked: a parked thread outlives every static object
+    // never freed, because a parked thread outlives all static objects
+    static auto* one = new Computing;
     return *one;
   }
   void enter() {
@@ -39,13 +40,13 @@ class Computing {
     --threads_;
     changed_.notify_all();
   }
-  /// For a loop that may take hours: if Python has ended, the thread stops computing.
+  /// For a loop that may take hours: if Python has ended, stops the calling thread for ever.
   void parkAtEnd() {
     if (!ended_.load(std::memory_order_relaxed)) return;
     leave();
     park();
   }
-  /// Called after Python has ended: returns when no thread computes.
+  /// Waits until no thread computes. Called after Python has ended.
   void awaitEnd() {
     ended_ = true;
     std::unique_lock lock(mutex_);
@@ -60,9 +61,9 @@ class Computing {
   int threads_ = 0;
 };
 
-/// Releases Python's lock. If a daemon thread took the lock back after Python has ended, Python
-/// would end the thread from within, and the process with it. The thread waits for the end of the
-/// process instead.
+/// Releases Python's lock while it exists. If Python has ended meanwhile, a daemon thread must not
+/// take the lock back: Python would end the thread, and the process would abort. Such a thread then
+/// waits for the end of the process.
 class Unlocked {
  public:
   Unlocked() : state_(PyEval_SaveThread()) {
@@ -81,14 +82,15 @@ class Unlocked {
   bool counted_ = !onMainThread();
 };
 
-/// Asks Python whether the user wants to stop, and throws its exception if so.
+/// Checks for signals such as Ctrl-C. If there is one, throws the exception that Python raises for
+/// it.
 void askPython();
 
-/// For a loop: calls askPython() at intervals.
+/// Calls askPython() at intervals, within a loop.
 class Asking {
  public:
   void operator()() {
-    constexpr unsigned kBetween = 16;  // reading the clock costs a tenth of a sample
+    constexpr unsigned kBetween = 16;  // reading the clock takes a tenth of the time of a sample
     if (!asks_) return Computing::all().parkAtEnd();
     if (++calls_ % kBetween != 0 || Clock::now() < next_) return;
     askPython();
@@ -102,18 +104,19 @@ class Asking {
   Clock::time_point next_ = Clock::now() + kAsk;
 };
 
-/// Keeps work without a waiting caller: it runs to its end, and its result is dropped.
+/// Abandons a task: no caller waits for it any more. It runs to its end, and its result is
+/// discarded.
 ///
-/// @param work   Its last owner waits for the end.
-/// @param ended  Returns true once the work has ended.
-/// @param kept   The object that it reads.
+/// @param work   Future of the task; destroying it waits for the end of the task.
+/// @param ended  Returns true once the task has ended.
+/// @param kept   Python object that the task reads; kept alive until the task has ended.
 void abandon(std::shared_ptr<void> work, std::function<bool()> ended, py::object kept);
-/// Drops abandoned work that has ended.
+/// Frees the abandoned tasks that have ended.
 void dropEnded();
 
-/// Runs `work` without Python's lock and returns its result. If the main thread calls, `work` runs
-/// in another thread. Ctrl-C ends the wait, but not the work. `work` must therefore own the objects
-/// that it uses, or the caller passes them as `kept`.
+/// Runs `work` without Python's lock and returns its result. If the main thread calls this
+/// function, `work` runs in another thread: Ctrl-C then ends the wait, but not `work`. Therefore
+/// `work` must own the objects that it uses, or the caller must pass them as `kept`.
 template <class Work>
 auto aside(Work work, py::object kept = py::none()) {
   using Result = decltype(work());

@@ -19,7 +19,7 @@ using namespace pybind11::literals;
 namespace {
 
 LoadOptions optionsOf(bool fill, int smooth) {
-  constexpr int kWidest = 16;  // as in a scene file
+  constexpr int kWidest = 16;  // the same limit as in a scene file
   if (smooth < 0 || smooth > kWidest) {
     throw Error("smooth", "it is " + std::to_string(smooth) + " voxels", "give 0 to 16 voxels");
   }
@@ -29,7 +29,7 @@ LoadOptions optionsOf(bool fill, int smooth) {
   return options;
 }
 
-/// Warns of rounded integers, as `palpate import` does for floats.
+/// Warns if integers were rounded, as `palpate import` does.
 void warnOfRounding(const py::array& values, const std::string& name) {
   const char kind = values.dtype().kind();
   if ((kind != 'i' && kind != 'u') || values.itemsize() < 8 || values.size() == 0) return;
@@ -41,8 +41,8 @@ void warnOfRounding(const py::array& values, const std::string& name) {
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
-/// Returns floats and doubles as they are, other numbers as the smaller of the two that holds them
-/// exactly.
+/// Returns floats and doubles unchanged. Converts other numbers to floats if these are exact,
+/// otherwise to doubles.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");

@@ -1,4 +1,5 @@
-/// Private to scenes/network/slicer: one connection of the server, and its counts.
+/// Private to scenes/network/slicer: a connection of the server with a client, and counts of the
+/// traffic.
 #pragma once
 
 #include <array>
@@ -15,37 +16,44 @@ namespace palpate::cli {
 
 struct IgtlServer::Counts {
   std::atomic<std::int64_t> connections{0};
-  std::atomic<std::int64_t> refused{0};  ///< Connections that had to wait.
-  std::atomic<std::int64_t> ended{0};    ///< Ended by the server, for bad data or for not reading.
-  std::atomic<std::int64_t> sent{0};     ///< Rounds of messages, for each client.
+  /// Clients that had to wait because all places were taken.
+  std::atomic<std::int64_t> refused{0};
+  /// Connections that the server has ended, because of invalid data or because the client did not
+  /// read.
+  std::atomic<std::int64_t> ended{0};
+  /// Rounds of messages that were sent, added up over all clients.
+  std::atomic<std::int64_t> sent{0};
   std::atomic<std::int64_t> skipped{
-      0};  ///< Rounds not sent: the client had not taken the previous one.
+      0};  ///< Rounds that were not sent, because the client had not read the previous round.
   std::atomic<std::int64_t> received{0};
   std::atomic<std::int64_t> images{0};
 };
 
 struct IgtlServer::Client {
   enum class At : std::uint8_t { kHead, kBody, kSkip };
-  static constexpr std::size_t kMostOut = 1U << 16U;  ///< Limit of data waiting for it [bytes].
+  /// Limit of the data that wait to be sent [bytes].
+  static constexpr std::size_t kMostOut = 1U << 16U;
 
-  int socket = -1;  ///< -1: the client has gone.
+  int socket = -1;  ///< -1: the connection has ended.
   std::string peer;
   At at = At::kHead;
   std::array<std::uint8_t, kIgtlHead> head_bytes{};
   std::size_t head_count = 0;
   IgtlHead head;
   Bytes body;
-  std::uint64_t left = 0;  ///< Bytes of the body, still to come.
+  std::uint64_t left = 0;  ///< Number of bytes of the body that are still missing.
   std::uint64_t crc = 0;
-  IgtlCode answer = IgtlCode::kOk;  ///< For the complete message; with `why`.
+  /// Result that the client gets when its message is complete; `why` has the reason.
+  IgtlCode answer = IgtlCode::kOk;
   std::string why;
   bool answers = false;
-  std::int64_t begun = 0;  ///< Start of the message [ns].
+  std::int64_t begun = 0;  ///< Time at which the present message began [ns].
   Bytes out;
   std::size_t out_at = 0;
-  std::int64_t took = 0;  ///< Time when it last took data [ns].
+  std::int64_t took = 0;  ///< Time at which the client last read data [ns].
   bool wants_status = true;
-  bool waits = false;  ///< All places are taken, so the server accepts only a cut from it.
+  /// True if all places are taken. The server then accepts only a cut from this client.
+  bool waits = false;
 
   Client(int s, std::string p) : socket(s), peer(std::move(p)) {}
   ~Client() {
@@ -58,7 +66,7 @@ struct IgtlServer::Client {
   [[nodiscard]] bool isImage() const { return at == At::kBody && head.type == "IMAGE"; }
 };
 
-/// Returns the present time, for messages: since 1970 [ns].
+/// Returns the present time for messages: nanoseconds since 1970.
 [[nodiscard]] std::int64_t sinceEpoch();
 
 }  // namespace palpate::cli

@@ -15,8 +15,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr std::size_t kType = 12;  ///< Bytes of a type's name.
-constexpr std::size_t kName = 20;  ///< Bytes of a device's name.
+constexpr std::size_t kType = 12;  ///< Length of the name of a message type [bytes].
+constexpr std::size_t kName = 20;  ///< Length of the name of a device [bytes].
 constexpr std::size_t kImageHead = 72;
 
 template <std::size_t kBytes>
@@ -25,7 +25,7 @@ using Word = std::conditional_t<
     std::conditional_t<kBytes == 2, std::uint16_t,
                        std::conditional_t<kBytes == 4, std::uint32_t, std::uint64_t>>>;
 
-/// Returns a number from bytes in the given order.
+/// Returns the number that these bytes represent, with the most significant byte first or last.
 template <class T, bool kBig>
 T numberAt(const std::uint8_t* bytes) noexcept {
   Word<sizeof(T)> word = 0;
@@ -37,7 +37,8 @@ T numberAt(const std::uint8_t* bytes) noexcept {
   return std::bit_cast<T>(word);
 }
 
-/// Reads consecutive values, most significant byte first; the caller has checked the length.
+/// Reads one value after another, with the most significant byte first. The caller has checked that
+/// there are enough bytes.
 class In {
  public:
   explicit In(ByteView bytes) : at_(bytes.data()) {}
@@ -47,7 +48,7 @@ class In {
     at_ += sizeof(T);
     return value;
   }
-  /// Returns the text up to its first zero byte.
+  /// Returns the text up to its first zero byte, from a field of `room` bytes.
   std::string text(std::size_t room) {
     const std::uint8_t* end = std::find(at_, at_ + room, 0);
     std::string text(at_, end);
@@ -84,7 +85,7 @@ Bytes message(std::string_view type, std::string_view name, std::int64_t now, co
   out.put<std::uint16_t>(1);
   out.text(type, kType);
   out.text(name, kName);
-  // Seconds, and fractions in units of 2^-32 s.
+  // The time in seconds, followed by the fraction in units of 2^-32 s.
   out.put<std::uint64_t>((time / kSecond) << 32U | ((time % kSecond) << 32U) / kSecond);
   out.put<std::uint64_t>(body.size());
   out.put<std::uint64_t>(igtlCrc(body));
@@ -97,7 +98,7 @@ Bytes message(std::string_view type, std::string_view name, std::int64_t now, co
   throw Error(what, why, remedy);
 }
 
-/// Returns the bytes of a scalar by the protocol's number of its type; 0: unknown type.
+/// Returns the size of a scalar type by its number in the protocol [bytes]; 0: unknown type.
 std::size_t bytesOf(std::uint8_t scalar) {
   switch (scalar) {
     case 2:
@@ -148,14 +149,15 @@ std::shared_ptr<const Volume> make(const IgtlImage& image) {
   return makeVolume(array);
 }
 
-/// Header of an IMAGE, as sent.
+/// Header of an IMAGE with the values as they were sent.
 struct ImageHead {
   std::uint8_t components = 0;
   std::uint8_t scalar = 0;
   std::uint8_t endian = 0;
   std::uint8_t space = 0;
   std::array<std::int64_t, 3> size{};
-  std::array<double, 12> matrix{};  ///< Columns: steps along i, j, k, and the middle of the image.
+  /// Columns: steps along i, j and k, and the position of the image's centre.
+  std::array<double, 12> matrix{};
   std::array<std::int64_t, 3> offset{};
   std::array<std::int64_t, 3> part{};
 };
@@ -163,7 +165,7 @@ struct ImageHead {
 ImageHead readImageHead(ByteView content) {
   In in(content);
   ImageHead head;
-  (void)in.take<std::uint16_t>();  // version: all known ones have this header
+  (void)in.take<std::uint16_t>();  // the version; all known versions have this header
   head.components = in.take<std::uint8_t>();
   head.scalar = in.take<std::uint8_t>();
   head.endian = in.take<std::uint8_t>();
@@ -195,10 +197,10 @@ void checkImageHead(const std::string& what, const ImageHead& head) {
   }
 }
 
-/// Returns the number of values of an image, within the limit.
+/// Returns the number of values of an image. Throws Error if it exceeds the limit.
 std::uint64_t countValues(const std::string& what, const ImageHead& head) {
   const auto& size = head.size;
-  // Sides are below 2^16: their product is below 2^48.
+  // The sizes are below 2^16, so their product is below 2^48.
   const auto values = static_cast<std::uint64_t>(size[0] * size[1] * size[2] * head.components);
   if (values == 0 || values > kIgtlMostValues) {
     refuse(what, fmt::format("it is {} x {} x {} voxels", size[0], size[1], size[2]),
@@ -241,7 +243,7 @@ IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes) {
   head.version = in.take<std::uint16_t>();
   head.type = in.text(kType);
   head.name = in.text(kName);
-  (void)in.take<std::uint64_t>();  // time of sending
+  (void)in.take<std::uint64_t>();  // the time at which the message was sent
   head.size = in.take<std::uint64_t>();
   head.crc = in.take<std::uint64_t>();
   return head;
@@ -268,7 +270,7 @@ std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before) noexcept {
 
 Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place) {
   Out out;
-  // Columns, without rotation.
+  // The columns of the matrix: the identity, since the message has no rotation.
   for (const double x : Mat3::Identity().reshaped()) out.put(static_cast<float>(x));
   for (const double x : place) out.put(static_cast<float>(x));
   return message("TRANSFORM", name, now, out.bytes);
@@ -334,7 +336,7 @@ std::string readIgtlString(ByteView content) {
   constexpr std::size_t kHead = 4;
   if (content.size() >= kHead) {
     In in(content);
-    (void)in.take<std::uint16_t>();  // encoding: ASCII is understood
+    (void)in.take<std::uint16_t>();  // the encoding; the text is treated as ASCII
     if (in.take<std::uint16_t>() == content.size() - kHead) {
       return {content.begin() + kHead, content.end()};
     }
@@ -377,7 +379,7 @@ std::shared_ptr<const Volume> volumeOf(const IgtlImage& image) {
       return make<std::int16_t, float>(image);
     case 5:
       return make<std::uint16_t, float>(image);
-    // A float cannot represent all values.
+    // For these types, a float cannot represent all values.
     case 6:
       return make<std::int32_t, double>(image);
     case 7:

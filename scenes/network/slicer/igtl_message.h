@@ -1,5 +1,5 @@
-/// Messages of OpenIGTLink, the protocol of 3D Slicer: numbers to bytes and back, after the
-/// protocol's published description. Without sockets.
+/// Converts messages of OpenIGTLink, the protocol of 3D Slicer, from bytes and to bytes. Follows
+/// the published description of the protocol. Does not use sockets.
 #pragma once
 
 #include <array>
@@ -19,24 +19,26 @@ namespace palpate::cli {
 using Bytes = std::vector<std::uint8_t>;
 using ByteView = std::span<const std::uint8_t>;
 
-inline constexpr std::size_t kIgtlHead = 58;  ///< [bytes]
+inline constexpr std::size_t kIgtlHead = 58;  ///< Size of a header [bytes].
 
-/// Header of each message.
+/// The header with which each message begins.
 struct IgtlHead {
-  std::uint16_t version = 0;  ///< 1; or 2 for protocol 3: bodies have more around their content.
-  std::string type;           ///< For example TRANSFORM.
-  std::string name;           ///< Name of the sender's device: any bytes.
-  std::uint64_t size = 0;     ///< Size of the body as sent [bytes].
-  std::uint64_t crc = 0;      ///< Checksum of the body.
+  /// 1; or 2 for version 3 of the protocol, in which bodies have further data before and after
+  /// their content.
+  std::uint16_t version = 0;
+  std::string type;        ///< Type of the message, for example TRANSFORM.
+  std::string name;        ///< Name of the device that sends the message. It may contain any bytes.
+  std::uint64_t size = 0;  ///< Size of the body as sent [bytes].
+  std::uint64_t crc = 0;   ///< CRC-64 checksum of the body.
 };
-/// Reads a header from any bytes.
+/// Reads a header. The bytes may have any content.
 [[nodiscard]] IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes);
 
-/// Returns the protocol's checksum of `bytes` (CRC-64 of ECMA-182), continued from the checksum
-/// `before`.
+/// Returns the checksum that the protocol uses (CRC-64 of ECMA-182). `before` is the checksum of
+/// the bytes that precede `bytes`.
 [[nodiscard]] std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before = 0) noexcept;
 
-/// Result of a message: numbers from STATUS.
+/// Result of a request, with the numbers of the message STATUS.
 enum class IgtlCode : std::uint16_t {
   kOk = 1,
   kNotFound = 4,
@@ -46,40 +48,45 @@ enum class IgtlCode : std::uint16_t {
   kDisabled = 15,
 };
 
-/// Return whole messages of version 1. `now`: since 1970 [ns]; longer names and texts are cut.
+/// Return complete messages of version 1. `now` is the time in nanoseconds since 1970. Names and
+/// texts that are too long are shortened.
 [[nodiscard]] Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place);
 [[nodiscard]] Bytes igtlString(std::string_view name, std::int64_t now, std::string_view text);
 [[nodiscard]] Bytes igtlStatus(std::string_view name, std::int64_t now, IgtlCode code,
                                std::string_view text);
-/// Returns the types that a server understands, by name.
+/// Returns a message that names the message types which the server understands.
 [[nodiscard]] Bytes igtlCapability(std::string_view name, std::int64_t now,
                                    std::span<const char* const> types);
 
-/// Returns the content of a body, without the data around it in protocol 3. Throws Error.
+/// Returns the content of a body, without the data before and after it in version 3 of the
+/// protocol. Throws Error.
 [[nodiscard]] ByteView igtlContent(const IgtlHead& head, ByteView body);
-/// Returns the position in a TRANSFORM's content. Throws Error if a number is not finite.
+/// Returns the position in the content of a TRANSFORM. Throws Error if a number is not finite.
 [[nodiscard]] Vec3 readIgtlTransform(ByteView content);
-/// Returns a text of any bytes. Throws Error.
+/// Returns the text in the content of a STRING, which may contain any bytes. Throws Error.
 [[nodiscard]] std::string readIgtlString(ByteView content);
 
-inline constexpr std::uint64_t kIgtlMostImage = 512ULL << 20U;   ///< Limit of an IMAGE [bytes].
-inline constexpr std::uint64_t kIgtlMostValues = 128ULL << 20U;  ///< Limit of values in an IMAGE.
+/// Limit of the size of an IMAGE [bytes].
+inline constexpr std::uint64_t kIgtlMostImage = 512ULL << 20U;
+/// Limit of the number of values in an IMAGE.
+inline constexpr std::uint64_t kIgtlMostValues = 128ULL << 20U;
 
-/// A checked IMAGE; its values are not checked.
+/// An image from an IMAGE message. All members are valid, but the values may be any numbers.
 struct IgtlImage {
-  std::string name;                    ///< Name of its volume.
-  std::array<std::int64_t, 3> size{};  ///< Voxels along i, j and k.
-  int components = 1;                  ///< 1, or 3 for a vector.
-  std::uint8_t scalar = 0;             ///< The protocol's number of the scalar type.
+  std::string name;                    ///< Name of the volume that the image replaces.
+  std::array<std::int64_t, 3> size{};  ///< Number of voxels along i, j and k.
+  int components = 1;                  ///< Components of a value: 1, or 3 for a vector.
+  std::uint8_t scalar = 0;             ///< Number of the scalar type in the protocol.
   bool big_endian = false;             ///< Byte order of the values.
   Mat3 axes = Mat3::Identity();        ///< Steps along i, j and k in RAS [mm].
-  Vec3 origin = Vec3::Zero();          ///< The first voxel's middle in RAS [mm].
-  Bytes bytes;                         ///< Values from `first` on, i fastest.
+  Vec3 origin = Vec3::Zero();          ///< Centre of the first voxel in RAS [mm].
+  Bytes bytes;  ///< The message; the values begin at `first`, with i fastest.
   std::size_t first = 0;
 };
-/// Throws Error with the reason if the image is invalid.
+/// Returns the image in the body of a message. Throws Error, with the reason, if it is invalid.
 [[nodiscard]] IgtlImage readIgtlImage(const IgtlHead& head, Bytes body);
-/// Throws VolumeError if the image is not usable as a volume. Slow, in parallel.
+/// Returns the image as a volume. Throws VolumeError if it is not usable as a volume. Slow; works
+/// in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const IgtlImage& image);
 
 }  // namespace palpate::cli

@@ -1,4 +1,4 @@
-/// Receives messages of clients and answers them.
+/// Receives and answers the messages of clients.
 #include <algorithm>
 #include <array>
 #include <cerrno>
@@ -16,9 +16,12 @@
 namespace palpate::cli {
 namespace {
 
-constexpr std::size_t kPiece = 1U << 16U;        ///< Read from a client in one round [bytes].
-constexpr std::uint64_t kMostSmall = 1U << 16U;  ///< Limit of all messages except images [bytes].
-constexpr double kFarthestHand = 1e9;            ///< Limit for a led hand [mm].
+/// Number of bytes that are read from a client in one round.
+constexpr std::size_t kPiece = 1U << 16U;
+/// Limit of the size of all messages except IMAGE [bytes].
+constexpr std::uint64_t kMostSmall = 1U << 16U;
+/// Limit of a coordinate of the hand that a client leads [mm].
+constexpr double kFarthestHand = 1e9;
 constexpr std::array<const char*, 6> kTypes{"TRANSFORM", "STRING",     "IMAGE",
                                             "STATUS",    "GET_STATUS", "GET_CAPABIL"};
 
@@ -62,7 +65,8 @@ void IgtlServer::feed(Client& client, ByteView bytes) {
           static_cast<std::size_t>(std::min<std::uint64_t>(bytes.size(), client.left));
       const ByteView taken = bytes.first(take);
       client.crc = igtlCrc(taken, client.crc);
-      // The body grows as bytes arrive: an announced size takes no memory, and is also the limit.
+      // Memory for the body is allocated as its bytes arrive. A client that only announces a large
+      // size takes no memory.
       if (client.at == Client::At::kBody) {
         const std::size_t most = client.body.size() + static_cast<std::size_t>(client.left);
         if (client.body.size() + take > client.body.capacity()) {
@@ -109,7 +113,7 @@ void IgtlServer::beginBody(Client& client) {
   } else if (stage_.current().volumes.count(head.name) == 0) {
     refuse(IgtlCode::kNotFound, "the scene has no volume of that name in memory");
   } else if (busy) {
-    // Reject the image at once: a cut may be behind it in the stream.
+    // Rejects the image before its body arrives, because a cut may follow in the stream.
     refuse(IgtlCode::kBusy, "another image is still loading: send it again");
   }
 }
@@ -175,7 +179,7 @@ void IgtlServer::obey(Client& client, const std::string& words) {
     {
       const std::lock_guard lock(mutex_);
       for (HapticThread* hand : hands_) hand->cut();
-      // Also cut hands that are about to begin.
+      // Hands that begin later are cut too.
       cut_asked_ = hands_.empty();
     }
     return reply(client, IgtlCode::kOk, "cut");
@@ -187,7 +191,7 @@ void IgtlServer::obey(Client& client, const std::string& words) {
 }
 
 void IgtlServer::reply(Client& client, IgtlCode code, const std::string& text) {
-  // A client that sends requests but does not read gets no answer.
+  // A client that sends requests, but does not read the answers, gets no further answers.
   if (client.out.size() >= Client::kMostOut) return;
   const Bytes answer = igtlStatus("Palpate", sinceEpoch(), code, sentence(text).text());
   client.out.insert(client.out.end(), answer.begin(), answer.end());

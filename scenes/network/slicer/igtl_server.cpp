@@ -27,15 +27,17 @@ namespace {
 
 const char* const kSubject = "--igtl";
 constexpr std::size_t kMostClients = 4;
-constexpr std::size_t kMostWaiting = 16;  ///< Further clients, which can only cut.
-constexpr int kBacklog = 128;             ///< Connections that wait to be accepted.
-constexpr int kMostAtOnce = 64;           ///< Connections accepted in one round.
-constexpr int kSocketBuffer = 1 << 16;    ///< Data that wait in the system [bytes].
+/// Number of further clients that may wait. They can only cut the force.
+constexpr std::size_t kMostWaiting = 16;
+constexpr int kBacklog = 128;    ///< Number of connections that the system queues for the server.
+constexpr int kMostAtOnce = 64;  ///< Number of connections that the server accepts in one round.
+constexpr int kSocketBuffer = 1 << 16;  ///< Data that the system stores for a client [bytes].
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kLook = kSecond / 10;
-constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time limit of a message,
-constexpr std::int64_t kByte = 1000;             ///< plus this for each byte [ns]: 1 MB/s.
-constexpr std::int64_t kStuck = 5 * kSecond;     ///< After this without reading: dropped.
+constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time in which a message must arrive [ns],
+constexpr std::int64_t kByte = 1000;  ///< and additional time for each byte [ns]: 1 MB/s.
+/// If a client has not read for this time, its connection ends [ns].
+constexpr std::int64_t kStuck = 5 * kSecond;
 
 std::string shownPlace(const sockaddr_storage& address, socklen_t size) {
   std::array<char, NI_MAXHOST> host{};
@@ -48,7 +50,7 @@ std::string shownPlace(const sockaddr_storage& address, socklen_t size) {
   return (name.find(':') == std::string::npos ? name : "[" + name + "]") + ":" + port.data();
 }
 
-/// Returns "PalpateHand", for the second hand "PalpateHand2".
+/// Returns a device name: "PalpateHand" for the first hand, "PalpateHand2" for the second one.
 std::string nameOf(const char* what, std::size_t hand) {
   return hand == 0 ? what : fmt::format("{}{}", what, hand + 1);
 }
@@ -139,7 +141,7 @@ void IgtlServer::expect(const BuiltScene& scene) {
   Stage& stage = stage_.draft();
   stage = {};
   if (scene.placements.empty()) {
-    stage.first.scale = 1e-3;  // no file: millimetres of W
+    stage.first.scale = 1e-3;  // without a volume, the space of the messages is W in millimetres
   }
   for (const auto& [name, volume] : scene.volumes) {
     const bool whole = scene.computed.count(name) == 0 && scene.windows.count(name) == 0 &&
@@ -185,7 +187,7 @@ void IgtlServer::run() {
     try {
       round();
     } catch (const std::exception& error) {
-      // The process was out of memory; the next round may succeed.
+      // Memory has run out. The next round may succeed.
       clients_.clear();
       complaints_.say(std::string("igtl: all connections are closed: ") + error.what());
     }
@@ -231,7 +233,7 @@ void IgtlServer::round() {
     send();
   }
   std::erase_if(clients_, [](const auto& client) { return client->socket < 0; });
-  // The clients that connected first get the free places.
+  // If places are free, the waiting clients that connected first get them.
   for (std::size_t i = 0; i < std::min(clients_.size(), kMostClients); ++i) {
     if (std::exchange(clients_[i]->waits, false)) {
       greetings_.say("igtl: " + clients_[i]->peer + " is connected");
@@ -246,7 +248,7 @@ void IgtlServer::accept() {
     const int socket =
         accept4(listener_, reinterpret_cast<sockaddr*>(&from), &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (socket < 0) {
-      // If the system lacks descriptors or memory, a retry at once would fail too.
+      // If the system lacks descriptors or memory, waits for a moment before it accepts again.
       if (errno != EAGAIN && errno != EWOULDBLOCK) deaf_until_ = nowNs() + kLook;
       return;
     }
@@ -259,7 +261,7 @@ void IgtlServer::accept() {
       ++counts_->refused;
       complaints_.say(fmt::format("igtl: {} waits: {} clients are connected: disconnect one",
                                   shownPlace(from, size), kMostClients));
-      // The client that has waited longest has had time to send a cut.
+      // Drops the client that has waited longest. It has had enough time to send a cut.
       if (std::count_if(clients_.begin(), clients_.end(), waits) >=
           static_cast<std::ptrdiff_t>(kMostWaiting)) {
         drop(**std::find_if(clients_.begin(), clients_.end(), waits), "");
@@ -327,7 +329,7 @@ void IgtlServer::send() {
   (void)shown_.refresh();
   (void)stage_.refresh();
   const IgtlShown& shown = shown_.current();
-  if (shown.count == 0) return;  // no run yet
+  if (shown.count == 0) return;  // the run has not started yet
   const Placement& place = stage_.current().first;
   const std::int64_t at = sinceEpoch();
   Bytes all;
@@ -356,7 +358,7 @@ void IgtlServer::send() {
   const Bytes told = igtlString("PalpateStatus", at, status_);
   for (const auto& client : clients_) {
     if (client->socket < 0 || client->waits) continue;
-    // A client that has not taken the previous messages gets no further ones.
+    // A client that has not read the previous messages gets no further messages.
     if (client->out_at < client->out.size()) {
       ++counts_->skipped;
       continue;

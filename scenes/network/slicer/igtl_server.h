@@ -1,5 +1,5 @@
-/// A server of OpenIGTLink on a thread of its own: shows a run to 3D Slicer and takes requests of
-/// the Slicer user.
+/// A server for OpenIGTLink, which runs on its own thread. It shows a run in 3D Slicer and takes
+/// requests of Slicer's user.
 #pragma once
 
 #include <array>
@@ -25,133 +25,141 @@
 
 namespace palpate::cli {
 
-/// Address and port of the server.
+/// Address and port at which the server listens.
 struct IgtlPlace {
-  std::string address = "127.0.0.1";  ///< Numeric address of this machine.
-  std::uint16_t port = 0;             ///< 0: any free port.
+  std::string address = "127.0.0.1";  ///< A numeric address of this machine.
+  std::uint16_t port = 0;             ///< Port; 0: any free port.
 };
-/// Parses `[ADDRESS:]PORT`; an IPv6 address is in brackets. Throws Error.
+/// Parses `[ADDRESS:]PORT`, in which an IPv6 address has brackets. Throws Error.
 [[nodiscard]] IgtlPlace igtlPlace(const std::string& words);
 
-inline constexpr double kIgtlRate = 30.0;       ///< Default rate of the messages [Hz].
-inline constexpr double kIgtlMostRate = 100.0;  ///< [Hz]: the rate at which the run is observed.
+inline constexpr double kIgtlRate = 30.0;  ///< Default rate at which messages are sent [Hz].
+/// Largest rate of the messages [Hz]; the main thread observes the run at this rate.
+inline constexpr double kIgtlMostRate = 100.0;
 
-/// One hand at the newest observed tick.
+/// State of a hand at the newest tick that was observed.
 struct IgtlHand {
-  Vec3 probe = Vec3::Zero();  ///< [m]
-  Vec3 proxy = Vec3::Zero();  ///< [m]
-  Vec3 force = Vec3::Zero();  ///< Force that was sent [N].
+  Vec3 probe = Vec3::Zero();  ///< Position of the probe [m].
+  Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
+  Vec3 force = Vec3::Zero();  ///< Force that was sent to the device [N].
   Fault fault = Fault::kNone;
-  bool begun = false;  ///< There has been a tick.
+  bool begun = false;  ///< True once a tick was run.
 };
 
-/// State of a run for the clients.
+/// State of a run that is sent to clients.
 struct IgtlShown {
   static constexpr std::size_t kHands = 4;
   std::array<IgtlHand, kHands> hands{};
-  std::size_t count = 0;  ///< Entries of `hands`.
+  std::size_t count = 0;  ///< Number of valid entries in `hands`.
 };
 
-/// Shows a run to a few clients. A client can request what a user at the keyboard can do too: cut
-/// the force, replace a volume, lead a hand that has no arm. Only a user at the arm can restore the
-/// force. A client that sends bad data, or does not read, delays only itself. Invalid data end the
-/// client's connection; the server reports this in a line.
-// The mailboxes keep the data of each side on separate cache lines.
+/// Shows a run to a few clients.
+///
+/// A client can request what a user at the keyboard can also do: cut the force, replace a volume,
+/// and lead a hand that has no arm. Only a user at the arm can restore the force. A client that
+/// sends invalid data, or does not read, delays no other client. Invalid data end the connection,
+/// and the server prints a line about this.
+// The padding is intended: the mailboxes keep the data of their two threads on separate cache
+// lines.
 class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Listens from now on, and answers from begin() on. `rate`: of the messages [Hz], above 0 to
-  /// kIgtlMostRate. `images`: accepts volumes. Throws Error if the place is not available.
+  /// Starts to listen. Connections are answered after begin(). Throws Error if the place is not
+  /// available.
+  /// @param rate    Rate of the messages [Hz], above 0 and at most kIgtlMostRate.
+  /// @param images  If true, clients can replace volumes.
   IgtlServer(const IgtlPlace& place, double rate, bool images);
   ~IgtlServer();
   IgtlServer(const IgtlServer&) = delete;
   IgtlServer& operator=(const IgtlServer&) = delete;
 
-  /// Returns the place in the form that a client takes.
+  /// Returns the address and the port, in the form in which a client takes them.
   [[nodiscard]] const std::string& place() const noexcept { return place_; }
-  /// Returns the hand that clients lead, from `start` [m] on. Call before begin().
+  /// Returns the hand that clients lead. It starts at `start` [m]. Call this before begin().
   [[nodiscard]] HandTarget hand(const Vec3& start);
-  /// Starts the thread.
+  /// Starts the thread of the server.
   void begin();
 
-  // Called by the run's thread.
-  /// Sets the hands whose force a client can cut, until the next call. If a client requested a cut
-  /// before any hand was set, the cut takes effect now.
+  // The following functions are called by the thread of the run.
+  /// Sets the hands whose force clients can cut, until the next call. If a client has requested a
+  /// cut before, these hands are cut now.
   void cuts(std::vector<HapticThread*> hands);
-  /// Sets the scene from now on: the places and the names of its volumes.
+  /// Sets the present scene, with the places and the names of its volumes.
   void expect(const BuiltScene& scene);
-  /// Sets the state that is sent next.
+  /// Sets the state that is sent in the next round.
   void show(const IgtlShown& shown);
-  /// Reports the result of the last image, for its sender.
+  /// Reports the result of the last image to the client that has sent it.
   void tell(const std::string& news);
-  /// Returns an image, once; null if no image has arrived. Until the run takes it, senders of other
-  /// images get the answer busy.
+  /// Returns an image that has arrived, once; null if there is none. Until then, clients that send
+  /// other images get the answer kBusy.
   [[nodiscard]] std::shared_ptr<const IgtlImage> takeImage();
-  /// Returns counts of the traffic.
+  /// Returns the counts of the traffic.
   [[nodiscard]] OrderedJson summary() const;
 
  private:
-  /// Places of the volumes, for the server's thread.
+  /// Places and names of the volumes, for the server's thread.
   struct Stage {
-    Placement first;  ///< Placement of the first volume by name.
+    Placement first;  ///< Placement of the volume whose name comes first.
     std::set<std::string> volumes;
   };
   struct Client;
   struct Counts;
-  /// Limits lines that a client can cause in any number: prints the last line of each second.
+  /// Limits how many lines clients can cause: prints at most one line a second, the last one.
   class Seldom {
    public:
     void say(const std::string& line);
-    /// Prints the pending line, if its time has come.
+    /// Prints the waiting line if a second has passed.
     void look();
-    /// Prints the pending line now. Call it after the last line.
+    /// Prints the waiting line at once. Called after the last line.
     void end();
 
    private:
     std::string last_;
-    std::int64_t next_ = 0;  ///< Time before which no line is printed [ns].
-    std::int64_t more_ = 0;  ///< Number of lines not yet printed.
+    std::int64_t next_ = 0;  ///< Time from which on the next line may be printed [ns].
+    std::int64_t more_ = 0;  ///< Number of lines that were not printed.
   };
 
   void run();
   void round();
   void accept();
   void read(Client& client);
-  /// Takes bytes as they arrive; throws Error if they are not a message.
+  /// Processes bytes as they arrive. Throws Error if they are not a valid message.
   void feed(Client& client, ByteView bytes);
   void beginBody(Client& client);
   void endBody(Client& client);
   void obey(Client& client, const std::string& words);
   void reply(Client& client, IgtlCode code, const std::string& text);
-  /// Sends to all clients that have taken the previous messages.
+  /// Sends the state to all clients that have read the previous messages.
   void send();
   void flush(Client& client);
   void endLate(Client& client);
   void drop(Client& client, const std::string& why);
-  /// Returns true if no image may begin: another one is arriving, or waits to be taken.
+  /// Returns true if a client must not send an image now, because another image is arriving or has
+  /// not been taken yet.
   [[nodiscard]] bool full();
   [[nodiscard]] std::string statusOf(const IgtlShown& shown);
 
   double rate_;
   bool images_;
-  bool led_ = false;  ///< A hand follows `aim_`.
+  bool led_ = false;  ///< True if a hand follows `aim_`.
   std::string place_;
   int listener_ = -1;
-  std::int64_t deaf_until_ = 0;  ///< No accept until then, because accept failed [ns].
+  /// After a failure of accept(), time from which on connections are accepted again [ns].
+  std::int64_t deaf_until_ = 0;
   std::vector<std::unique_ptr<Client>> clients_;
   std::unique_ptr<Counts> counts_;
 
   Published<LiveHand> aim_;
   Mailbox<IgtlShown> shown_;
   Mailbox<Stage> stage_;
-  // Guards data that a mailbox cannot carry: the end of a hand, news for all clients, and the
-  // transfer of an image's memory. No haptic thread locks it.
+  // Protects data that a mailbox cannot transfer: the end of a hand, results for all clients, and
+  // the memory of an image. No haptic thread takes this lock.
   std::mutex mutex_;
   std::vector<HapticThread*> hands_;
-  bool cut_asked_ = false;  ///< A client requested a cut before any hand was set.
+  bool cut_asked_ = false;  ///< True if a client has requested a cut before cuts() was called.
   std::shared_ptr<const IgtlImage> image_;
   std::string news_;
 
-  std::int64_t next_ = 0;  ///< Time of the next messages [ns].
+  std::int64_t next_ = 0;  ///< Time at which the next messages are sent [ns].
   Seldom complaints_;
   Seldom greetings_;
   std::int64_t next_status_ = 0;

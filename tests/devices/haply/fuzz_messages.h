@@ -1,4 +1,5 @@
-/// Feeds bytes to the reader of Haply's messages, and checks statements that hold for any bytes.
+/// Passes arbitrary bytes to the reader of Haply's messages, and checks statements that hold for
+/// any bytes.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +12,7 @@
 
 namespace palpate::test {
 
-/// Returns "" if all statements hold; else the broken statement.
+/// Returns "" if all statements hold; otherwise the statement that does not hold.
 inline std::string fuzzHaplyMessage(std::string_view bytes) {
   using namespace palpate::haply;
   static Message message;
@@ -43,7 +44,7 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
     if (message.grips[i].id.view().empty()) return "a handle without an id";
     if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15) return "buttons";
   }
-  // The ids of a message fit into the answer, which stays valid JSON.
+  // The ids of a message fit into a message to the service, which is then valid JSON.
   std::array<char, kRoom> room{};
   const std::size_t size =
       writeForces(Generation::k35, {forces.data(), message.arm_count}, true, room);

@@ -1,4 +1,4 @@
-/// Haply's messages without a network: published ones, wrong ones, and mutated ones.
+/// Tests Haply's messages without a network: published, wrong and mutated messages.
 #include <array>
 #include <numbers>
 #include <string>
@@ -40,7 +40,7 @@ Message readState(const std::string& text) {
   return message;
 }
 
-/// Returns the 3.1 message with this instead of the position's x.
+/// Returns the 3.1 message with this text in place of the position's x.
 std::string withX(const std::string& x) {
   std::string text = k31Text;
   return text.replace(text.find("0.078"), 5, x);
@@ -131,7 +131,7 @@ TEST_CASE("messages that are too long, too deeply nested or not a state are refu
   };
   CHECK(readMessage(nested(kDepthLimit), message) == Verdict::kState);
   CHECK(readMessage(nested(kDepthLimit + 1), message) == Verdict::kTooDeep);
-  // Brackets within strings do not nest, and a string may contain a quote.
+  // Brackets within strings do not count as nesting, and a string may contain an escaped quote.
   CHECK(readMessage(R"({"inverse3":[],"x":"\"[[[[[[[[[[[[[[[[[["})", message) == Verdict::kState);
   CHECK(readMessage("", message) == Verdict::kNotJson);
   CHECK(readMessage("[]", message) == Verdict::kOther);
@@ -195,7 +195,8 @@ TEST_CASE("force messages have their generation's format and the exact values", 
       }
     }
   }
-  // The longest message fits. A message that does not fit, or has no words, is not sent in part.
+  // The longest message fits. A message that does not fit, or that its generation lacks, is not
+  // written at all.
   const std::string longest(47, 'x');
   const Triple digits{-2.2250738585072014e-308, -1.7976931348623157e-308, -3.3333333333333335e-307};
   const std::array<ForceTo, kMaxArms> four{
@@ -216,7 +217,7 @@ const auto& any(Random& random, const List& list) {
   return list[static_cast<std::size_t>(random.integer(static_cast<int>(list.size())))];
 }
 
-/// Changes, removes, doubles and inserts bytes.
+/// Changes, removes, doubles or inserts bytes.
 std::string mutateBytes(Random& random, std::string text, const std::vector<std::string>& seeds) {
   static const std::vector<std::string> kPieces{"\"",
                                                 "{",
@@ -268,7 +269,7 @@ std::string mutateBytes(Random& random, std::string text, const std::vector<std:
   return text;
 }
 
-/// Exchanges values for others, removes and doubles members; the text stays JSON.
+/// Replaces values and removes or doubles members; the text remains valid JSON.
 std::string mutateValues(Random& random, const std::string& text) {
   static const std::vector<nlohmann::json> kValues{nullptr,
                                                    true,
@@ -297,7 +298,7 @@ std::string mutateValues(Random& random, const std::string& text) {
   nlohmann::json json = nlohmann::json::parse(text);
   for (int n = 1 + random.integer(4); n > 0; --n) {
     nlohmann::json* at = &json;
-    // A path down that ends at any depth.
+    // Goes down from member to member, and ends at a random depth.
     while (at->is_structured() && !at->empty() && random.integer(12) != 0) {
       auto it = at->begin();
       std::advance(it, random.integer(static_cast<int>(at->size())));
@@ -335,6 +336,6 @@ TEST_CASE("mutated messages are either decoded or refused", "[haply]") {
     if (readMessage(text, message) == Verdict::kState) ++states;
   }
   CAPTURE(states);
-  // Enough texts are still messages, so that their contents were read.
+  // Enough mutated texts were still messages whose contents were read.
   CHECK(states * 4 > count);
 }

@@ -40,7 +40,7 @@ const char* truth(bool is) {
 }  // namespace
 
 struct MockService::Inside {
-  /// An answer that waits for its time.
+  /// An answer that is held back until its time.
   struct Waiting {
     std::int64_t due = 0;
     bool full = false;
@@ -54,7 +54,7 @@ struct MockService::Inside {
 
   const Speaks speaks;
   std::atomic<int> port;
-  mutable std::mutex mutex;  // Guards all down to the next comment.
+  mutable std::mutex mutex;  // Guards all members up to the next comment.
   std::array<MockArm, 2> arms;
   Lie lie = Lie::kNone;
   std::int64_t delay = 0;
@@ -66,7 +66,7 @@ struct MockService::Inside {
   std::atomic<bool> hang_up{false};
   std::atomic<bool> listens{false};
   std::thread thread;
-  // Owned by the thread.
+  // Used by the server's thread only.
   std::vector<std::pair<lws*, std::unique_ptr<Session>>> sessions;
 
   explicit Inside(Speaks s, int p) : speaks(s), port(p) {
@@ -121,7 +121,7 @@ struct MockService::Inside {
     if (lie == Lie::kDeep) return std::string(50'000, '[');
     const bool by_id = speaks == Speaks::k30;
     std::string out = "{";
-    // It is not published whether updates also have session_id: here they do not.
+    // Haply does not publish whether updates also have session_id; in this mock they do not.
     if (speaks == Speaks::k35 && full) out += "\"session_id\":7,";
     out += std::string("\"inverse3\":") + (by_id ? "{" : "[");
     if (lie != Lie::kEmptyLists) out += armText(arms[0], full) + "," + armText(arms[1], full);
@@ -146,7 +146,7 @@ struct MockService::Inside {
       }
       if (session.contains("configure")) ++heard.introduced;
     }
-    // A force of the other generation is not a force.
+    // A force in the format of another generation does not count as a force.
     const char* name = speaks == Speaks::k35 ? "vector" : "values";
     if (json.is_object() && json.contains("inverse3") && speaks != Speaks::k30) {
       known = true;

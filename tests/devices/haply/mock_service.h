@@ -1,5 +1,5 @@
-/// Simulates Haply's Inverse Service: a WebSocket server on a thread of its own. The server sends
-/// the published messages for two arms and two handles, misbehaves on command, and keeps the
+/// Simulates Haply's Inverse Service: a WebSocket server on its own thread. The server sends the
+/// published messages for two arms and two handles, gives wrong answers on request, and stores the
 /// messages that it receives.
 #pragma once
 
@@ -14,7 +14,7 @@ namespace palpate::test {
 /// Generation of the messages.
 enum class Speaks { k30, k31, k35 };
 
-/// Errors of its answers.
+/// Errors that the answers can have.
 enum class Lie {
   kNone,
   kDrops,       ///< Gives no answer.

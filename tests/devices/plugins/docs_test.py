@@ -20,7 +20,7 @@ LIBRARY = {"openhaptics": "HD", "dhd": "dhd", "nifalcon": "nifalcon"}
 def symbols(file):
     out = subprocess.run(["nm", "-D", "--defined-only", file], check=True, stdout=subprocess.PIPE,
                          text=True).stdout
-    # Every program that uses templates of the standard library has their symbols.
+    # Templates of the standard library leave their symbols in every program that uses them.
     return [line.split()[2] for line in out.splitlines() if line.split()[1] not in "WVu"]
 
 
@@ -30,7 +30,7 @@ def needed(file):
 
 
 def sdks(folder):
-    """Makes folders with the makers' layout; returns them by the names of the page's variables."""
+    """Makes folders with the layout of the makers' SDKs. Returns them by the names of the page's variables."""
     found = {}
     for name, library in LIBRARY.items():
         sdk = Path(folder, name)

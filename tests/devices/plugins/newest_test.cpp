@@ -1,4 +1,4 @@
-/// The slots between an SDK's thread and palpate's.
+/// Tests the exchange between an SDK's thread and palpate's haptic thread.
 #include "devices/plugins/newest.h"
 
 #include <atomic>
@@ -75,7 +75,7 @@ TEST_CASE("a write between any two steps of a reader does not tear the value", "
 }
 
 TEST_CASE("a read between any two steps of a writer gets a whole value or no value", "[plugin]") {
-  // The first step of the reader is a load.
+  // The reader's first step is a load.
   for (int step = 1; step <= 13; ++step) {
     CAPTURE(step);
     Newest<Large, Stepped> slot;
@@ -89,7 +89,7 @@ TEST_CASE("a read between any two steps of a writer gets a whole value or no val
     CHECK(whole(value));
     CHECK(value.last == (step == 1 ? 1U : step == 13 ? 2U : 7U));
     CHECK(taken == (step == 1 || step == 13));
-    // The early read loses no value.
+    // A read that comes too early does not lose the value.
     if (step != 13) CHECK(slot.take(value));
     CHECK(value.last == 2U);
   }
@@ -128,13 +128,13 @@ TEST_CASE("after a stop no force passes until a zero has been written", "[plugin
   std::atomic<int> turn{0};
   std::atomic<bool> stopped{false};
   long wrong = 0;
-  // The SDK's thread: after it has seen that a stop has returned, it gets zeros until a new turn.
+  // The SDK's thread. After a stop has returned, it must get zeros until the next turn.
   std::thread sdk([&] {
     for (int n = turn; n < 2000; n = turn) {
       const bool was_stopped = stopped;
       const Order order = orders.now(0);
       if (was_stopped && turn == n && order.force[0] != 0.0) ++wrong;
-      // A force from before the zero never comes after it.
+      // A force that was written before the zero must not come after it.
       if (order.force[0] != 0.0 && order.force[0] < n) ++wrong;
     }
   });

@@ -1,4 +1,5 @@
-/// A file that stands for an arm, so that a test sees the motors of a plug-in in another process.
+/// A file that represents an arm, through which a test sees the motors of a plug-in in another
+/// process.
 #pragma once
 
 #include <atomic>
@@ -13,14 +14,15 @@ namespace palpate::test {
 
 /// State of motors and sensors. All zeros at first, like a new file.
 struct OddArm {
-  static constexpr const char* kFile = "PALPATE_ODD_ARM";  ///< Variable with the file's name.
-  std::atomic<double> position[3];                         ///< Set by the test [m].
-  std::atomic<double> force[3];                            ///< Force of the motors [N].
-  std::atomic<double> carried;                             ///< Share of the weight that is carried.
-  std::atomic<double> most;                                ///< The largest force so far [N].
-  std::atomic<std::int64_t> wrote_at;                      ///< [ns]
-  std::atomic<std::int64_t> trouble_at;                    ///< When the trouble began [ns].
-  std::atomic<std::int64_t> zero_at;  ///< When the force first was zero after that [ns].
+  /// Environment variable with the file's name.
+  static constexpr const char* kFile = "PALPATE_ODD_ARM";
+  std::atomic<double> position[3];       ///< Set by the test [m].
+  std::atomic<double> force[3];          ///< Force of the motors [N].
+  std::atomic<double> carried;           ///< Share of the weight that is carried.
+  std::atomic<double> most;              ///< The largest force so far [N].
+  std::atomic<std::int64_t> wrote_at;    ///< [ns]
+  std::atomic<std::int64_t> trouble_at;  ///< When the trouble began [ns].
+  std::atomic<std::int64_t> zero_at;     ///< When the force first was zero after that [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;
   std::atomic<std::uint32_t> trouble;  ///< Set by the test to start it.
 

@@ -1,5 +1,5 @@
-/// A plug-in with the faults that plug-ins have. The serial number of the arm up to a # selects the
-/// fault. The part after it separates tests that run at the same time.
+/// A plug-in that simulates faults of plug-ins. The part of the arm's serial number before a #
+/// selects the fault. The part after the # distinguishes tests that run at the same time.
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -91,7 +91,7 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   Odd& odd = oddOf(device);
   OddArm& arm = *odd.arm;
   ++arm.reads;
-  // Behaves as a plug-in that was compiled for a host that knows all fields.
+  // Acts like a plug-in that was compiled for a host that knows all fields.
   if (reading->size < sizeof(palpate_plugin_reading)) return PALPATE_PLUGIN_NOTHING;
   if (arm.trouble != 0) begins(odd);
   if (odd.is("crash")) crash();
@@ -118,7 +118,7 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   reading->orientation[3] = 0.8;
   reading->gripper = 0.25;
   reading->joints[0] = 0.5;
-  // Writes more than the given room: the trouble of the process itself.
+  // Writes beyond the given memory, which damages the process itself.
   if (odd.is("long")) std::memset(reading, 0xFF, 1U << 20U);
   return PALPATE_PLUGIN_OK;
 }
@@ -146,7 +146,7 @@ int write(palpate_plugin_device* device, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* device) {
   Odd& odd = oddOf(device);
   ++odd.arm->stops;
-  // Behaves as if it waited for a lock that read holds.
+  // Acts as if stop waited for a lock that read holds.
   if (odd.is("deadlock")) hang();
   odd.stopped = true;
   odd.arm->give(0.0, 0.0, 0.0, host->now());
@@ -203,7 +203,8 @@ palpate_plugin_device* open(const char* serial, char* error, size_t room) {
   ++odd->arm->opens;
   // A real arm keeps its last force until a program takes it off.
   odd->arm->give(0.0, 0.0, 0.0, host->now());
-  // The next process opens the arm after the test has ended the trouble of the process before.
+  // Waits, so that the next process opens the arm after the test has ended the previous process'
+  // trouble.
   while (odd->is("exit") && host->ends() == 0) usleep(1000);
   odd->device = {sizeof(palpate_plugin_device),
                  0,

@@ -1,4 +1,5 @@
-/// A host of plug-ins: loads one, has a clock that the test sets, and keeps its messages.
+/// A host for tests of plug-ins: loads a plug-in, has a clock that the test sets, and stores the
+/// plug-in's messages.
 #pragma once
 
 #include <atomic>
@@ -48,7 +49,7 @@ class PluginHost {
     REQUIRE(arms != nullptr);
   }
 
-  /// Opens an arm; `error` holds the reason for a failure.
+  /// Opens an arm. Sets `error` to the reason for a failure.
   bool open(const char* serial) {
     char line[256] = "";
     if (arms == nullptr) begin();
@@ -81,7 +82,7 @@ class PluginHost {
     return arm->write(arm, &force);
   }
 
-  /// Returns whether the error is one clear line with the name of its source and a remedy.
+  /// Returns true if the error is one clear line with its source's name and a remedy.
   bool errorIsALine(const std::string& name) const {
     return error.rfind(name + ": ", 0) == 0 && error.find('\n') == std::string::npos &&
            error.size() < 200 && error.find_first_of(",;") != std::string::npos;
@@ -111,8 +112,8 @@ class PluginHost {
   palpate_plugin_host host_{};
 };
 
-/// A struct of another palpate version, which knows only `room` bytes. The bytes behind them must
-/// stay untouched.
+/// A struct as another palpate version knows it, with only `room` bytes. The bytes after these must
+/// not change.
 template <class T>
 struct Other {
   explicit Other(std::size_t room) {

@@ -1,4 +1,4 @@
-/// Plug-ins: which of their data are accepted, and how each of their faults ends.
+/// Tests which data of plug-ins are accepted, and the result of each fault of a plug-in.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -56,14 +56,14 @@ std::int64_t testTime() noexcept {
   return the_time;
 }
 
-/// A port with the numbers of the test.
+/// A port that returns the values of the test.
 struct FakePort final : PluginPort {
   palpate_plugin_facts told = goodFacts();
   PluginNews next;
   std::vector<PluginOrder> orders;
   bool there = true;
   double weight = 5.0;
-  bool takes = true;  ///< Orders are written at once.
+  bool takes = true;  ///< Orders are taken at once.
   std::uint32_t opened = 1;
 
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return told; }
@@ -81,7 +81,7 @@ struct FakePort final : PluginPort {
   }
 };
 
-/// An arm on this port, with a clock of its own.
+/// An arm on this port, with its own clock.
 struct Fake {
   FakePort* port;
   std::unique_ptr<PluginArm> arm;
@@ -96,7 +96,7 @@ struct Fake {
     arm = std::make_unique<PluginArm>(std::move(made), "plugin:fake", tested, host);
     port->next.reading.state = PALPATE_PLUGIN_READY;
   }
-  /// Reads a millisecond later, with a new position.
+  /// Reads a millisecond later, with a new position at `x`.
   HandState fresh(double x = 0.0) {
     the_time += 1'000'000;
     port->next.reading.taken = the_time;
@@ -136,7 +136,7 @@ TEST_CASE("a plug-in's facts become the arm's limits", "[plugin]") {
   CHECK(held.limits.peak == kUntestedForce);
   CHECK(held.max_stiffness == kUntestedStiffness);
 
-  // A device that only moves the hand needs no numbers for a force.
+  // A device without motors needs no force limits.
   facts.has = 0;
   facts.force = facts.stiffness = 0.0;
   CHECK_FALSE(infoFor(facts, "plugin:fake", false).hand);
@@ -198,15 +198,14 @@ TEST_CASE("a plug-in's reading becomes the hand's state", "[plugin]") {
   CHECK(hand.ready);
   CHECK(hand.age == 0.0);
   CHECK(hand.position.x() == 0.01);
-  CHECK(hand.handle.buttons == 2);  // of three buttons
+  CHECK(hand.handle.buttons == 2);  // the arm has three buttons
   CHECK(hand.handle.orientation[2] == Approx(-0.8));
   CHECK(hand.handle.gripper == 0.3);
   CHECK(hand.handle.joints[1] == 1.5);
   CHECK(hand.handle.joints[2] == 0.0);  // the arm has two
-  // No new reading.
   hand = fake.later(0.001);
   CHECK(hand.age == Approx(0.001));
-  // An invalid orientation, gripper or joint leaves the last value.
+  // An invalid orientation, gripper or joint keeps its last value.
   for (double& q : fake.port->next.reading.orientation) q = kNan;
   fake.port->next.reading.gripper = kInf;
   fake.port->next.reading.joints[1] = kNan;
@@ -237,7 +236,7 @@ TEST_CASE("the speed watch uses positions, not the velocity that a device report
   fake.port->next.reading.velocity[1] = kNan;
   fake.port->next.reading.velocity[0] = 1.0;
   CHECK(fake.fresh().handle.velocity[0] == 4.9);
-  // The reported velocity is zero while the arm runs away: positions show it.
+  // The reported velocity is zero although the arm runs away. The positions show the motion.
   fake.port->next.reading.velocity[0] = fake.port->next.reading.velocity[1] = 0.0;
   Fault fault = Fault::kNone;
   bool braked = false;
@@ -258,7 +257,8 @@ TEST_CASE("a reading with a wrong time still becomes stale", "[plugin]") {
     (void)fake.fresh();
     fake.port->next.reading.taken = taken;
     HandState hand = fake.later(0.001);
-    CHECK((hand.age == 0.0) == (taken > 0));  // a future time is now; a time before all time is old
+    // A time in the future counts as now, a time before the clock's start as old.
+    CHECK((hand.age == 0.0) == (taken > 0));
     hand = fake.later(0.06);
     HandWatch watch(fake.arm->info().watch);
     CHECK(watch.look(hand, 0.0) == Fault::kStale);
@@ -300,7 +300,7 @@ TEST_CASE("an arm's reported state makes it not ready or a fault", "[plugin]") {
   fake.port->there = false;
   CHECK(fake.later(0.001).fault == Fault::kGone);
   fake.port->there = true;
-  // The position from before the absence is not used.
+  // The position from before the absence must not be used.
   CHECK_FALSE(fake.arm->read().ready);
   CHECK(with(kGood).ready);
   fake.port->next.wrote = PALPATE_PLUGIN_FAILED;
@@ -333,7 +333,7 @@ TEST_CASE("a force that a plug-in's process withheld is reported once as late", 
   CHECK(fake.fresh().fault == Fault::kNone);
   fake.port->next.withheld = 1;
   CHECK(fake.fresh().fault == Fault::kLate);
-  CHECK(fake.fresh().fault == Fault::kNone);  // a loop has latched it
+  CHECK(fake.fresh().fault == Fault::kNone);  // the loop has latched the fault
 }
 
 TEST_CASE("a plug-in's gravity compensation ramps up slowly and ends at once", "[plugin]") {
@@ -364,7 +364,7 @@ TEST_CASE("an untested plug-in arm compensates at most 1 N of its weight", "[plu
   fake.arm->carry(true);
   for (int i = 0; i < 1000; ++i) (void)fake.fresh();
   fake.arm->write(Vec3::Zero());
-  CHECK(fake.port->orders.back().carry == Approx(0.2));  // of 5 N
+  CHECK(fake.port->orders.back().carry == Approx(0.2));  // share of 5 N
 }
 
 TEST_CASE("the given share of a plug-in's force is limited to 0 to 1", "[plugin]") {
@@ -409,7 +409,7 @@ TEST_CASE("mutated facts of a plug-in give valid limits or are refused", "[plugi
   long taken = 0;
   for (long i = 0; i < count; ++i) {
     palpate_plugin_facts facts = goodFacts();
-    // Only the numbers: texts are most of the bytes.
+    // Mutates the numbers only, because most of the bytes are texts.
     auto bytes = std::as_writable_bytes(std::span(&facts, 1));
     const int numbers = static_cast<int>(offsetof(palpate_plugin_facts, button));
     const int changes = random.integer(4);

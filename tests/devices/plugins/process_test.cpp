@@ -1,4 +1,4 @@
-/// Plug-ins as they are loaded and run: in a process of their own, and in this one.
+/// Tests how plug-ins are loaded and run, in their own process and in the program's.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -37,7 +37,7 @@ const std::filesystem::path kOther = kPlugins / "other.so";
 const std::filesystem::path kNone = kPlugins / "none.so";
 const std::filesystem::path kProgram = PALPATE_PLUGIN_PROGRAM;
 
-/// The arm that the plug-in's process shares.
+/// The simulated arm, which the plug-in's process shares.
 class Bench {
  public:
   Bench() {
@@ -68,7 +68,7 @@ std::string refusal(const std::function<void()>& act) {
   }
 }
 
-/// Returns a serial number of this test's own.
+/// Returns a serial number that only this test uses.
 std::string oddly(const std::string& kind) {
   return kind + "#" + std::to_string(getpid());
 }
@@ -78,7 +78,7 @@ std::unique_ptr<PluginArm> openOdd(const std::string& kind, const ArmHost& host 
                                      "plugin:odd", true, host);
 }
 
-/// Returns true as soon as the condition holds; false if it does not hold within a time [s].
+/// Returns true as soon as the condition holds, or false if it does not hold within `seconds` [s].
 bool within(double seconds, const std::function<bool()>& is) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
   while (!is()) {
@@ -88,9 +88,8 @@ bool within(double seconds, const std::function<bool()>& is) {
   return true;
 }
 
-constexpr double kLong = 20.0;  // [s], longer than any step takes on a busy machine
+constexpr double kLong = 20.0;  // [s]; every step takes less than this, even on a busy machine
 
-/// Runs one tick.
 HandState tick(PluginArm& arm, const Vec3& force) {
   const HandState hand = arm.read();
   arm.write(force);
@@ -131,7 +130,7 @@ TEST_CASE("plug-ins load only from their folders, and only if others cannot writ
       std::filesystem::temp_directory_path() / ("palpate_plugins_" + std::to_string(getpid()));
   std::filesystem::create_directories(folder);
   std::filesystem::copy_file(kOdd, folder / "odd.so");
-  // Independent of the user's umask.
+  // Sets the permissions explicitly, because the user's umask may differ.
   std::filesystem::permissions(folder, std::filesystem::perms(0755));
   std::filesystem::permissions(folder / "odd.so", std::filesystem::perms(0755));
   setenv("PALPATE_PLUGINS", folder.c_str(), 1);
@@ -166,7 +165,7 @@ TEST_CASE("an arm of a plug-in's process is read and driven", "[plugin]") {
   CHECK(hand.handle.orientation[3] == Approx(0.8));
   CHECK(hand.handle.gripper == 0.25);
   CHECK(hand.fault == Fault::kNone);
-  // Each force arrives unchanged.
+  // Each force arrives exactly as it was sent.
   int wrong = 0;
   for (int i = 1; i <= 100; ++i) {
     const Vec3 force(0.01 * i, -0.02 * i, 0.005);
@@ -193,7 +192,7 @@ TEST_CASE("the force ends if the program stops sending orders", "[plugin]") {
   REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
   (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   CHECK(within(kLong, [&] { return bench->stops > 0 && bench->norm() == 0.0; }));
-  // A further force is withheld until the program has written zero.
+  // After a stop, forces are not passed on until the program has written zero.
   (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   std::this_thread::sleep_for(std::chrono::milliseconds(5));
   CHECK(bench->norm() == 0.0);
@@ -212,7 +211,7 @@ TEST_CASE("a guardian's zero message ends a plug-in's force", "[plugin]") {
   const ZeroForce zero = arm->zeroForce();
   REQUIRE(zero.descriptor >= 0);
   std::atomic<bool> over{false};
-  // Orders continue, so silence is not the cause that ends the force.
+  // Orders continue, so that silence is not what ends the force.
   std::thread haptic([&] {
     while (!over) (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
   });
@@ -226,7 +225,7 @@ TEST_CASE("a guardian's zero message ends a plug-in's force", "[plugin]") {
 }
 
 TEST_CASE("a stop during an order leaves neither force nor gravity compensation", "[plugin]") {
-  // During carry this arm receives a stop, as from another thread.
+  // During carry() this arm receives a stop, as if from another thread.
   static struct {
     double force, share, next;
     bool stopped, trips;
@@ -279,15 +278,17 @@ TEST_CASE("a stop during an order leaves neither force nor gravity compensation"
     });
   };
   std::thread haptic([&] { server.loop(); });
-  constexpr double kShare = 0.002;  // of the weight: five times the share that may come at once
-  // Weight alone, then a force with it: both are off after a stop during the order.
+  // Share of the weight: five times the share that may come at once.
+  constexpr double kShare = 0.002;
+  // First weight alone, then weight with a force. Both must be off after a stop that came during
+  // the order.
   for (const double force : {0.0, 0.5}) {
     REQUIRE(give(0.0, 0.0, 1));
     arm.trips = true;
     REQUIRE(give(force, kShare, 2));
     CHECK(arm.force == 0.0);
     CHECK(arm.share == 0.0);
-    // Both stay off until a zero was written.
+    // Both stay off until the program has written zero.
     REQUIRE(give(0.5, kShare, 3));
     CHECK(arm.force == 0.0);
     CHECK(arm.share == 0.0);
@@ -302,7 +303,7 @@ TEST_CASE("a stop during an order leaves neither force nor gravity compensation"
 }
 
 TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plugin]") {
-  // The plug-in's own code, which lies between, may have overwritten an order.
+  // The plug-in's own code may have overwritten an order before it is passed on.
   static struct {
     std::vector<double> forces;
     double share;
@@ -333,8 +334,8 @@ TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plu
     double carry;
     bool given;
   };
-  // 5 ms allow 0.1 N and 0.01 of the weight at once. A slow machine allows 20 N and twice the
-  // weight more in each second.
+  // 5 ms of growth allow 0.1 N and 0.01 of the weight at once. In each further second, a slow
+  // machine allows 20 N and twice the weight more.
   for (const Case& c : {Case{0.03, 0.0, true},
                         {-0.03, 0.01, true},
                         {0.03, 1.0, false},
@@ -365,7 +366,7 @@ TEST_CASE("an order beyond peak or slew is not passed to a plug-in's arm", "[plu
     };
     CHECK(order(0.0, 0.0).withheld == 0);
     CHECK(order(c.force, c.carry).withheld == (c.given ? 0 : 1));
-    // The server withholds further forces until an order asks for zero.
+    // The server does not pass on further forces until an order is zero.
     CHECK(order(0.009, 0.0).withheld == (c.given ? 0 : 2));
     CHECK(order(0.0, 0.0).withheld == (c.given ? 0 : 2));
     CHECK(order(0.009, 0.0).withheld == (c.given ? 0 : 2));
@@ -401,16 +402,18 @@ TEST_CASE("a plug-in that hangs is distinguished from a stalled machine", "[plug
   using Look = PluginServer::Look;
   constexpr std::int64_t kMs = 1000000;  // [ns]
   struct Case {
-    std::vector<std::int64_t> looks;  // [ms] since the last turn
+    std::vector<std::int64_t> looks;  // [ms] since the last turn, for each call of look()
     bool blamed;
   };
   std::vector<std::int64_t> punctual;
   for (std::int64_t ms = 2; ms <= 18; ms += 2) punctual.push_back(ms);
   const Case cases[] = {
-      {punctual, true},                                  // the plug-in hangs
-      {{18}, false},                                     // the machine stood still
-      {{2, 4, 14, 16, 18}, false},                       // it stood still for a part of the time
-      {{18, 20, 22, 24, 26, 28, 30, 32, 34, 36}, true},  // and then the plug-in hangs
+      {punctual, true},  // the plug-in hangs
+      {{18}, false},     // the machine was late
+      // The machine was late for a part of the time.
+      {{2, 4, 14, 16, 18}, false},
+      // The machine was late, and then the plug-in hangs.
+      {{18, 20, 22, 24, 26, 28, 30, 32, 34, 36}, true},
   };
   for (const Case& c : cases) {
     CAPTURE(c.looks);
@@ -438,7 +441,7 @@ TEST_CASE("a plug-in that hangs is distinguished from a stalled machine", "[plug
     CHECK(news().wrote == PALPATE_PLUGIN_OK);
     arm.hangs = true;
     REQUIRE(within(kLong, [] { return arm.hung.load(); }));
-    // The times are the test's, so the machine's load does not count.
+    // The test supplies the times, so the machine's load has no effect.
     const std::int64_t now = nowNs();
     CHECK(server.look(now) == Look::kTurns);
     int stops = 0;
@@ -451,7 +454,7 @@ TEST_CASE("a plug-in that hangs is distinguished from a stalled machine", "[plug
     arm.hangs = false;
     PluginNews after = news();
     CHECK(after.withheld >= 1);
-    // The program takes this for a failed write, which keeps the force off, or for lateness.
+    // The program reports this as a failed write, which keeps the force off, or as lateness.
     CHECK(after.wrote == (c.blamed ? -1 : static_cast<int>(PALPATE_PLUGIN_OK)));
     order(0.0);
     CHECK(news().wrote == PALPATE_PLUGIN_OK);
@@ -479,7 +482,7 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
   CHECK(refusal([] {
           (void)openPluginProcess(kOdd, "good", {}, "/nowhere/palpate-plugin");
         }).find("check the installation") != std::string::npos);
-  // The user may end the program while it waits for a button.
+  // A user may end the program while it waits for the arm's button.
   std::atomic<bool> ends{false};
   ArmHost host;
   std::string words;
@@ -525,14 +528,14 @@ TEST_CASE("a plug-in's process that exits is started again", "[plugin]") {
   CHECK(bench->opens == 2);
   const ZeroForce zero = arm->zeroForce();
   CHECK(zero.version != version);
-  // The guardian's descriptor leads to the new process.
+  // The guardian's descriptor was redirected to the new process.
   const std::uint32_t stops = bench->stops;
   CHECK(::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) == 4);
   CHECK(within(kLong, [&] { return bench->stops > stops; }));
 }
 
-/// Checks that the loop latches one of `faults` after the trouble `kind` of a plug-in, and that the
-/// arm has no force within `limit` [s] and one slice of a busy scheduler.
+/// Checks that the loop latches one of `faults` after the plug-in's trouble `kind`. Also checks
+/// that the arm has no force within `limit` [s] plus one time slice of a busy scheduler.
 void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faults) {
   Bench bench;
   bench->position[2] = 0.05;
@@ -542,7 +545,7 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   HapticThread loop(*arm, params);
   loop.publish(ballScene(ballField()));
   INFO(kind << ", then " << wordFor(loop.latest().fault));
-  // A resting hand trembles.
+  // The hand trembles, so that its position does not stay constant.
   std::atomic<bool> over{false};
   std::thread trembles([&] {
     for (int i = 0; !over; ++i) {
@@ -550,7 +553,7 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
       std::this_thread::sleep_for(std::chrono::milliseconds(3));
     }
   });
-  // The hand goes into the ball. If the loop was late on the way, the hand goes out and in again.
+  // The hand moves into the ball. If the loop was late on the way, the hand moves out and in again.
   CHECK(within(kLong, [&] {
     bench->position[2] = 0.05;
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
@@ -575,9 +578,9 @@ void checkTrouble(const char* kind, double limit, const std::vector<Fault>& faul
   CHECK(took <= limit + 0.010);
 }
 
-// Limits of docs/loop.md: 50 ms for a stale arm, 20 ms for a process that hangs, else one tick.
-// A process takes milliseconds to die, on a busy machine. Which of its causes is noticed first
-// depends on the scheduler.
+// The limits are those of docs/loop.md: 50 ms for a stale arm, 20 ms for a process that hangs,
+// otherwise one tick. On a busy machine a process takes milliseconds to end. The scheduler decides
+// which of its effects is noticed first.
 constexpr double kTick = 0.002;
 #define PALPATE_TROUBLE(kind, limit, ...)                                              \
   TEST_CASE("the force ends in time after plug-in trouble: " kind, "[plugin][host]") { \

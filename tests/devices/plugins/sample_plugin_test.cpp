@@ -1,4 +1,4 @@
-/// The sample plug-in, by the ABI alone.
+/// Tests the sample plug-in through its C interface only.
 #include <cstddef>
 
 #include <catch2/catch.hpp>
@@ -15,7 +15,7 @@ namespace {
 const std::string kSample = PALPATE_PLUGINS "/sample.so";
 constexpr std::int64_t kMillisecond = 1'000'000;
 
-/// Advances by milliseconds, reads, and writes the force again each time.
+/// Advances in steps of a millisecond. In each step reads, and writes the force again.
 void goOn(PluginHost& host, int ms, double x, double y, double z) {
   for (int i = 0; i < ms; ++i) {
     PluginHost::now() += kMillisecond;
@@ -24,7 +24,7 @@ void goOn(PluginHost& host, int ms, double x, double y, double z) {
   }
 }
 
-/// Returns the displacement by the force, without the hand's path.
+/// Returns the displacement that the force causes, without the hand's own path.
 double pushed(const PluginHost& host) {
   const double t = 1e-9 * static_cast<double>(host.reading.taken - 1000 * kMillisecond);
   return host.reading.position[0] - 0.02 * std::sin(0.5 * t);
@@ -74,8 +74,8 @@ TEST_CASE("the sample gives 1000 readings per second of the host's clock", "[plu
   PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.state == PALPATE_PLUGIN_READY);
-  // A host that has slept an hour gets an answer at once, with the current time. The arm has stood
-  // still for most of the hour, and has not yet returned from the pushed position.
+  // After an hour without reads, the plug-in answers at once and with the current time. The arm
+  // rested for most of that hour, and has not yet returned from its displacement.
   goOn(host, 1000, 0.6, 0.0, 0.0);
   PluginHost::now() += 3600 * 1000 * kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
@@ -112,7 +112,7 @@ TEST_CASE("the sample follows the force until it is stopped", "[plugin]") {
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
   goOn(host, 1000, 0.6, 0.0, 0.0);
-  CHECK(pushed(host) == Approx(0.02).margin(1e-4));  // 0.6 N by 30 N/m
+  CHECK(pushed(host) == Approx(0.02).margin(1e-4));  // 0.6 N divided by 30 N/m
   host.arm->stop(host.arm);
   goOn(host, 1000, 0.6, 0.0, 0.0);
   CHECK(pushed(host) == Approx(0.0).margin(1e-4));
@@ -149,7 +149,7 @@ TEST_CASE("the sample's gravity compensation starts with the next write", "[plug
   CHECK(weight->size == sizeof *weight);
   CHECK(host.arm->extension(host.arm, "palpate.other/1") == nullptr);
   goOn(host, 1000, 0.0, 0.0, 0.0);
-  CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));  // 0.3 N by 30 N/m
+  CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));  // 0.3 N divided by 30 N/m
   weight->carry(host.arm, 1.0);
   PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
@@ -171,7 +171,7 @@ TEST_CASE("the sample's hot motors give only their continuous force", "[plugin]"
   goOn(host, 1000, 3.0, 0.0, 0.0);
   CHECK(heat->given(host.arm) == 1.0);
   CHECK(pushed(host) == Approx(0.1).margin(1e-3));
-  // At twice the continuous force: after 20 s ln(4/3).
+  // At twice the continuous force, the motors reach their limit after 20 s ln(4/3).
   goOn(host, 6000, 3.0, 0.0, 0.0);
   CHECK(heat->given(host.arm) == 0.5);
   CHECK(pushed(host) < 0.099);

@@ -1,4 +1,4 @@
-/// Tests the plug-ins for makers' SDKs through the ABI, against stubs of the SDKs.
+/// Tests the plug-ins for makers' SDKs through their C interface. Stubs replace the SDKs.
 #include <HD/hd.h>
 #include <array>
 #include <chrono>
@@ -22,11 +22,11 @@ using palpate::test::PluginHost;
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr int kTurns = 4;  // in which a library passes on an order
+constexpr int kTurns = 4;  // turns of its loop in which a library passes on an order
 
 using Vec = std::array<double, 3>;
 
-/// Access to a stub, with its frame and units converted by hand.
+/// Access to a stub. Frame and units are converted here independently of the plug-in.
 struct Sdk {
   const char* name;
   const char* serial;
@@ -48,7 +48,7 @@ const Sdk kOpenHaptics = {
     &stub_hd::plugAnew,
     []() -> Gate& { return stub_hd::arm().gate; },
     [](const Vec& p) {
-      // Its workspace goes from -50 to 70 mm in y: the middle is at 10.
+      // The stub's workspace goes from -50 to 70 mm in y, so its middle is at 10 mm.
       stub_hd::arm().position[0] = 1e3 * p[0];
       stub_hd::arm().position[1] = 1e3 * p[2] + 10.0;
       stub_hd::arm().position[2] = -1e3 * p[1];
@@ -60,7 +60,8 @@ const Sdk kOpenHaptics = {
     [] { stub_hd::arm().lost = true; },
     [] { stub_hd::arm().calibration = HD_CALIBRATION_NEEDS_MANUAL_INPUT; },
     [] { return stub_hd::arm().open; },
-    {3.0, 400.0, 0.075},  // the API's nominal force is less than the Touch's row
+    // The API's nominal force is less than that in the plug-in's table for the Touch.
+    {3.0, 400.0, 0.075},
 };
 const Sdk kDhd = {
     "dhd",
@@ -115,7 +116,7 @@ std::string fileOf(const Sdk& sdk) {
   return std::string(PALPATE_STUBBED_PLUGINS "/") + sdk.name + ".so";
 }
 
-/// A stub's arm, opened by its plug-in. Its loop waits for turn().
+/// A stub's arm, opened by its plug-in. Its loop runs only in turn().
 class Bench {
  public:
   explicit Bench(const Sdk& which) : sdk(which), fresh_(which.plug), host(fileOf(which)) {}
@@ -129,13 +130,13 @@ class Bench {
   }
   void turn(int turns = kTurns) { sdk.gate().turn(turns); }
 
-  /// Returns the force of the motors a few turns later.
+  /// Returns the motors' force a few turns later.
   Vec given() {
     turn();
     return sdk.force_W();
   }
 
-  /// Waits until the arm is found to be gone. No other wait uses the clock.
+  /// Waits until the arm is reported as gone. This is the only wait that uses the clock.
   bool gone() {
     sdk.gate().release();
     for (int i = 0; i < 10000; ++i) {
@@ -267,7 +268,7 @@ TEST_CASE("a force in W arrives in the SDK's axes, and a stop holds until a zero
   same(bench.given(), {0.0, 0.0, 0.0});
   CHECK(bench.host.write(f[0], f[1], f[2]) == PALPATE_PLUGIN_OK);
   same(bench.given(), f);
-  // A zero right after the stop does not let the older force through.
+  // A zero directly after the stop must not let an older force through.
   bench.host.arm->stop(bench.host.arm);
   CHECK(bench.host.write(0.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);
   same(bench.given(), {0.0, 0.0, 0.0});
@@ -363,11 +364,11 @@ TEST_CASE("an SDK's plug-in handles structs of older and newer hosts", "[plugin]
   CHECK(arm->facts(arm, facts.get()) == PALPATE_PLUGIN_OK);
   CHECK(facts.get()->force == bench.sdk.limits[0]);
   CHECK(facts.untouchedFrom(kFacts));
-  // A force struct that ends within its third number: that number is zero.
+  // A force struct that ends within its third number; that number counts as zero.
   palpate_plugin_force force = {offsetof(palpate_plugin_force, force) + 16, 0, {1.0, 2.0, 3.0}, {}};
   CHECK(arm->write(arm, &force) == PALPATE_PLUGIN_OK);
   same(bench.given(), {1.0, 2.0, 0.0});
-  // The plug-in steps through an array of larger structs by the host's size.
+  // The plug-in advances through an array of larger structs by the host's struct size.
   Other<palpate_plugin_found> found(offsetof(palpate_plugin_found, model));
   CHECK(bench.host.arms->find(found.get(), 1) == 1);
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));
@@ -409,7 +410,7 @@ TEST_CASE("OpenHaptics: orientation, velocity and buttons are read in W", "[plug
   Bench bench(kOpenHaptics);
   bench.ready();
   stub_hd::Arm& arm = stub_hd::arm();
-  // A quarter of a turn about the API's y, which is W's z: x to -z, z to x; column by column.
+  // A quarter turn about the API's y, which is W's z: x to -z, z to x. Stored column by column.
   const double turned[16] = {0, 0, -1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1};
   std::copy(turned, turned + 16, arm.transform);
   arm.velocity[2] = -250.0;
@@ -439,7 +440,7 @@ TEST_CASE("OpenHaptics: all queued errors are read and reported by their kind", 
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == PALPATE_PLUGIN_READY);
   CHECK(bench.host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK);
-  // An error of a lost device counts among any number of other errors.
+  // The error that reports a lost device is found among other errors.
   stub_hd::arm().fails = {HD_WARM_MOTORS, HD_DEVICE_FAULT, HD_WARM_MOTORS};
   CHECK(bench.gone());
   same(bench.sdk.force_W(), {0.0, 0.0, 0.0});
@@ -558,7 +559,7 @@ TEST_CASE("DHD: lost power, an open switch and a lost home are reported", "[plug
   stub_dhd::arm().power = false;
   stub_dhd::arm().force_on = false;
   stub_dhd::arm().reset = false;
-  bench.turn(40);  // the state is read now and then
+  bench.turn(40);  // the plug-in reads the state only once in several turns
   REQUIRE(bench.host.read() == PALPATE_PLUGIN_OK);
   CHECK(bench.host.reading.state == (PALPATE_PLUGIN_UNPOWERED | PALPATE_PLUGIN_OPEN));
 }

@@ -1,8 +1,8 @@
-/// Simulates an arm with its own dynamics in a virtual machine: virtual_arm uhid|usb LOG. Simulates
-/// devices of USB's PID class, behind uhid: virtual_arm pid LOG.
+/// Simulates an arm with its own dynamics in a virtual machine: virtual_arm uhid|usb LOG.
+/// `virtual_arm pid LOG` simulates devices of USB's PID class through uhid.
 ///
-/// uhid: the kernel's HID core and hidraw are real. usb: through vhci_hcd and USB/IP, in one
-/// process, usbcore and usbhid are real as well: full speed, a transaction a millisecond.
+/// uhid: the kernel's HID core and hidraw are real. usb: usbcore and usbhid are real as well,
+/// because the process uses vhci_hcd and USB/IP: full speed, one transaction per millisecond.
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -48,9 +48,9 @@ class Wire {
   virtual ~Wire() = default;
   virtual void plug() = 0;
   virtual void unplug() = 0;
-  /// Called once a millisecond.
+  /// Called once per millisecond.
   virtual void frame(const In& report) = 0;
-  /// Reads available data; returns true if they were a report from the host.
+  /// Reads available data. Returns true if the data are a report from the host.
   virtual bool take(Out& report) = 0;
   [[nodiscard]] virtual int descriptor() const = 0;
 };
@@ -114,7 +114,7 @@ class Uhid final : public Wire {
   int uhid_;
 };
 
-/// The USB/IP protocol to the kernel's virtual host controller, over a socket pair.
+/// The USB/IP protocol to the kernel's virtual host controller, through a socket pair.
 class Usb final : public Wire {
  public:
   void plug() override {
@@ -141,7 +141,7 @@ class Usb final : public Wire {
       answer(in_, 0, &report, sizeof(report), sizeof(report));
       in_ = 0;
     }
-    // One transaction out of the host a frame.
+    // Takes one transaction from the host per frame.
     if (!out_.empty()) {
       answer(out_.front().first, 0, nullptr, 0, out_.front().second);
       out_.erase(out_.begin());
@@ -261,11 +261,12 @@ class Usb final : public Wire {
   }
 
   int socket_ = -1;
-  std::uint32_t in_ = 0;  ///< The request that waits for a report, or 0.
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;  ///< Requests that wait for a frame.
+  std::uint32_t in_ = 0;  ///< The request that waits for a report; 0: none.
+  /// Requests that wait for the next frame.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;
 };
 
-/// A device of USB's PID class that reports the position its motors push to.
+/// A device of USB's PID class whose reported position is where its motors push it.
 class PidArm {
  public:
   explicit PidArm(std::size_t kind)
@@ -335,7 +336,7 @@ class PidArm {
   int uhid_;
 };
 
-/// Runs both kinds until the process is killed.
+/// Runs devices of both kinds until the process is killed.
 [[noreturn]] void runPidArms(int timer) {
   std::array<PidArm, 2> arms{PidArm(0), PidArm(1)};
   for (;;) {
@@ -355,7 +356,7 @@ class Arm {
  public:
   explicit Arm(const char* log) : log_(log) { hold(); }
 
-  /// Lets a millisecond pass under the newest force.
+  /// Advances the arm by a millisecond under the newest force.
   In step() {
     const Vec3 force = kForce * Vec3(force_[0], force_[1], force_[2]);
     if (moves_) {
@@ -435,14 +436,14 @@ class Arm {
     device_ = std::make_unique<SimulatedDevice>(armParams(), GripParams{}, path, 1000.0);
   }
   const char* log_;
-  int free_in_ = 0;  ///< Steps until the hand lets go.
+  int free_in_ = 0;  ///< Number of steps until the hand lets go.
   std::unique_ptr<SimulatedDevice> device_;
   In report_;
   std::array<std::int32_t, 3> force_{};
   bool moves_ = false;
   bool logged_ = false;
   std::uint32_t steps_ = 0;
-  std::int64_t stepped_ = 0;  ///< [ns], time of the step.
+  std::int64_t stepped_ = 0;  ///< Time of the last step [ns].
   std::string lines_;
 };
 
@@ -460,7 +461,8 @@ int main(int argc, char** argv) {
     wire = std::make_unique<Uhid>();
   }
   sched_param priority{};
-  priority.sched_priority = 98;  // hardware does not wait
+  // As high as a simulated device needs, because hardware does not wait.
+  priority.sched_priority = 98;
   sched_setscheduler(0, SCHED_FIFO, &priority);
   const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
   const itimerspec period{{0, 1000000}, {0, 1000000}};
@@ -470,7 +472,7 @@ int main(int argc, char** argv) {
   Arm arm(argv[2]);
   wire->plug();
   bool plugged = true;
-  int away = 0;  // ms until it comes back
+  int away = 0;  // milliseconds until the device returns
   int late = 0;  // [ms]: printed at the end, because printing would make it later
   for (;;) {
     std::array<pollfd, 2> waits{{{timer, POLLIN, 0}, {wire->descriptor(), POLLIN, 0}}};

@@ -12,7 +12,8 @@ namespace palpate::vm {
 
 inline constexpr std::uint16_t kVendor = 0x1209;  // pid.codes
 inline constexpr std::uint16_t kProduct = 0x0001;
-inline constexpr std::array<std::uint16_t, 2> kPidProducts{0x0002, 0x0003};  ///< One for each kind.
+/// One product number for each kind of device.
+inline constexpr std::array<std::uint16_t, 2> kPidProducts{0x0002, 0x0003};
 inline constexpr const char* kSerial = "ARM0001";
 inline constexpr double kStep = 1e-5;     // [m], of an encoder
 inline constexpr double kForce = 1e-6;    // [N], of an output count
@@ -20,7 +21,7 @@ inline constexpr double kRulerWay = 0.1;  // [m]
 inline constexpr std::size_t kInBytes = 40;
 inline constexpr std::size_t kOutBytes = 24;
 
-// Vendor page FF00, usage 1; in: report 1, out: report 2.
+// Vendor-defined page FF00, usage 1; input is report 1, output is report 2.
 inline constexpr std::array<std::uint8_t, 42> kDescriptor{
     0x06, 0x00,      0xFF, 0x09, 0x01, 0xA1, 0x01,     0x15, 0x00, 0x26, 0xFF, 0x00, 0x75,
     0x08, 0x85,      0x01, 0x09, 0x02, 0x95, kInBytes, 0x81, 0x02, 0x85, 0x02, 0x09, 0x03,
@@ -28,21 +29,22 @@ inline constexpr std::array<std::uint8_t, 42> kDescriptor{
 
 enum Command : std::uint32_t {
   kNothing = 0,
-  kUnplug = 1,  ///< The arm leaves, and comes back after 200 ms.
-  kGo = 2,      ///< The hand begins its path; every step is logged.
-  kEnd = 3,     ///< The arm leaves for good.
-  kRuler = 4,   ///< The hand moves the arm kRulerWay to +x after 6 s, to +y and +z each 5 s later,
-                ///< back after 20 s, and lets go after 24.
+  kUnplug = 1,  ///< The arm is unplugged, and returns after 200 ms.
+  kGo = 2,      ///< The hand starts its path; every step is logged.
+  kEnd = 3,     ///< The arm is unplugged for good.
+  /// The hand moves the arm by kRulerWay: to +x after 6 s, to +y and +z 5 s later each. It moves
+  /// back after 20 s, and lets go after 24 s.
+  kRuler = 4,
 };
 
 #pragma pack(push, 1)
 struct In {
   std::uint8_t id = 1;
-  std::uint32_t count = 0;     ///< Reports, one a millisecond.
-  std::uint32_t received = 0;  ///< Received forces.
+  std::uint32_t count = 0;     ///< Number of reports, one per millisecond.
+  std::uint32_t received = 0;  ///< Number of received forces.
   std::array<std::int32_t, 3> position{};
-  std::uint32_t step = 0;   ///< Step of the hand's path; 0 before its start.
-  std::uint32_t phase = 0;  ///< [us] from the last report to the newest force.
+  std::uint32_t step = 0;   ///< Present step of the hand's path; 0 before the start.
+  std::uint32_t phase = 0;  ///< Time from the last report to the newest force [us].
   std::array<std::uint8_t, 12> rest{};
 };
 struct Out {
@@ -55,7 +57,7 @@ struct Out {
 static_assert(sizeof(In) == kInBytes + 1);
 static_assert(sizeof(Out) == kOutBytes + 1);
 
-/// Returns a device of USB's PID class that reports the position its motors push to.
+/// Returns a device of USB's PID class whose reported position is where its motors push it.
 inline test::PidShape pidShape(std::size_t kind) {
   test::PidShape shape;
   shape.rhino = kind == 1;
@@ -73,7 +75,8 @@ inline ArmParams armParams() {
   return arm;
 }
 
-/// Returns a path onto a ball of 3 cm from above, in by some millimetres, along it, and out again.
+/// Returns a path onto a ball of 3 cm: from above to some millimetres deep, along the surface, and
+/// out again.
 inline HandTarget handPath() {
   constexpr double kSeconds = 4.0;
   return {[](double t) -> Vec3 {

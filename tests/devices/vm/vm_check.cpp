@@ -1,6 +1,6 @@
-/// Checks an arm on a real kernel's HID: vm_check uhid|usb|pid|ruler|chain VOLUME PROFILE. Runs in
-/// a virtual machine with a clock that counts instructions, so that limits may be tight. Returns 1
-/// if a check failed, and 3 if the machine stood still and the run must be repeated.
+/// Checks an arm through a real kernel's HID layer: vm_check uhid|usb|pid|ruler|chain VOLUME
+/// PROFILE. Runs in a virtual machine whose clock counts instructions, so that limits can be tight.
+/// Returns 1 if a check failed. Returns 3 if the machine stood still and the run must be repeated.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -33,7 +33,7 @@ using namespace palpate::vm;
 
 namespace {
 
-constexpr double kFriction = 0.2;  // of the ball
+constexpr double kFriction = 0.2;  // friction coefficient of the ball
 
 int failures = 0;
 
@@ -55,7 +55,7 @@ double quantile(std::vector<double> values, double q) {
                          static_cast<std::size_t>(q * static_cast<double>(values.size())))];
 }
 
-/// A port without hidapi, which does not check the owner of the device.
+/// A port without hidapi, which does not check who owns the device.
 class BarePort final : public ReportPort {
  public:
   explicit BarePort(const std::string& path) : file_(open(path.c_str(), O_RDWR | O_NONBLOCK)) {}
@@ -76,7 +76,7 @@ class BarePort final : public ReportPort {
   int file_;
 };
 
-/// A second connection to the arm, for its own numbers and for commands.
+/// A second connection to the arm, which reads the arm's own counters and sends commands.
 class Aside {
  public:
   Aside(const HidProfile& profile, const std::string& path)
@@ -88,7 +88,7 @@ class Aside {
   }
   /// Returns the newest value of a field.
   double ask(std::size_t field) {
-    // Waiting reports may be old.
+    // Reads again after an overflow, because the waiting reports may be old.
     while (input_.takeNewest(*port_) != ReadStatus::kReport || drops_ != input_.counts().dropped) {
       drops_ = input_.counts().dropped;
       usleep(200);
@@ -103,7 +103,7 @@ class Aside {
   std::int64_t drops_ = -1;
 };
 
-// Fields by the order of their names in the profile (JSON objects are sorted).
+// Fields in the order of their names in the profile, because JSON objects are sorted.
 enum Field : std::size_t { kCount, kPhase, kReceived, kStepField, kX, kY, kZ };
 
 std::string pathOfArm() {
@@ -196,7 +196,7 @@ void checkNames(const HidProfile& profile, const std::string& file) {
         "a second program is refused, and told who has it");
 }
 
-/// Opens the arm of a profile's file; its messages to the user go to `said`.
+/// Opens the arm of a profile's file. Messages to the user are stored in `said`.
 std::unique_ptr<HidDevice> openHidArm(const std::string& file, std::vector<std::string>& said) {
   ArmHost host;
   host.say = [&said](const std::string& words) { said.push_back(words); };
@@ -271,10 +271,10 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   check(quantile(periods, 0.99) <= 1050.0,
         "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
             text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
-  // On a crowded host the machine stands still for 3 to 5 ms, some times a minute. Ticks that are
-  // due by then come at once, and the newest force is sent. If the loop waited for a late tick in
-  // time, the machine caused its lateness, and that of all ticks due before it came. The machine
-  // also stands still while ticks compute.
+  // On a crowded host the machine stands still for 3 to 5 ms, several times a minute. Then all due
+  // ticks come at once, and only the newest force is sent. If the loop had started to wait for a
+  // late tick in time, the machine caused the delay of this tick and of all ticks that were due
+  // before it came. The machine may also stand still while a tick computes.
   check(late - excused <= ticks / 1000,
         "no tick late but where the machine slept on, or one of a thousand: " +
             text(late - excused) + ", and the machine's " + text(excused));
@@ -293,7 +293,7 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
 }
 
 void checkStall(HidDevice& arm, Aside& aside) {
-  aside.command(kGo);  // positions move, so that old ones are recognised
+  aside.command(kGo);  // positions move, so that old positions can be recognised
   usleep(500000);
   (void)arm.read();
   const Vec3 before = arm.read().position;
@@ -313,8 +313,8 @@ void checkStall(HidDevice& arm, Aside& aside) {
             text(1e6 * (fresh.position.z() - now)) + " um");
 }
 
-/// Runs the real loop: unplugged, the force is cut. Plugged in, the arm is back, and the force
-/// stays off until the program clears the fault.
+/// Runs the real loop. When the arm is unplugged, the force is cut. When it is plugged in, the arm
+/// works again, but the force stays off until the program clears the fault.
 void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
   LoopParams params;
   const ZeroForce zero = arm.zeroForce();
@@ -344,7 +344,7 @@ void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
   const ZeroForce renewed = arm.zeroForce();
   check(renewed.version != zero.version, "its guardian can be told");
   guardian.renew(params.watch, renewed);
-  usleep(100000);  // its watcher is a new process on the only core
+  usleep(100000);  // the watcher is a new process, which needs time on the only core
   hand.clear();
   usleep(50000);
   check(hand.latest().fault == Fault::kNone,
@@ -358,9 +358,9 @@ struct Felt {
   std::array<std::int32_t, 3> force{};
 };
 
-/// Runs a volume from a file, the engine, hidapi, the kernel, and an arm with its own dynamics.
-/// Compares with the same in virtual time. Returns false if ticks were late, which ticks in virtual
-/// time never are.
+/// Tests the whole chain: a volume from a file, the engine, hidapi, the kernel, and an arm with its
+/// own dynamics. Compares the result with a run in virtual time. Returns false if ticks were late,
+/// because ticks in virtual time never are.
 [[nodiscard]] bool checkChain(const std::string& volume, const std::string& profile_file) {
   SceneSpec spec;
   spec.coupling.stiffness = 500.0;
@@ -384,13 +384,15 @@ struct Felt {
   std::int64_t late = 0;
   {
     Aside aside(arm->profile(), pathOfArm());
-    // The phase between the arm's clock and the loop's is arbitrary. A force that comes about when
-    // the arm steps acts in that step or the next; virtual time has it before the step.
+    // The time between the arm's steps and the loop's ticks is arbitrary. If a force arrives about
+    // when the arm steps, it acts in that step or in the next. In virtual time it always arrives
+    // before the step.
     std::unique_ptr<HapticThread> thread;
     double phase = 0.0;
     for (int tries = 0; tries < 20 && !(phase > 300.0 && phase < 800.0); ++tries) {
       thread.reset();
-      // Longer at each try: the machine counts instructions, so equal tries would end alike.
+      // Waits longer at each attempt, because equal attempts would end alike on a machine that
+      // counts instructions.
       usleep(1370 + 170 * static_cast<unsigned>(tries));
       thread = std::make_unique<HapticThread>(*arm);
       usleep(100000);
@@ -430,7 +432,7 @@ struct Felt {
   check(real.size() > 4000,
         "the arm has logged " + text(static_cast<double>(real.size())) + " steps");
 
-  // The same in virtual time, with an arm of the same limits.
+  // The same scene in virtual time, with an arm that has the same limits.
   HandTarget path = handPath();
   path.seconds = 1e9;
   SimulatedDevice simulated(armParams(), GripParams{}, path, 1000.0);
@@ -475,7 +477,8 @@ struct Felt {
     farthest = std::max(farthest, (stood - at).norm());
     largest = std::max(largest, limited.sent.norm());
   }
-  // If the hand is pressed deeper by a step while it slips, its load grows, and its friction too.
+  // If an encoder step more pushes a slipping hand deeper, its load grows, and so does its
+  // friction.
   const double allowed = std::hypot(1.0, kFriction) * spec.coupling.stiffness * kStep;
   check(largest > 1.0, "the ball is felt: " + text(largest) + " N");
   check(worst <= allowed, "the forces are those of virtual time within " + text(allowed) +
@@ -485,7 +488,7 @@ struct Felt {
   return true;
 }
 
-/// Returns the raw position that a PID arm reports.
+/// Returns the raw position that a PID arm reports at a place.
 std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& steps) {
   std::array<int, 3> raw{};
   for (std::size_t a = 0; a < steps.size(); ++a) {
@@ -494,8 +497,8 @@ std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& ste
   return raw;
 }
 
-/// Checks a device of USB's PID class that stands where its motors push: its reports contain the
-/// received forces.
+/// Checks a device of USB's PID class that moves to where its motors push. So its reports show
+/// which forces it has received.
 void checkPid(std::size_t kind) {
   const int axes = pidShape(kind).axes;
   std::string spec;
@@ -565,7 +568,7 @@ void checkPid(std::size_t kind) {
         name + ": its guardian's one report takes the force off");
 }
 
-/// Returns false if the run must be repeated.
+/// Runs the check. Returns false if the run must be repeated.
 bool run(const std::string& what, const std::string& volume, const std::string& profile_file) {
   if (what == "chain") return checkChain(volume, profile_file);
   if (what == "pid") {

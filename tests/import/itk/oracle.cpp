@@ -67,7 +67,7 @@ Written::Pointer turned() {
   image->SetRegions(Written::SizeType{{9, 8, 7}});
   image->SetSpacing(std::array{0.7, 0.9, 1.3}.data());
   image->SetOrigin(std::array{-31.0, 12.5, 104.0}.data());
-  // Turned by 0.4 about (1, 2, 3): no axis is left where it was, and the axes are right-handed.
+  // Rotated by 0.4 about (1, 2, 3), so that all axes change and stay right-handed.
   const double c = std::cos(0.4);
   const double s = std::sin(0.4);
   const double n[3] = {1 / std::sqrt(14.0), 2 / std::sqrt(14.0), 3 / std::sqrt(14.0)};

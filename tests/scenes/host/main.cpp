@@ -1,4 +1,4 @@
-/// A host ticks one of palpate's scenes, beside headers of its own.
+/// A host program that runs a scene of palpate, and has headers with the same names as palpate's.
 #include <cstdio>
 
 #include "engine/step.h"

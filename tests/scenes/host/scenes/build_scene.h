@@ -1,4 +1,4 @@
-/// A header of the host. palpate has one of the same name.
+/// A header of a host program. palpate has a header with the same name.
 #pragma once
 
 #include <palpate/scenes/palpate.h>

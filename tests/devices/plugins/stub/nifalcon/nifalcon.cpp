@@ -47,8 +47,8 @@ bool FalconDevice::isFirmwareLoaded() {
   return the_arm->firmware;
 }
 
-// Behaves as the library does: the motors get the forces of the previous exchange. Position and
-// forces are then updated if the kinematics has a solution; otherwise they stay.
+// Acts like the library: the motors get the forces of the previous exchange. Then position and
+// forces are updated if the kinematics has a solution; otherwise they stay.
 bool FalconDevice::runIOLoop(unsigned) {
   the_arm->gate.arrive();
   if (the_arm->throws) throw std::runtime_error("no USB");

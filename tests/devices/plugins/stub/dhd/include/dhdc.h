@@ -1,5 +1,5 @@
-/// The published names of Force Dimension's SDK that a plug-in uses, and an arm behind them for
-/// tests. Declared here again; numbers are our own.
+/// The published names of Force Dimension's SDK that a plug-in uses, and a simulated arm behind
+/// them for tests. The declarations and the values of constants are ours.
 #pragma once
 
 #include <atomic>
@@ -61,8 +61,8 @@ int dhdDisableExpertMode();
 int dhdSetWatchdog(unsigned char val, char ID = -1);
 }
 
-/// The arm. The test may access it while the plug-in's loop waits at the gate, and atomics at any
-/// time.
+/// The arm. The test may access it while the plug-in's loop waits at the gate. It may access atomic
+/// members at any time.
 namespace stub_dhd {
 struct Arm {
   Gate gate;
@@ -72,18 +72,18 @@ struct Arm {
   double velocity[3] = {};
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   double gripper = 0.0;
-  bool old = false;       // read too soon: DHD_TIMEGUARD
-  bool no_speed = false;  // not enough readings yet
+  bool old = false;       // the arm was read too soon: DHD_TIMEGUARD
+  bool no_speed = false;  // the SDK has too few readings for a velocity
   uint buttons = 0;
   std::atomic<bool> reset{true};
   bool power = true;
   bool force_on = true;
   std::atomic<bool> lost{false};
   double force[3] = {};
-  double force_at_stop = -1.0;  // the largest before dhdStop set it to zero
-  double rest = 0.0;            // the largest torque and gripper force
-  double gravity = 9.81;        // that the weight is computed with [m/s^2]
-  bool carries = true;          // carries the weight, as a new arm does
+  double force_at_stop = -1.0;  // largest force before dhdStop set it to zero
+  double rest = 0.0;            // largest torque and gripper force
+  double gravity = 9.81;        // gravity from which the weight is computed [m/s^2]
+  bool carries = true;          // the weight is carried, as on a new arm
   int fails = 0;                // number of positions that cannot be read
   int watchdog = 0;
   bool expert = false;

@@ -1,5 +1,5 @@
-/// The published names of OpenHaptics' HD API that a plug-in uses, and an arm behind them for
-/// tests. Declared here again; numbers are our own.
+/// The published names of OpenHaptics' HD API that a plug-in uses, and a simulated arm behind them
+/// for tests. The declarations and the values of constants are ours.
 #pragma once
 
 #include <atomic>
@@ -87,7 +87,8 @@ HDSchedulerHandle hdScheduleAsynchronous(HDSchedulerCallback callback, void* dat
 void hdUnschedule(HDSchedulerHandle handle);
 }
 
-/// The arm. The test may access it while its loop waits at the gate, and atomics at any time.
+/// The arm. The test may access it while its loop waits at the gate. It may access atomic members
+/// at any time.
 namespace stub_hd {
 struct Arm {
   Gate gate;
@@ -102,10 +103,10 @@ struct Arm {
   std::vector<HDerror> fails;  // errors that the next frame puts on the stack
   std::atomic<bool> lost{false};
   std::atomic<bool> inkwell{false};  // the stylus is in the inkwell
-  double force[3] = {};              // in the motors' frame and unit
+  double force[3] = {};              // in the motors' frame and unit of force
   bool enabled = false;
   int open = 0;
-  int outside = 0;  // calls outside a frame that belong in one
+  int outside = 0;  // number of calls outside a frame that must be made inside one
 };
 Arm& arm();
 void plugAnew();

@@ -1,5 +1,5 @@
-/// The published names of libnifalcon that a plug-in uses, and an arm behind them for tests.
-/// Declared here again.
+/// The published names of libnifalcon that a plug-in uses, and a simulated arm behind them for
+/// tests. The declarations are ours.
 #pragma once
 
 #include <array>
@@ -82,24 +82,24 @@ class FalconDevice {
 
 }  // namespace libnifalcon
 
-/// The arm. The test may access it while the plug-in's loop waits at the gate, and atomics at any
-/// time.
+/// The arm. The test may access it while the plug-in's loop waits at the gate. It may access atomic
+/// members at any time.
 namespace stub_nifalcon {
 struct Arm {
   Gate gate;
   unsigned count = 1;
-  bool refuses = false;                               // to open
+  bool refuses = false;                               // the arm cannot be opened
   std::array<double, 3> position = {0.0, 0.0, 0.11};  // [m]
-  bool beyond = false;                                // its kinematics fails
+  bool beyond = false;                                // the kinematics has no solution
   unsigned buttons = 0;
   std::atomic<bool> lost{false};
   std::atomic<bool> throws{false};
-  std::atomic<bool> quiet{false};  // no new data
+  std::atomic<bool> quiet{false};  // the arm sends no new data
   std::atomic<unsigned> homed{0};
   std::atomic<int> homes_after{5};  // exchanges in homing mode; -1: never
   bool firmware = false;
   int loads = 0;
-  int bad_loads = 1;               // uploads that fail
+  int bad_loads = 1;               // number of firmware uploads that fail
   std::array<int, 3> motors = {};  // in the motors' unit: thousandths of a newton
   int open = 0;
 };
