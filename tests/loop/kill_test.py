@@ -2,6 +2,8 @@
 """The kill table: kill_test.py VICTIM. If a program ends, is stopped or hangs, its device has zero force within 25 ms,
 and keeps it. Prints the table.
 
+A victim presses its hand a second after its start, so the victims of the next tests start ahead of their tests.
+
 If permitted, this program and its victim have a priority above all programs without real-time priority, as on an
 arm's machine. Otherwise the test measures the time from the last force to zero force, and counts the forces after
 the blow."""
@@ -28,9 +30,13 @@ MOST_FORCES = 25   # at 1 kHz
 SIGNALS = ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGSEGV", "SIGBUS", "SIGABRT", "SIGXCPU",
            "SIGSTOP", "SIGTSTP", "SIGKILL"]
 OWN = ["exception", "exit", "return", "hang"]
+ACTIONS = {"a_slow_write_is_followed_by_zero": "slow", "a_blocked_device_does_not_delay_another": "blocked",
+           "a_zero_is_retried_while_the_queue_is_full": "fast"}   # of tests
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
 QUIET = 120.0      # [s] for which the machine must not stall while a hand is pressed
 LONGEST = 600.0    # [s]
+AHEAD = 2          # victims that start ahead
+PRESSES = 1.3      # [s]: a victim of this age presses its hand
 TABLE = []
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))   # the victim inherits it
@@ -98,6 +104,7 @@ class Victim:
                                         stdout=subprocess.PIPE, stderr=self.faults,
                                         start_new_session=True)
         self.guardian = int(self.program.stdout.readline().split()[1])
+        self.begun = time.monotonic()
         self.seen = []   # (time, force)
 
     def listen(self, seconds):
@@ -140,9 +147,53 @@ class Victim:
         self.folder.cleanup()
 
 
+class Ahead:
+    """Victims that were started before their tests."""
+
+    def __init__(self):
+        self.victims = []   # (action, victim)
+
+    def start(self, actions):
+        """Starts victims for the next tests, unless they were started before."""
+        waiting = [action for action, _ in self.victims]
+        for action in actions:
+            if action in waiting:
+                waiting.remove(action)
+            elif action != "fast":   # Its hand presses a tenth of a second after its start.
+                self.victims.append((action, Victim(action)))
+
+    def take(self, action):
+        """Returns a victim that presses its hand, or will soon."""
+        for i, (of, victim) in enumerate(self.victims):
+            if of == action:
+                del self.victims[i]
+                if time.monotonic() - victim.begun < PRESSES:
+                    return victim
+                victim.listen(0.05)
+                if victim.seen and victim.seen[-1][1] > 1.0:
+                    return victim
+                # Its loop was late after it pressed, so its force stays cut.
+                victim.close()
+                break
+        return Victim(action)
+
+    def close(self):
+        while self.victims:
+            self.victims.pop()[1].close()
+
+
+STARTED = Ahead()
+
+
+def action_of(test):
+    """Returns the action of the victim of a test."""
+    action = test.removeprefix("test_")
+    return ACTIONS.get(action, action if action in OWN else "nothing")
+
+
 def late(row):
     """Returns the milliseconds from the blow to lasting zero force, and the state of the program."""
-    victim = Victim(row if row in OWN else "nothing")
+    victim = STARTED.take(row if row in OWN else "nothing")
     try:
         victim.press()
         blow = time.time()
@@ -173,8 +224,14 @@ def late(row):
 class KillTable(unittest.TestCase):
     HOST = True
 
+    def setUp(self):
+        names = unittest.defaultTestLoader.getTestCaseNames(type(self))
+        at = names.index(self._testMethodName)
+        STARTED.start(action_of(name) for name in names[at:at + 1 + AHEAD])
+
     @classmethod
     def tearDownClass(cls):
+        STARTED.close()
         print("\ncause      | zero force after | then")
         for row, seconds, state in TABLE:
             print(f"{row:10} | {1e3 * seconds:7.2f} ms       | {state}")
@@ -187,7 +244,7 @@ class KillTable(unittest.TestCase):
         self.assertEqual(state, AFTERWARDS[row], row)
 
     def test_a_guardian_ends_with_its_program(self):
-        victim = Victim("nothing")
+        victim = STARTED.take("nothing")
         victim.press()
         victim.program.kill()
         victim.program.wait()
@@ -216,7 +273,7 @@ class KillTable(unittest.TestCase):
         return 0.2 if os.sched_getscheduler(victim.guardian) == os.SCHED_FIFO else 0.45
 
     def notices(self, blow, seconds):
-        victim = Victim("nothing")
+        victim = STARTED.take("nothing")
         try:
             victim.press()
             limit = self.unguarded(victim)
@@ -233,7 +290,7 @@ class KillTable(unittest.TestCase):
         self.notices(signal.SIGSTOP, 1.0)
 
     def test_a_guardian_that_is_stopped_still_watches(self):
-        victim = Victim("nothing")
+        victim = STARTED.take("nothing")
         try:
             victim.press()
             os.kill(victim.guardian, signal.SIGSTOP)
@@ -244,7 +301,7 @@ class KillTable(unittest.TestCase):
 
     def test_a_slow_write_is_followed_by_zero(self):
         # One write takes 40 ms, and the next one does not return.
-        victim = Victim("slow")
+        victim = STARTED.take("slow")
         try:
             victim.press()
             victim.program.stdin.write(b"now\n")
@@ -254,7 +311,7 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_a_resumed_program_has_no_force(self):
-        victim = Victim("nothing")
+        victim = STARTED.take("nothing")
         try:
             victim.press()
             victim.program.send_signal(signal.SIGSTOP)
@@ -266,8 +323,9 @@ class KillTable(unittest.TestCase):
             victim.close()
 
     def test_a_blocked_device_does_not_delay_another(self):
+        STARTED.start(["blocked", "blocked"])
         for kill in (True, False):
-            victim = Victim("blocked")
+            victim = STARTED.take("blocked")
             try:
                 victim.press()
                 victim.program.send_signal(signal.SIGKILL if kill else signal.SIGSTOP)
@@ -289,7 +347,7 @@ class KillTable(unittest.TestCase):
 
     def test_without_a_guardian_a_killed_program_leaves_its_force(self):
         # A control experiment for the table.
-        victim = Victim("nothing")
+        victim = STARTED.take("nothing")
         try:
             victim.press()
             os.kill(victim.guardian, signal.SIGKILL)

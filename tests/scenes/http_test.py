@@ -115,13 +115,6 @@ class Server(Case):
         except ProcessLookupError:
             pass
 
-    def felt(self):
-        # The client asks every second whether the volume exists, from the start of its window.
-        end = time.monotonic() + PATIENCE
-        while self.log.read_text().count("palpate.bricks") < 4 and time.monotonic() < end:
-            time.sleep(0.05)
-        time.sleep(2.0)
-
 
 class Served(Stored, Server):
     @suite.smoke

@@ -15,6 +15,8 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parent))
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import drawing  # noqa: E402
+import process  # noqa: E402
 import suite  # noqa: E402
 from cli_test import BIN, Case, run  # noqa: E402
 
@@ -65,6 +67,10 @@ class Pictures(Case):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
+        cls.fork = drawing.Fork(cls.addClassCleanup, BIN)
+        (cls.fork.folder / "look.py").write_text(LOOK, encoding="utf-8")
+        cls.looker = cls.fork.add("look", cls.fork.folder / "look.py")
+        cls.shared = {}  # Drawings and inputs that tests share.
         # The program with a drawing script that keeps its input.
         cls.tee = cls.dir / "tee"
         cls.tee.mkdir()
@@ -104,6 +110,18 @@ class Pictures(Case):
                                     "volumes": volumes, "modes": list(modes)}))
         return file
 
+    def once(self, make, *words):
+        """Returns the result of the first call with these arguments. The caller must not change it."""
+        if (make.__name__, words) not in self.shared:
+            self.shared[make.__name__, words] = make(*words)
+        return self.shared[make.__name__, words]
+
+    def given_head(self):
+        """Returns the input of the drawing script for head("lps")."""
+        if "head" not in self.shared:
+            self.shared["head"] = self.given("feel", *self.head("lps"))
+        return json.loads(json.dumps(self.shared["head"]))
+
     def given(self, *words):
         """Returns the input of the drawing script."""
         kept = self.dir / "kept.json"
@@ -114,15 +132,19 @@ class Pictures(Case):
         place.unlink()
         return json.loads(kept.read_text())
 
+    def drawn(self, *words):
+        process.run([str(self.fork.folder / "palpate"), *map(str, words)], check=True, capture_output=True, text=True,
+                    timeout=300)
+
     def svg(self, *words):
         place = self.dir / "drawn.svg"
-        run(*words, "--picture", place)
+        self.drawn(*words, "--picture", place)
         text = place.read_text(encoding="utf-8")
         place.unlink()
         return text
 
     def look(self, data):
-        done = subprocess.run(["/usr/bin/python3", "-c", LOOK, str(SCENES)], input=json.dumps(data),
+        done = subprocess.run([str(self.looker), str(SCENES)], input=json.dumps(data),
                               capture_output=True, text=True, check=True, timeout=300)
         return json.loads(done.stdout)
 
@@ -137,7 +159,7 @@ class Pictures(Case):
 
     @suite.smoke
     def test_a_patient_has_letters_units_and_millimetres(self):
-        words = texts(self.svg("feel", *self.head("lps")))
+        words = texts(self.once(self.svg, "feel", *self.head("lps")))
         for letter in "LRPAIS":
             self.assertEqual(words.count(letter), 2, letter)  # in two of three slices
         self.assertEqual([words.count(f"{axis} [mm]") for axis in "xyz"], [2, 2, 2])
@@ -147,7 +169,7 @@ class Pictures(Case):
 
     def test_letters_mark_the_patient_s_directions(self):
         ends = [("L", "R"), ("P", "A"), ("I", "S")]  # of -x and +x, and so on
-        letters = self.look(self.given("feel", *self.head("lps")))["letters"]
+        letters = self.look(self.given_head())["letters"]
         for seen, (a, b) in zip(letters, PLANES):
             (left, right), (low, high) = ends[a], ends[b]
             self.assertEqual(set(seen), {left, right, low, high})
@@ -190,18 +212,19 @@ class Pictures(Case):
         self.assertFalse([w for w in words if w in tuple("LRPAIS")])
         self.assertIn("axes: the hand's space, z up", words)
         self.assertIn("body [HU]", words)
-        words = texts(self.svg("feel", self.dir / "ball.vdb", "--seconds", 1))
+        words = texts(self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1))
         self.assertIn("ball", words)  # without a unit, the field's name
 
     def test_a_scene_is_named_without_its_folder(self):
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
-            text = self.svg("feel", *words)
+            text = self.once(self.svg, "feel", *words)
             self.assertNotIn(str(self.dir), text)
+            self.assertNotIn(str(self.fork.folder), text)
             self.assertNotIn(str(BIN), text)
             self.assertIn(Path(words[0]).name, "\n".join(texts(text)))
 
     def test_slices_of_a_field_have_one_grey_scale(self):
-        data = self.given("feel", *self.head("lps"))
+        data = self.given_head()
         slices = data["fields"][0]["slices"]
         slices[0]["values"] = [[v / 2 for v in line] for line in slices[0]["values"]]
         slices[2]["values"][0][0] = 1e9  # one outlier
@@ -217,17 +240,17 @@ class Pictures(Case):
         self.assertEqual([greys[0], greys[3]], [greys[1], greys[5]])
         self.assertAlmostEqual(greys[3][1], 0.1 * greys[0][1], delta=60)
 
-    def test_vectors_are_arrows_and_fibres_lines(self):
+    def test_vectors_are_drawn_as_arrows_and_axial_vectors_as_lines(self):
         volume = {"file": "flow.vdb", "place": {"fit": 0.1}}
         follow = {"name": "along", "mode": "follow", "of": "flow", "strength": 1}
         for axial, here, there in ((False, "arrows", "fibres"), (True, "fibres", "arrows")):
             scene = self.scene("flow", {"flow": {**volume, "axial": axial}}, follow)
             words = ("feel", scene, "--device", self.path((0, 0, 0), (0, 0.02, 0.03)))
-            drawn = ET.fromstring(self.svg(*words))
-            groups = [g for g in drawn.iter(f"{SVG}g") if g.get("id") == here]
+            text = self.svg(*words)
+            groups = [g for g in ET.fromstring(text).iter(f"{SVG}g") if g.get("id") == here]
             self.assertEqual(len(groups), 3)
             self.assertGreater(len(groups[0].findall(f".//{SVG}path")), 100)
-            self.assertNotIn(f'id="{there}"', self.svg(*words))
+            self.assertNotIn(f'id="{there}"', text)
             field = self.given(*words)["fields"][0]
             self.assertEqual(field["kind"], "axial" if axial else "vector")
             # The flow points to the right and grows with y. In the slice across x the vectors show the flow's y
@@ -240,7 +263,7 @@ class Pictures(Case):
             for y, z in (v for line in field["slices"][2]["vectors"] for v in line if v):
                 self.assertAlmostEqual(abs(y), 0.5, delta=1e-6)
                 self.assertEqual(z, 0.0)
-        text = self.svg("feel", self.dir / "ball.vdb", "--seconds", 1)
+        text = self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1)
         self.assertNotIn('id="arrows"', text)
 
     def test_the_field_of_most_force_is_first(self):
@@ -259,7 +282,7 @@ class Pictures(Case):
         self.assertEqual(data["fields"][0]["name"], "a")
 
     def test_a_path_fades_with_its_distance(self):
-        data = self.given("feel", *self.head("lps"))
+        data = self.given_head()
         x, y, z = data["through"]
         far = 0.5 * (data["extent"][1][0] - data["extent"][0][0])
         data["ticks"] = [[0.1 * i, x + 0.02 * i, y, z + (0 if i < 100 else far), 0, 0, 0.01 * i]
@@ -298,16 +321,17 @@ class Pictures(Case):
 
     def test_every_format_is_written(self):
         words = ("feel", self.dir / "ball.vdb", "--seconds", 0.5, "--picture")
-        for ending, begin in (("png", b"\x89PNG\r\n\x1a\n"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
+        pictures = {"svg": self.once(self.svg, "feel", self.dir / "ball.vdb", "--seconds", 1).encode()}
+        run(*words, self.dir / "p.png")  # the program and its script, without the fork
+        self.drawn(*words, self.dir / "p.pdf")
+        for ending in ("png", "pdf"):
             place = self.dir / f"p.{ending}"
-            run(*words, place)
-            picture = place.read_bytes()
+            pictures[ending] = place.read_bytes()
             place.unlink()
-            self.assertTrue(picture.startswith(begin), ending)
-            self.assertIn(run("--version").stdout.split(" (")[0].encode(), picture)
-        run(*words, self.dir / "p.png")
-        picture = (self.dir / "p.png").read_bytes()
-        (self.dir / "p.png").unlink()
+        for ending, begin in (("png", b"\x89PNG\r\n\x1a\n"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
+            self.assertTrue(pictures[ending].startswith(begin), ending)
+            self.assertIn(run("--version").stdout.split(" (")[0].encode(), pictures[ending])
+        picture = pictures["png"]
         at = picture.index(b"pHYs") + 4
         self.assertEqual(round(0.0254 * struct.unpack(">I", picture[at:at + 4])[0]), 300)
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])

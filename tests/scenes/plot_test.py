@@ -5,7 +5,6 @@ import csv
 import json
 import math
 import os
-import re
 import struct
 import sys
 import tempfile
@@ -14,6 +13,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import drawing  # noqa: E402
 import process  # noqa: E402
 import suite  # noqa: E402
 from refusals import refusal  # noqa: E402
@@ -22,13 +22,14 @@ BIN = Path(sys.argv[1])
 VOLUMES = sys.argv[2]
 STRENGTHS = {"soft": 0.5, "stiff": 2.0}  # [N]
 PLANES = {"x-y": "xy", "x-z": "xz", "y-z": "yz"}
+ODD = "k=$5^{2}$ <b> & 直.csv"
 OVER_TIME = {"force": "force [N]", "gap": "|probe - proxy| [mm]", "bound": "error bound [m]",
              "energy": "work on the hand [mJ]"}
 
 
-def run(*words, status=0, stdin=""):
-    done = process.run([str(BIN / "palpate"), *map(str, words)], input=stdin, capture_output=True,
-                          text=True, timeout=300, check=False)
+def run(*words, status=0, stdin="", programs=BIN):
+    done = process.run([str(programs / "palpate"), *map(str, words)], input=stdin, capture_output=True,
+                       text=True, timeout=300, check=False)
     if done.returncode != status:
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
     return done
@@ -64,6 +65,8 @@ class Plot(unittest.TestCase):
     def setUpClass(cls):
         cls.holder = tempfile.TemporaryDirectory()
         cls.dir = Path(cls.holder.name)
+        cls.fork = drawing.Fork(cls.addClassCleanup, BIN)
+        cls.shared = {}  # Drawings that tests share.
         process.run([VOLUMES, str(cls.dir)], check=True)
         cls.traces, cls.numbers, cls.felt = [], [], []
         for name, strength in STRENGTHS.items():
@@ -85,12 +88,45 @@ class Plot(unittest.TestCase):
     def drawn(self, *traces, out="runs.png", stdin=""):
         """Returns the reported content and the picture. Removes its file."""
         place = self.dir / out
-        done = run("plot", *traces, "--out", place, "--json", stdin=stdin)
+        done = run("plot", *traces, "--out", place, "--json", stdin=stdin, programs=self.fork.folder)
         self.assertEqual(done.stderr, "")
         picture = place.read_bytes()
         os.remove(place)
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
         return json.loads(done.stdout), picture
+
+    def drawn_once(self, name, draw):
+        """Returns the result of the first call with this name."""
+        if name not in self.shared:
+            self.shared[name] = draw()
+        return self.shared[name]
+
+    def both(self):
+        return self.drawn_once("both", lambda: self.drawn(*self.traces))
+
+    def both_printed(self):
+        """Draws both traces by a new process, without --json. Returns the printed lines and the picture."""
+        def draw():
+            place = self.dir / "words.png"
+            said = run("plot", *self.traces, "--out", place).stdout.splitlines()
+            picture = place.read_bytes()
+            os.remove(place)
+            return said, picture
+        return self.drawn_once("printed", draw)
+
+    def six(self):
+        """Draws the first trace under four names, with other columns, and from a pipe."""
+        def draw():
+            text = self.traces[0].read_text()
+            rows = list(csv.DictReader(text.splitlines()))
+            names = ["remark", *reversed(rows[0])]
+            turned = "\ufeff" + "\r\n".join([",".join(names), "", *(
+                ",".join(r.get(n, "as seen") for n in names) for r in rows)])
+            (self.dir / "other").mkdir()
+            twins = [self.written(name, text) for name in ("other/soft.csv", ODD, "a" * 90 + ".csv")]
+            other = self.written("other.csv", turned)
+            return self.drawn(self.traces[0], *twins, other, "-", out="names.svg", stdin=text)
+        return self.drawn_once("six", draw)
 
     def written(self, name, text):
         place = self.dir / name
@@ -103,7 +139,7 @@ class Plot(unittest.TestCase):
 
     @suite.smoke
     def test_its_numbers_equal_those_of_the_traces(self):
-        told, _ = self.drawn(*self.traces)
+        told, _ = self.both()
         self.assertEqual([r["name"] for r in told["runs"]], list(STRENGTHS))
         for shown, own, felt in zip(told["runs"], self.numbers, self.felt):
             self.assertEqual(shown["ticks"], len(own.t))
@@ -127,7 +163,7 @@ class Plot(unittest.TestCase):
             self.assertEqual(shown["limited"], felt["limited"])
 
     def test_panels_have_units_and_the_range_of_all_runs(self):
-        told, _ = self.drawn(*self.traces)
+        told, _ = self.both()
         panels = {(p["run"], p["panel"]): p for p in told["panels"]}
         self.assertEqual(set(panels), {(r, p) for r in STRENGTHS
                                        for p in (*PLANES, *OVER_TIME, "status", "times")})
@@ -174,9 +210,11 @@ class Plot(unittest.TestCase):
 
     def test_every_format_is_written(self):
         for kind in ("png", "pdf", "svg"):
-            told, picture = self.drawn(*self.traces, out=f"runs.{kind}")
+            traces = self.traces[:1] if kind == "pdf" else self.traces
+            told, picture = self.both() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
             self.assertEqual((told["format"], told["dpi"]), (kind, 300))
-            self.assertEqual(self.drawn(*self.traces, out=f"runs.{kind}")[1], picture)  # without dates
+            again = self.both_printed() if kind == "png" else self.drawn(*traces, out=f"runs.{kind}")
+            self.assertEqual(again[1], picture)  # without dates
             self.assertNotIn(str(self.dir).encode(), picture)
             self.assertLess(len(picture), 3e6)
             if kind == "png":
@@ -224,20 +262,15 @@ class Plot(unittest.TestCase):
         self.assertEqual(panels["status"]["marks"], 4)
 
     def test_a_trace_may_have_other_columns_in_another_order(self):
-        text = self.traces[0].read_text()
-        told, _ = self.drawn(self.traces[0])
-        rows = list(csv.DictReader(text.splitlines()))
-        names = ["remark", *reversed(rows[0])]
-        turned = "\ufeff" + "\r\n".join([",".join(names), "", *(
-            ",".join(r.get(n, "as seen") for n in names) for r in rows)])
-        again, _ = self.drawn(self.written("other.csv", turned))
-        again["runs"][0]["name"] = "soft"
-        for panel in again["panels"]:
-            panel["run"] = "soft"
-        self.assertEqual(again, told)
-        # From a pipe, too.
-        piped, _ = self.drawn("-", stdin=text)
-        self.assertEqual(piped["runs"][0], {**told["runs"][0], "name": "stdin"})
+        """A trace from a pipe, too."""
+        told, _ = self.six()
+        _, usual, *_, other, piped = [  # only the first has a legend of the paths
+            ({**run, "name": ""}, [{**panel, "run": ""} for panel in told["panels"] if panel["run"] == run["name"]])
+            for run in told["runs"]]
+        self.assertEqual([run["name"] for run in told["runs"][4:]], ["other", "stdin"])
+        self.assertEqual(len(usual[1]), len(PLANES) + len(OVER_TIME) + 2)
+        self.assertEqual(other, usual)
+        self.assertEqual(piped, usual)
 
     def test_missing_numbers_of_a_tick_are_skipped(self):
         head, *rows = self.traces[0].read_text().splitlines()
@@ -262,29 +295,16 @@ class Plot(unittest.TestCase):
         self.assertEqual(told["runs"][0]["force_max"], 0.0)
 
     def test_runs_are_named_by_their_file_stems(self):
-        other = self.dir / "other"
-        other.mkdir()
-        twin = other / "soft.csv"
-        twin.write_bytes(self.traces[0].read_bytes())
-        odd = self.dir / "k=$5^{2}$ <b> & 直.csv"
-        odd.write_bytes(twin.read_bytes())
-        long = self.dir / ("a" * 90 + ".csv")
-        long.write_bytes(twin.read_bytes())
-        for place in (twin, odd, long):
-            self.addCleanup(place.unlink)
-        told, picture = self.drawn(self.traces[0], twin, odd, long, out="names.svg")
+        told, picture = self.six()
         names = [r["name"] for r in told["runs"]]
-        self.assertEqual(names[:3], ["soft", "soft (2)", odd.stem])
+        self.assertEqual(names[:3], ["soft", "soft (2)", Path(ODD).stem])
         self.assertLessEqual(len(names[3]), 40)
         titles = "".join("".join(t.itertext()) for t in ET.fromstring(picture).iter(
             "{http://www.w3.org/2000/svg}text"))
-        self.assertIn(odd.stem, titles)
-        self.drawn(*[self.traces[0]] * 6)
+        self.assertIn(Path(ODD).stem, titles)
 
     def test_prints_one_line_for_each_trace(self):
-        out = self.dir / "words.png"
-        said = run("plot", *self.traces, "--out", out).stdout.splitlines()
-        os.remove(out)
+        said, _ = self.both_printed()
         self.assertEqual(len(said), 2)
         for line, name, own in zip(said, STRENGTHS, self.numbers):
             self.assertRegex(line, rf"^{name}: {len(own.t)} ticks in [\d.]+ s; at most [\d.]+ N, ")

@@ -106,7 +106,7 @@ class Cluster:
         return json.loads(out) if out else None
 
     def copy(self, folder):
-        """Copies a folder as docs/cluster.md describes: the manifest last."""
+        """Copies a folder as docs/servers.md describes: the manifest last."""
         files = [file for file in folder.rglob("*") if file.is_file()]
         for file in sorted(files, key=lambda file: file.name == "palpate.bricks"):
             self.pool.write_full(str(file.relative_to(folder.parent)), file.read_bytes())
@@ -144,12 +144,15 @@ class Server(Case):
     def kill(self, how):
         self.cluster.store.send_signal(how)
 
-    def felt(self):
-        time.sleep(4.0)
-
 
 class Killed(Ended, Server):
     HOST = True
+
+
+def load_tests(_loader, tests, _pattern):
+    """Orders the tests: the test that kills the cluster is the last one, so that no other test has to make another
+    cluster."""
+    return unittest.TestSuite(sorted(suite.cases_of(tests), key=lambda test: "is_killed" in test.id()))
 
 
 class Served(Stored, Server):

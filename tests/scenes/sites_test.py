@@ -2,7 +2,8 @@
 """Tests hands of several sites in one scene, through the command line: sites_test.py BIN_DIR RELAY [--runs N].
 
 Separate programs use real DDS on this machine's loopback, or in networks of their own with a relay between them. With
---runs N: N networks instead of the few of a usual run.
+--runs N: N networks instead of the few of a usual run. Most of the time the tests wait, so without names of tests three
+processes run a part of the tests each, in DDS domains of their own.
 """
 import json
 import math
@@ -41,7 +42,8 @@ SILENCE, RAMP, RISE = 0.2, 0.5, 0.1  # kLinkSilence, kLinkRamp, kLinkRise [s]
 
 def domain():
     """Returns a DDS domain that other tests on this machine are unlikely to use."""
-    return 1 + os.getpid() % 200
+    # One test also uses the next domain, and the three processes have consecutive ids.
+    return 1 + 2 * os.getpid() % 200
 
 
 def pulled(rows):
@@ -165,7 +167,15 @@ class Case(unittest.TestCase):
     def said(self, name):
         return (self.dir / f"{name}.err").read_text(encoding="utf-8")
 
-    def wait_for(self, name, words, seconds=10.0, times=1):
+    def wait_for_ticks(self, name):
+        """Returns when a site's loop runs."""
+        end = time.monotonic() + 30
+        file = self.dir / f"{name}.rec"
+        while not file.exists() or file.stat().st_size < 1 << 16:
+            self.assertLess(time.monotonic(), end, f"{name} does not run: {self.said(name)}")
+            time.sleep(0.005)
+
+    def wait_for(self, name, words, seconds=30.0, times=1):
         """Returns when the words were printed."""
         end = time.monotonic() + seconds
         while self.said(name).count(words) < times:
@@ -209,10 +219,10 @@ class OneMachine(Case):
             self.assertIn("identical to the last bit", told)
 
     def test_a_second_site_of_a_name_waits_until_the_first_is_released(self):
-        alone = self.start("A", self.path("A", None), 20)
-        killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
+        alone = self.start("A", self.path("A", None), 60)
+        killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 60)
         self.wait_for("A", "site B: its hand is felt")
-        another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 20, site="B")
+        another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 60, site="B")
         self.wait_for("C", "another site has the same name")
         time.sleep(0.5)
         before = self.said("A").count("site B: its hand is felt")
@@ -232,8 +242,8 @@ class OneMachine(Case):
     def test_a_killed_peer_is_released_and_can_join_again(self):
         mine = self.path("A", None)
         his = self.path("B", lambda t: (0.205, 0, 0))
-        alone = self.start("A", mine, 12)
-        killed = self.start("B", his, 12)
+        alone = self.start("A", mine, 60)
+        killed = self.start("B", his, 60)
         self.wait_for("A", "site B: its hand is felt")
         time.sleep(1.0)
         killed.send_signal(signal.SIGKILL)
@@ -243,6 +253,9 @@ class OneMachine(Case):
         time.sleep(1.0)
         back = self.start("B", his, 2)
         back.wait(timeout=30)
+        self.wait_for("A", "site B: it has left")
+        time.sleep(0.5)
+        alone.send_signal(signal.SIGINT)
         alone.wait(timeout=30)
 
         rows = rows_of(self.dir / "A.rec")
@@ -257,11 +270,13 @@ class OneMachine(Case):
         self.assertIn("site B: it has left", self.said("A"))  # the second site sent its departure
 
     def test_sites_in_another_domain_are_not_linked(self):
-        mine = self.start("A", self.path("A", None), 5)
+        mine = self.start("A", self.path("A", None), 30)
         other = process.run(
             [PALPATE, "feel", self.scene, "--realtime", "--site", f"B@{domain() + 1}", "--device",
              f"path:{self.path('B', None)}", "--seconds", "1", "--json"],
             capture_output=True, text=True, timeout=30)
+        self.wait_for("A", "no other site is heard yet")
+        mine.send_signal(signal.SIGINT)
         mine.wait(timeout=30)
         self.assertEqual(json.loads(other.stdout)["sites"], {})
         self.assertEqual(json.loads((self.dir / "A.json").read_text())["sites"], {})
@@ -306,11 +321,15 @@ class OneMachine(Case):
         hands = {name: self.path(name, lambda t, n=n: (0.2 + 0.005 * n, 0, 0)) for n, name in enumerate("ABCDE")}
         keys = {"A": "ours/A", "B": "ours/B", "C": "theirs/C"}
         with Wire() as wire:
-            running = {name: self.start(name, hands[name], 5, "--site-keys", self.dir / keys[name]) for name in keys}
-            time.sleep(2.5)
+            secured = [self.start(name, hands[name], 60, "--site-keys", self.dir / keys[name]) for name in keys]
+            self.wait_for("A", "site B: its hand is felt")
+            self.wait_for("B", "site A: its hand is felt")
+            time.sleep(1.0)
             secret = wire.heard()
-            running |= {name: self.start(name, hands[name], 2) for name in "DE"}
-            for one in running.values():
+            for one in [self.start(name, hands[name], 2) for name in "DE"]:
+                one.wait(timeout=30)
+            for one in secured:
+                one.send_signal(signal.SIGINT)
                 one.wait(timeout=30)
             told = wire.heard()
         said = {name: self.said(name) for name in hands}
@@ -443,8 +462,8 @@ class Edits(Case):
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
 
     def test_an_edit_reaches_others_and_late_joiners_after_its_author_is_gone(self):
-        killed = self.site("A", 20, "--watch")
-        other = self.site("B", 20)
+        killed = self.site("A", 60, "--watch")
+        other = self.site("B", 60)
         self.wait_for("B", "site A: its hand is felt")
         self.wait_for("A", "site B: its hand is felt")
         self.write("A", (2, 1, 1))
@@ -480,7 +499,7 @@ class Edits(Case):
         self.assertIn("identical to the last bit", told)
 
     def test_simultaneous_edits_converge(self):
-        both = [self.site(name, 20, "--watch") for name in "AB"]
+        both = [self.site(name, 60, "--watch") for name in "AB"]
         self.wait_for("A", "site B: its hand is felt")
         self.wait_for("B", "site A: its hand is felt")
         # Each site edits one mode of its own; both edit one mode.
@@ -499,8 +518,8 @@ class Edits(Case):
         self.assertIn(round(float(self.last("A")[2]), 6), (1.5, 2.5))
 
     def test_edits_do_not_reach_a_missing_volume_or_an_own_scene(self):
-        sites = [self.site("A", 20, "--watch", strengths=(1, 1, 2)), self.site("B", 20),
-                 self.site("C", 20, "--own-scene", "--watch")]
+        sites = [self.site("A", 60, "--watch", strengths=(1, 1, 2)), self.site("B", 60),
+                 self.site("C", 60, "--own-scene", "--watch")]
         for name in "AB":
             self.wait_for(name, "site C: its hand is felt")
         self.wait_for("B", "site A: its scene differs from the one here: mode \"z\"")
@@ -543,7 +562,9 @@ class Edits(Case):
                says({**x, "strength": 7}).replace("7", "1e999"), says({**x, "name": "y"}),
                says({**x, "strength": 1e30}), in_many_names(), says({**x, "strength": 1e6}, count=2)]
 
-        begin = self.site("B", 20)
+        begin = self.site("B", 60)
+        # The stranger publishes each text for half a second.
+        self.wait_for_ticks("B")
         stranger = subprocess.Popen([STRANGER, f"C@{domain()}", *bad])
         self.addCleanup(stranger.wait)
         self.addCleanup(stranger.kill)
@@ -578,14 +599,20 @@ class Far(Case):
             for i, (a, f, p) in enumerate(swings))
 
     def through(self, one, other, *network, act=None):
-        """Runs two commands with a relay between them. Returns the relay's output."""
-        relay = subprocess.Popen(
-            [RELAY, *map(str, network), "--seconds", "60", "--", *map(str, one), "--",
-             *map(str, other)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        """Runs two commands with a relay between them. Calls `act` when each site feels the other one's hand. Returns
+        the output of all three."""
+        with open(self.dir / "relay.err", "w", encoding="utf-8") as file:
+            relay = subprocess.Popen([RELAY, *map(str, network), "--seconds", "60", "--", *map(str, one), "--",
+                                      *map(str, other)], stdout=subprocess.DEVNULL, stderr=file)
+        self.addCleanup(relay.wait)
         self.addCleanup(relay.kill)
         if act:
+            # Without networks of its own the relay ends at once.
+            while relay.poll() is None and self.said("relay").count(": its hand is felt") < 2:
+                time.sleep(0.01)
             act(relay)
-        said = relay.communicate(timeout=100)[1]
+        relay.wait(timeout=100)
+        said = self.said("relay")
         if relay.returncode == 77:
             self.skipTest("no networks of one's own: " + said)
         return said
@@ -621,7 +648,7 @@ class Far(Case):
         before = self.scene.read_text()
 
         def act(_):
-            time.sleep(2.5)
+            time.sleep(0.5)
             self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
@@ -635,7 +662,7 @@ class Far(Case):
         before = self.scene.read_text()
 
         def act(relay):
-            time.sleep(3.5)
+            time.sleep(1.0)   # The force grows to its full size.
             relay.send_signal(signal.SIGUSR1)
             self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
             time.sleep(2.0)
@@ -662,8 +689,28 @@ class Far(Case):
         self.assertTrue((force[let_go:] > 0.99).any(), "it did not come back")
 
 
+def parts():
+    """Returns the names of tests for each of three processes. The parts take about as long as each other."""
+    names = unittest.defaultTestLoader.getTestCaseNames(OneMachine)
+    with_edits = names[::4]
+    others = [one.__name__ for one in Case.__subclasses__() if one not in (Far, OneMachine)]
+    return [["Far"], [*others, *(f"OneMachine.{name}" for name in with_edits)],
+            [f"OneMachine.{name}" for name in names if name not in with_edits]]
+
+
+def run_parts(words):
+    """Runs the parts at the same time. Returns 0 if all have passed."""
+    running = [subprocess.Popen([sys.executable, __file__, *sys.argv[1:3], *words, *part], stdout=subprocess.PIPE,
+                                stderr=subprocess.STDOUT, text=True) for part in parts()]
+    for one in running:
+        print(one.communicate()[0], end="", flush=True)
+    return int(any(one.returncode != 0 for one in running))
+
+
 if __name__ == "__main__":
     which = sys.argv[3:]
+    if "--host" in which and all(word.startswith("--") for word in which):
+        sys.exit(run_parts(which))
     if "--runs" in which:
         at = which.index("--runs")
         del which[at:at + 2]

@@ -1,4 +1,6 @@
-"""A bowl in bricks and a hand in it, for tests of stores of bricks. The programs' folder is sys.argv[1]."""
+"""A bowl as a volume in bricks, and a hand in it, for tests of stores of bricks. The programs' folder is
+sys.argv[1]."""
+import atexit
 import csv
 import json
 import signal
@@ -22,13 +24,30 @@ def free_port():
         return one.getsockname()[1]
 
 
+def ticks_in(recording):
+    """Returns how many ticks a recording has so far."""
+    if not recording.exists() or recording.stat().st_size < 1 << 16:
+        return 0
+    with open(recording, "rb") as file:
+        head = json.loads(file.readline())
+    return (recording.stat().st_size - head["offset"]) // head["record"]
+
+
 class Case(unittest.TestCase):
+    dir = None
+
     @classmethod
     def setUpClass(cls):
+        # All classes of a program use one folder.
+        if Case.dir is None:
+            Case.make_folder()
+
+    @classmethod
+    def make_folder(cls):
         holder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(holder.cleanup)
+        atexit.register(holder.cleanup)
         cls.dir = Path(holder.name)
-        cls.dir.chmod(0o755)  # the server that root starts runs as another user
+        cls.dir.chmod(0o755)  # a server that root starts runs as another user
         run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.25)
         run("brick", cls.dir / "bodies.vdb", cls.dir / "bowl", "--grid", "bowl")
         facts = json.loads((cls.dir / "bowl/.zattrs").read_text())["palpate"]
@@ -64,14 +83,14 @@ class Case(unittest.TestCase):
 
 
 class Stored:
-    """Tests of bricks at `address`, for every kind of store."""
+    """Tests of bricks at `address`, common to all kinds of store."""
 
     def test_a_served_folder_gives_the_forces_of_the_local_one(self):
         here, told, _ = self.feel(str(self.dir / "bowl"))
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
         self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
-        # Several requests run at a time: bricks that are no longer needed when they arrive count as well.
+        # Several requests run at a time, so bricks that arrive when they are no longer needed count too.
         self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
@@ -94,46 +113,57 @@ class Stored:
 
 
 class Ended:
-    """Tests of a hand when the store at `address` ends. setUp() starts the store; kill(signal) signals its process;
-    felt() returns when the volume has been felt for a while."""
+    """Tests of a hand when the store at `address` stops. setUp() starts the store; kill(signal) sends the store's
+    process a signal."""
+    TICKS = 2500    # The hand has rested in the wall for a second.
 
-    def on_time(self, seconds):
-        """Starts a hand that stays in the wall, on time. Returns the file of its summary."""
+    def on_time(self):
+        """Starts a hand that stays in the bowl's wall, in real time. Returns the file of its summary."""
         self.said = ""
         self.addCleanup(self.kill, signal.SIGCONT)
         (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0\n1.5,0.01,0.01,-0.024\n"
-                                           f"{seconds},0.01,0.01,-0.024\n")
-        summary = self.dir / "held.json"
-        summary.unlink(missing_ok=True)
+                                           "60,0.01,0.01,-0.024\n")
+        summary, record = self.dir / "held.json", self.dir / "held.rec"
+        for file in (summary, record):
+            file.unlink(missing_ok=True)
         self.running = subprocess.Popen(
             [PALPATE, "feel", self.scene(self.address), "--device", f"path:{self.dir / 'held.csv'}",
-             "--realtime", "--summary", summary], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+             "--realtime", "--summary", summary, "--record", record],
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         self.addCleanup(self.running.stderr.close)
         self.addCleanup(self.running.wait)
         self.addCleanup(self.running.kill)
-        self.felt()
+        end = time.monotonic() + PATIENCE
+        while ticks_in(record) < self.TICKS:
+            self.assertLess(time.monotonic(), end, "the hand does not touch the volume")
+            time.sleep(0.02)
         return summary
 
-    def ends(self, how, seconds, told_within=None):
-        """Returns the run's faults if `how` is applied to the server while the volume is felt."""
-        summary = self.on_time(seconds)
+    def ends(self, how, told_within=None):
+        """Returns the run's faults if `how` is applied to the server while the hand touches the volume."""
+        summary = self.on_time()
         how()
         begin = time.monotonic()
         if told_within is not None:
             self.wait_for("the volume does not exist any more")
             self.assertLess(time.monotonic() - begin, told_within)
+            if "the force is cut" not in self.said:
+                self.wait_for("the force is cut")
+        # A second fault or a late one would come now.
+        time.sleep(2.0)
+        self.running.send_signal(signal.SIGINT)
         self.said += self.running.stderr.read()
         self.running.wait(timeout=PATIENCE)
         return json.loads(summary.read_text())["faults"]
 
     def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
-        self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), 9, told_within=4), {"volume": 1})
+        self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), told_within=4), {"volume": 1})
 
     def test_a_server_that_stops_answering_cuts_the_force(self):
-        self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
+        self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), told_within=6), {"volume": 1})
 
     def test_a_server_that_is_back_is_reported(self):
-        summary = self.on_time(60)
+        summary = self.on_time()
         self.kill(signal.SIGSTOP)
         self.wait_for("the volume does not exist any more")
         self.kill(signal.SIGCONT)
@@ -154,4 +184,4 @@ class Ended:
             self.kill(signal.SIGSTOP)
             time.sleep(1.0)
             self.kill(signal.SIGCONT)
-        self.assertEqual(self.ends(hesitate, 8), {})
+        self.assertEqual(self.ends(hesitate), {})

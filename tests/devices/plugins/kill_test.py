@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""kill_test.py PALPATE PLUGINS: if a program with a plug-in's arm ends or is stopped, the arm has no force
-within 20 ms, and the plug-in's process ends with the program. Prints the table."""
+"""Tests that a plug-in's arm has no force within 20 ms after its program ends or is stopped, and that the plug-in's
+process ends with the program: kill_test.py PALPATE PLUGINS. Prints the table."""
 import contextlib
 import ctypes
 import json
@@ -38,7 +38,7 @@ class Arm(ctypes.Structure):
 
 
 def processes():
-    """Returns the process identities of all running plug-ins."""
+    """Returns the ids of all running plug-in processes."""
     found = set()
     for entry in Path("/proc").iterdir():
         try:
@@ -61,29 +61,31 @@ def until(is_so, seconds):
 class Kill(unittest.TestCase):
     HOST = True
 
-    def setUp(self):
+    @classmethod
+    def setUpClass(cls):
         folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = Path(folder.name)
-        # Other users may be able to write where the plug-ins were built; here they may not.
-        self.plugins = self.folder / "plugins"
-        self.plugins.mkdir(mode=0o755)
-        self.plugins.chmod(0o755)
+        cls.addClassCleanup(folder.cleanup)
+        cls.folder = Path(folder.name)
+        # Copies the plug-ins into a folder that other users cannot write, as palpate requires.
+        cls.plugins = cls.folder / "plugins"
+        cls.plugins.mkdir(mode=0o755)
+        cls.plugins.chmod(0o755)
         for plugin in Path(PLUGINS).glob("*.so"):
-            shutil.copy(plugin, self.plugins)
-            (self.plugins / plugin.name).chmod(0o755)
-        subprocess.run([PALPATE, "make", "two-bodies", "--voxel", "3", self.folder / "two.vdb"],
+            shutil.copy(plugin, cls.plugins)
+            (cls.plugins / plugin.name).chmod(0o755)
+        subprocess.run([PALPATE, "make", "two-bodies", "--voxel", "3", cls.folder / "two.vdb"],
                        check=True, stdout=subprocess.DEVNULL)
 
     @contextlib.contextmanager
     def felt(self, serial):
-        """Yields a program that feels with an arm: the arm, the program, its plug-in's process."""
+        """Yields the arm, a program that runs with this arm, and its plug-in's process."""
         file = self.folder / "arm"
+        file.unlink(missing_ok=True)   # a plug-in that hangs still has the file of its arm
         file.write_bytes(bytes(ctypes.sizeof(Arm)))
         with open(file, "r+b") as handle:
             memory = mmap.mmap(handle.fileno(), ctypes.sizeof(Arm))
         arm = Arm.from_buffer(memory)
-        arm.position[2] = 0.09
+        arm.position[2] = 0.045   # [m]; the surface is at 0.033
         others = processes()
         environment = dict(os.environ, PALPATE_PLUGINS=str(self.plugins), PALPATE_ODD_ARM=str(file),
                            HOME=str(self.folder))
@@ -102,17 +104,18 @@ class Kill(unittest.TestCase):
 
     @contextlib.contextmanager
     def pressed(self, serial):
-        """Yields as felt() does, with a hand that presses a body with more than 0.3 N."""
+        """Like felt(), but with a hand that presses with more than 0.3 N."""
         with self.felt(serial) as (arm, program, ours):
             def press():
-                arm.position[2] -= 0.00002
+                arm.position[2] = max(arm.position[2] - 0.00002, 0.026)
                 arm.position[0] = 1e-6 * (arm.reads % 7)
                 return arm.norm() > 0.3
-            self.assertTrue(until(press, 8), "the hand reaches no surface")
+            # If the loop was late, the force returns after 2 s.
+            self.assertTrue(until(press, 30), "the hand reaches no surface")
             yield arm, program, ours
 
     def blow(self, name, serial="good"):
-        """Returns how long the arm had a force after a signal [s], while its plug-in has the fault of `serial`."""
+        """Returns how long the arm had a force after a signal [s]. `serial` selects the fault of its plug-in."""
         with self.pressed(serial) as (arm, program, ours):
             if serial != "good":
                 arm.trouble = 1
@@ -151,7 +154,7 @@ class Kill(unittest.TestCase):
             self.assertIn("force = nan", arms["plugin:odd@limitless"]["trouble"])
             self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
             self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])
-            # All other arms were opened, each by its own serial number.
+            # Each of the other arms was opened by its own serial number.
             self.assertEqual(arm.opens - opens, len(arms) - 1)
 
     def check(self, name):
