@@ -12,6 +12,7 @@ arcs has run. Names come from the .gcno files of the build. A process that ends 
 counters."""
 import collections
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -93,7 +94,7 @@ def reached(folder, known):
 def cases_of(program, tags):
     """Returns the names of a Catch2 program's cases with these tags, as its command line takes them."""
     done = subprocess.run([program, "--list-test-names-only", tags], capture_output=True, text=True, check=False)
-    return [line.replace("\\", "\\\\").replace(",", "\\,").replace("[", "\\[") for line in done.stdout.splitlines() if line]
+    return [re.sub(r"[\\,\[\]]", r"\\\g<0>", line) for line in done.stdout.splitlines() if line]
 
 
 def run(build, out, suites):

@@ -21,24 +21,28 @@
 
 namespace palpate {
 
-/// Memory that both processes share.
+/// Memory that the program, the guardian and its watchers share.
 struct Guardian::Shared {
   struct Loop {
     std::atomic<std::uint64_t> heart{0};
-    std::atomic<std::uint64_t> pulse{0};  ///< Counts turns of its watcher.
-    std::atomic<std::uint32_t> cuts{0};   ///< Times that the watcher has taken the force off.
+    /// Raised in every turn of the watcher that watches this loop.
+    std::atomic<std::uint64_t> pulse{0};
+    /// Number of times that the watcher has taken the force off.
+    std::atomic<std::uint32_t> cuts{0};
   };
   std::array<Loop, kMostLoops> loops;
   std::atomic<std::uint32_t> stops{0};
-  std::atomic<std::uint64_t> pulse{0};  ///< Counts turns of the process that starts watchers.
-  std::atomic<bool> over{false};        ///< The program has ended.
-  std::atomic<bool> punctual{false};    ///< The guardian has a real-time priority.
+  /// Raised in every turn of the guardian, the process that starts the watchers.
+  std::atomic<std::uint64_t> pulse{0};
+  std::atomic<bool> over{false};      ///< The program has ended.
+  std::atomic<bool> punctual{false};  ///< The guardian has a real-time priority.
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 };
 
 namespace {
 
-/// A device to watch, as sent to the child. The descriptor is sent with it.
+/// A device to watch, as the program sends it to the guardian. A descriptor of the device is sent
+/// with it.
 struct Order {
   std::size_t slot = 0;
   std::size_t size = 0;
@@ -49,7 +53,8 @@ std::string reason() {
   return std::strerror(errno);
 }
 
-/// Returns false if the device has not taken the zero force: it may have no room yet.
+/// Writes the zero force. Returns false if the device has not taken all of it, for example because
+/// its buffer is full.
 bool writeWhole(int descriptor, const Order& order) noexcept {
   ssize_t written = -1;
   do {
@@ -58,7 +63,7 @@ bool writeWhole(int descriptor, const Order& order) noexcept {
   return written == static_cast<ssize_t>(order.size);
 }
 
-/// An order, with room for a descriptor beside it.
+/// A socket message: an order, and room for the descriptor that is sent with it.
 class Message {
  public:
   explicit Message(Order& order) noexcept : part_{&order, sizeof(order)} {
@@ -78,7 +83,7 @@ class Message {
     std::memcpy(CMSG_DATA(beside), &descriptor, sizeof(int));
     return sendmsg(socket, &head_, MSG_NOSIGNAL) == static_cast<ssize_t>(part_.iov_len);
   }
-  /// Receives an order. Returns false after the other side has closed.
+  /// Receives an order. Returns false if the other side has closed the socket.
   [[nodiscard]] bool take(int socket, int& descriptor) noexcept {
     const ssize_t size = recvmsg(socket, &head_, 0);
     if (size < 0 && errno == EINTR) return true;
@@ -96,8 +101,8 @@ class Message {
   msghdr head_{};
 };
 
-/// Moves both descriptors above 2. A program may have been started with its input or output closed;
-/// their numbers must stay free.
+/// Moves both descriptors above 2. The numbers 0 to 2 are for input and output: they may be free,
+/// because a program may be started with these closed, and must then stay free.
 bool aboveStandard(std::array<int, 2>& ends) noexcept {
   bool good = true;
   for (int& end : ends) {
@@ -123,7 +128,8 @@ bool standApart(int socket) noexcept {
   const auto own = static_cast<unsigned>(socket);
   if (own > 3) close_range(3, own - 1, 0);
   close_range(own + 1, ~0U, 0);
-  // Above the loop, because a loop that hangs keeps its core; as high as is permitted.
+  // The guardian needs a priority above the loop's, because a loop that hangs keeps its core.
+  // Requests the highest that is permitted.
   bool punctual = false;
   for (int priority = kMostPriority + 5; priority > 0 && !punctual; priority -= 5) {
     sched_param wanted{};
@@ -137,22 +143,22 @@ bool standApart(int socket) noexcept {
 // State for signal handlers.
 std::atomic<Guardian*> the_guardian{nullptr};
 volatile std::sig_atomic_t* the_flag = nullptr;
-std::atomic<std::int64_t> asked_at{0};  ///< [ns]
+std::atomic<std::int64_t> asked_at{0};  ///< Time of the first request to end [ns].
 
 extern "C" void zeroThenGoOn(int signal) {
   const int saved = errno;
   if (Guardian* guardian = the_guardian.load()) guardian->zero();
   const bool livable =
       signal == SIGINT || signal == SIGTERM || signal == SIGHUP || signal == SIGQUIT;
-  // The second request ends the program as without a handler, because it may hang. Two requests at
-  // once count as one: they come from a terminal and from the parent process together.
+  // A second request ends the program by the default action, because the program may hang. Requests
+  // closer than this count as one, since a terminal and a parent process may both send one.
   constexpr std::int64_t kAtOnce = 500'000'000;  // [ns]
   if (livable && the_flag != nullptr && *the_flag == 0) {
     *the_flag = 1;
     asked_at = nowNs();
   } else if (!livable || nowNs() - asked_at > kAtOnce) {
-    // Takes the default action. SIGTSTP keeps the handler, which is needed after the program goes
-    // on.
+    // Takes the signal's default action. SIGTSTP keeps the handler, because the program may
+    // continue and be stopped again.
     struct sigaction usual {};
     usual.sa_handler = SIG_DFL;
     if (signal == SIGTSTP) {
@@ -206,8 +212,8 @@ Guardian::~Guardian() {
   Guardian* self = this;
   the_guardian.compare_exchange_strong(self, nullptr);
   if (getpid() == maker_) {
-    shutdown(socket_, SHUT_RDWR);   // the child then has zero written once more, and ends
-    constexpr int kPatience = 300;  // [ms]: a device may be stuck
+    shutdown(socket_, SHUT_RDWR);   // the child then has zero written again, and ends
+    constexpr int kPatience = 300;  // [ms] for the child to end: a device may block it
     for (int ms = 0; waitpid(child_, nullptr, WNOHANG) == 0; ++ms) {
       if (ms == kPatience) {
         kill(child_, SIGKILL);
@@ -249,7 +255,7 @@ std::size_t Guardian::slotOf(const LoopWatch& loop) const {
   for (std::size_t slot = 0; slot < kMostLoops; ++slot) {
     if (used_[slot] && loop.heart == &shared_->loops[slot].heart) return slot;
   }
-  throw DeviceError("guardian", "it does not watch this loop", "watch it first");
+  throw DeviceError("guardian", "it does not watch this loop", "call watch() before");
 }
 
 void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
@@ -268,7 +274,7 @@ void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
 }
 
 void Guardian::zero() noexcept {
-  if (getpid() != maker_) return;  // a forked copy of the program
+  if (getpid() != maker_) return;  // this is a forked copy of the program
   shared_->stops.fetch_add(1, std::memory_order_relaxed);
 }
 
@@ -290,13 +296,14 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
 void Guardian::guard(int socket) noexcept {
   shared_->punctual = standApart(socket);
   std::array<pid_t, kMostLoops> watchers{};
-  // Does not wait: the watcher may be stuck in a device's driver, and other arms need this process.
+  // Does not wait for the watcher's end: the watcher may hang in a device's driver, and other arms
+  // need this process.
   const auto end = [](pid_t& watcher) {
     if (watcher > 0) kill(watcher, SIGKILL);
     watcher = 0;
   };
   for (;;) {
-    constexpr int kLook = 5;  // [ms]
+    constexpr int kLook = 5;  // [ms]: longest time between two turns
     shared_->pulse.fetch_add(1, std::memory_order_relaxed);
     // Forgets ended watchers: the system may give their numbers to other processes.
     for (pid_t gone = 0; (gone = waitpid(-1, nullptr, WNOHANG)) > 0;) {
@@ -309,7 +316,7 @@ void Guardian::guard(int socket) noexcept {
     if (!Message(order).take(socket, descriptor)) break;
     if (descriptor < 0 || order.slot >= kMostLoops) continue;
     end(watchers[order.slot]);
-    // One process per device: a device that does not answer delays no other.
+    // One watcher per device, so a device that does not answer does not delay another.
     if (order.size > 0) {
       const pid_t watcher = fork();
       if (watcher == 0) {
@@ -321,7 +328,7 @@ void Guardian::guard(int socket) noexcept {
     close(descriptor);
   }
   shared_->over = true;
-  constexpr int kLast = 1200;  // [ms]: longer than a watcher tries
+  constexpr int kLast = 1200;  // [ms]: longer than the time for which a watcher tries
   for (int ms = 0; ms < kLast; ++ms) {
     bool busy = false;
     for (pid_t& watcher : watchers) {
@@ -344,13 +351,15 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
   zero.size = size;
   std::copy(bytes, bytes + size, zero.bytes.begin());
   Shared::Loop& loop = shared_->loops[slot];
-  constexpr std::int64_t kLook = 1000000;      // [ns]
-  constexpr std::int64_t kTries = 1000000000;  // [ns] after the program's end
+  constexpr std::int64_t kLook = 1000000;  // [ns] between two turns
+  // [ns]: time for which a watcher tries to write zero after the program's end.
+  constexpr std::int64_t kTries = 1000000000;
   constexpr auto kStill = static_cast<std::int64_t>(1e9 * kGuardTime);
-  constexpr std::int64_t kAlone = 25000000;  // [ns] without a pulse of the parent process
+  // [ns]: without a pulse for this time, the parent process has ended or hangs.
+  constexpr std::int64_t kAlone = 25000000;
   std::uint64_t beats = loop.heart;
   std::uint32_t stops = shared_->stops;
-  bool beating = false;  // since the force was last taken off
+  bool beating = false;  // the loop has run since the force was last taken off
   bool wanted = false;   // zero must be written, and the device has not taken it yet
   std::int64_t alive = nowNs();
   std::uint64_t pulse = 0;
@@ -362,7 +371,8 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
     if (std::exchange(pulse, shared_->pulse.load(std::memory_order_relaxed)) != pulse) {
       kept_at = now;
     }
-    // Without its parent this watcher misses an arm that is plugged in again: the loop must know.
+    // Stops its own pulse when the parent process stands still, so that the loop cuts the force.
+    // Only the parent could start a watcher for an arm that is plugged in again.
     if (now - kept_at < kAlone) loop.pulse.fetch_add(1, std::memory_order_relaxed);
     if (const std::uint64_t seen = loop.heart.load(std::memory_order_relaxed); seen != beats) {
       beats = seen;
@@ -373,8 +383,8 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
       stops = seen;
       wanted = true;
     }
-    // Repeats while the loop stands still: the loop may still write the force that it was about to
-    // write.
+    // Repeats the zero while the loop stands still, because the loop may still write the force that
+    // it has just computed.
     if (now - alive >= kStill) {
       if (beating) loop.cuts.fetch_add(1, std::memory_order_relaxed);
       wanted = true;

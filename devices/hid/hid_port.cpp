@@ -29,21 +29,21 @@ namespace palpate {
 
 namespace {
 
-/// Serialises listing, opening and closing on all threads, because they free hidapi's global error
-/// text.
+/// Serialises listing, opening and closing across threads, because these calls free hidapi's global
+/// error text.
 std::mutex& turn() {
   static std::mutex mutex;
   return mutex;
 }
 
-/// Guarded by turn().
+/// Paths of the devices that this process has open. Guarded by turn().
 std::multiset<std::string>& openHere() {
   static std::multiset<std::string> paths;
   return paths;
 }
 
-/// Has two handles, one for each thread, because hidapi frees a handle's error text on every
-/// failure.
+/// A port with two handles, one for reading and one for writing. hidapi frees a handle's error text
+/// on every failure, so two threads must not share a handle.
 class HidPort final : public ReportPort {
  public:
   HidPort(const std::string& path, const Say& say) : path_(path) {
@@ -94,7 +94,8 @@ class HidPort final : public ReportPort {
   void closeAll() noexcept {
     if (in_ != nullptr) hid_close(in_);
     if (out_ != nullptr) hid_close(out_);
-    // Guardians have copies of the descriptor and so its lock. An orderly close releases the lock.
+    // Guardians have copies of the descriptor, which keep its lock. So an orderly close releases
+    // the lock itself.
     if (guard_ >= 0) (void)flock(guard_, LOCK_UN);
     if (guard_ >= 0) close(guard_);
   }
@@ -104,15 +105,14 @@ class HidPort final : public ReportPort {
   int guard_ = -1;
 };
 
-/// Opens one of the kernel's files about the node's device; the stream fails if the file is
-/// missing.
+/// Opens a file about the node's device under /sys. The stream fails if the file is missing.
 std::ifstream sysFile(const std::string& path, const char* name) {
   const std::string node = std::filesystem::path(path).filename();
   return std::ifstream("/sys/class/hidraw/" + node + "/device/" + name, std::ios::binary);
 }
 
-/// Reads the report descriptor from the kernel, which shows it to every user. hidapi has it since
-/// 0.14 only.
+/// Reads the report descriptor from /sys, where every user may read it. hidapi has a function for
+/// this only since version 0.14.
 std::vector<std::byte> descriptorOf(const std::string& path) {
   std::array<char, HID_MAX_DESCRIPTOR_SIZE> bytes{};
   std::ifstream in = sysFile(path, "report_descriptor");
@@ -121,7 +121,7 @@ std::vector<std::byte> descriptorOf(const std::string& path) {
   return {all.begin(), all.end()};
 }
 
-/// Returns HID_PHYS of the node's device.
+/// Returns HID_PHYS of the node's device, which names the port where it is plugged in.
 std::string portOf(const std::string& path) {
   std::ifstream in = sysFile(path, "uevent");
   const std::string key = "HID_PHYS=";
@@ -146,18 +146,18 @@ std::string processOf(const std::string& pid) {
   return name.append(" (").append(pid).append(")");
 }
 
-/// Returns false if the process has ended, even if its parent has not collected it yet.
+/// Returns false if the process has ended, even if its parent has not waited for it yet.
 bool isAlive(const std::string& pid) {
   std::ifstream status("/proc/" + pid + "/status");
   for (std::string line; std::getline(status, line);) {
     if (line.rfind("State:", 0) != 0) continue;
-    return line.find_first_of("ZX", 6) == std::string::npos;  // State:	Z (zombie)
+    return line.find_first_of("ZX", 6) == std::string::npos;  // a line such as "State:	Z (zombie)"
   }
   return false;
 }
 
-/// Returns the number of the process that has locked the file of a descriptor; empty if the system
-/// does not show it.
+/// Returns the id of the process that has locked the descriptor's file; empty if the system does
+/// not show it.
 std::string whoLocks(int descriptor) {
   struct stat status {};
   if (fstat(descriptor, &status) != 0) return {};
@@ -166,7 +166,7 @@ std::string whoLocks(int descriptor) {
                 minor(status.st_dev), static_cast<unsigned long>(status.st_ino));
   std::ifstream locks("/proc/locks");
   for (std::string line; std::getline(locks, line);) {
-    // 1: FLOCK  ADVISORY  WRITE 1234 00:06:567 0 EOF
+    // A line such as: 1: FLOCK  ADVISORY  WRITE 1234 00:06:567 0 EOF
     std::istringstream words(line);
     std::string number, kind, advisory, access, pid, of;
     words >> number >> kind >> advisory >> access >> pid >> of;
@@ -175,7 +175,7 @@ std::string whoLocks(int descriptor) {
   return {};
 }
 
-/// Reads a descriptor's /proc/PID/fdinfo.
+/// Reads the open flags from a descriptor's /proc/PID/fdinfo.
 bool isReadOnly(const std::filesystem::path& info) {
   std::ifstream in(info);
   for (std::string key, value; in >> key >> value;) {
@@ -205,7 +205,7 @@ int openNode(const std::string& path, int access) {
   throw DeviceError(path, std::strerror(error), "plug the arm in again");
 }
 
-/// Reads from the kernel's ring for one more reader.
+/// A port that only reads. The kernel gives each reader its own ring of reports.
 class ReadPort final : public ReportPort {
  public:
   explicit ReadPort(int node) : node_(node) {}
@@ -243,7 +243,8 @@ std::vector<HidDeviceName> listHid() {
 }
 
 std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say) {
-  close(openNode(path, O_RDWR));  // hidapi 0.13.1 cannot handle other files
+  // Checks the file first, because hidapi 0.13.1 does not handle files of other kinds.
+  close(openNode(path, O_RDWR));
   return std::make_unique<HidPort>(path, say);
 }
 
@@ -258,7 +259,8 @@ bool isOpenHere(const std::string& path) {
 
 void claim(int descriptor, const std::string& path, const Say& say) {
   using Clock = std::chrono::steady_clock;
-  constexpr auto kDying = std::chrono::milliseconds(50);  // a program that is being killed
+  // Time that claim() waits for any owner, because it may be a program that is being killed.
+  constexpr auto kDying = std::chrono::milliseconds(50);
   const auto begin = Clock::now();
   for (bool said = false; flock(descriptor, LOCK_EX | LOCK_NB) != 0;) {
     if (errno != EWOULDBLOCK) {
@@ -281,7 +283,7 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     std::string who = pid.empty() ? "another program" : processOf(pid);
     if (orphaned) who.assign("the guardian of a program that has ended (").append(pid).append(")");
     throw DeviceError(path, who + " uses it",
-                      "end that program first: two programs on one arm would both send forces");
+                      "end that program: two programs on one arm would both send forces");
   }
 }
 
@@ -291,7 +293,7 @@ std::vector<std::string> effectNodes(const std::string& path, const std::filesys
   std::error_code error;
   const fs::path inputs = sys / fs::path(path).filename() / "device" / "input";
   for (const auto& input : fs::directory_iterator(inputs, error)) {
-    // A bitmap in words, such as "300040000 0".
+    // The file holds a bitmap as hexadecimal words, such as "300040000 0".
     std::ifstream in(input.path() / "capabilities" / "ff");
     std::string bits;
     std::getline(in, bits);
@@ -310,7 +312,7 @@ void refuseEffects(const std::string& path, const std::vector<std::string>& node
     const auto programs = whoHas(node);
     if (programs.empty()) continue;
     throw DeviceError(path, programs[0] + " uses its effects through " + node,
-                      "end that program first: two programs on one arm would both send forces");
+                      "end that program: two programs on one arm would both send forces");
   }
 }
 

@@ -1,11 +1,11 @@
-// Plug-in for arms of Force Dimension (omega, delta; a Falcon by their driver), through their SDK,
-// libdhd. Build it as in docs/plugins.md. Written by the SDK's published function names; palpate's
-// makers have not tried it on an arm.
+// Plug-in for arms of Force Dimension (omega, delta; a Falcon with their driver), through their
+// SDK, libdhd. Build it as in docs/plugins.md. It follows the SDK's published function names;
+// palpate's makers have not tried it on an arm.
 //
-// Threads. The SDK's reference gives no guarantee for two threads that use one arm at once. So once
-// the arm is prepared, one thread makes all calls: in each turn it reads, then it sends. `stop`
-// sets a flag that this thread sees in its next turn, and waits for that. If the SDK itself hangs,
-// the arm's own watchdog takes the force off.
+// Threads. The SDK's reference does not permit two threads to use one arm at the same time. So
+// after the arm is prepared, one thread makes all calls: in each turn it reads, then it sends.
+// `stop` sets a flag that this thread sees in its next turn, and waits until the thread has sent a
+// zero. If the SDK itself hangs, the arm's own watchdog takes the force off.
 #include <atomic>
 #include <cstdlib>
 #include <dhdc.h>
@@ -19,9 +19,9 @@ namespace {
 
 using namespace palpate_plugins;
 
-// TO CHANGE: an arm that is not listed here is refused. Give its limits and their source.
+// TO CHANGE: arms that are not listed here are refused. Give your arm's limits and their source.
 struct Model {
-  int type;  // dhdGetSystemType
+  int type;  // as returned by dhdGetSystemType
   double force, stiffness, damping, radius;
   const char* source;
 };
@@ -37,23 +37,25 @@ constexpr Model kModels[] = {
     {DHD_DEVICE_FALCON, 8.0, 800.0, 20.0, 0.04, "HAPI; force, damping and radius as CHAI3D 3.3.0"},
 };
 
-// TO CHECK: the SDK has x to the user, y to the right, z up, and the middle at zero [m].
+// TO CHECK: the SDK's x points to the user, y to the right, z up, with the origin in the middle
+// [m].
 constexpr Frame kFrame = {{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}}};
 
-// The arm's own watchdog, in its steps of 125 us: 30 ms.
+// Timeout of the arm's own watchdog, in its steps of 125 us: 30 ms.
 constexpr unsigned char kWatchdog = 240;
 
 palpate_plugin_host host;
 
 struct Arm {
-  palpate_plugin_device device;  // first: a pointer to it is also one to the Arm
+  palpate_plugin_device device;  // must be first: a pointer to it is also a pointer to the Arm
   char id = -1;
   const Model* model = nullptr;
   bool wrist = false;
   bool gripper = false;
-  bool watched = false;  // the arm's watchdog is on
-  bool weighs = false;   // the weight can be carried in shares
-  double share = 0.0;    // used by the haptic thread: share of the weight from the next write on
+  bool watched = false;  // the arm's own watchdog is on
+  bool weighs = false;   // the SDK can carry a share of the arm's weight
+  // Used by the haptic thread: share of the weight to carry from the next write on.
+  double share = 0.0;
   Newest<palpate_plugin_reading> readings;
   Orders orders;
   std::atomic<bool> gone{false};
@@ -61,13 +63,13 @@ struct Arm {
   std::thread loop;
 };
 
-Arm* open_arm = nullptr;  // [main]; one at a time
+Arm* open_arm = nullptr;  // [main]; at most one arm is open at a time
 
 Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
 }
 
-// The serial number is ushort in some versions of the SDK, int in others.
+// The type of the serial number is ushort in some versions of the SDK, int in others.
 template <class Number>
 int serialBy(int (*ask)(Number*, char), char id) {
   Number number{};
@@ -80,8 +82,8 @@ bool send(const Arm& arm, const double (&force_W)[3]) {
   return dhdSetForceAndTorqueAndGripperForce(f[0], f[1], f[2], 0, 0, 0, 0, arm.id) >= 0;
 }
 
-// The SDK carries the arm's weight for the gravity that is set: a share of gravity carries a share
-// of the weight.
+// The SDK carries the arm's weight for the gravity that is set. So a share of gravity carries the
+// same share of the weight.
 constexpr double kGravity = 9.81;  // [m/s^2]
 bool carryNow(const Arm& arm, double share) {
   if (share <= 0.0) return dhdSetGravityCompensation(DHD_OFF, arm.id) >= 0;
@@ -99,18 +101,18 @@ bool stateNow(const Arm& arm, std::uint32_t& state) {
   return true;
 }
 
-// Returns false if the arm does not answer.
+// Reads the arm. Returns false if the arm does not answer.
 bool readNow(Arm& arm, palpate_plugin_reading& r) {
   double p[3];
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   const int got = dhdGetPositionAndOrientationFrame(&p[0], &p[1], &p[2], turned, arm.id);
   if (got < 0) return false;
-  // If asked too soon, the SDK repeats its last answer: that is not a new reading.
+  // If called too soon, the SDK repeats its last answer, which does not count as a new reading.
   if (got == DHD_TIMEGUARD && r.taken != 0) return true;
   r.taken = host.now();
   kFrame.toW(p, 1.0, r.position);
   if (arm.wrist) kFrame.toW(turned, r.orientation);
-  // The SDK computes the velocity over some readings: the first readings have no velocity.
+  // The SDK computes the velocity from several readings, so the first readings have no velocity.
   double v[3];
   if (dhdGetLinearVelocity(&v[0], &v[1], &v[2], arm.id) >= 0) kFrame.toW(v, 1.0, r.velocity);
   double angle = 0.0;
@@ -156,7 +158,7 @@ int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
   f.stiffness = arm.model->stiffness;
   f.damping = arm.model->damping;
   f.workspace_radius = arm.model->radius;
-  f.rate = 1000.0;  // at least: the SDK exchanges up to 4,000 times a second
+  f.rate = 1000.0;  // lower bound: the SDK exchanges up to 4,000 times a second
   f.watchdog = arm.watched ? kWatchdog * 125e-6 : 0.0;
   f.buttons = 1;
   copy(f.source, arm.model->source);
@@ -174,10 +176,11 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
          dhdErrorGetLastStr());
     return PALPATE_PLUGIN_FAILED;
   }
-  // An arm that is not calibrated calibrates itself while its user moves it (its manual says how).
+  // An arm that is not calibrated calibrates itself while its user moves it, as its manual
+  // describes.
   if ((state & PALPATE_PLUGIN_READY) == 0) {
     if (host.say != nullptr) host.say("dhd: calibrate the arm as described in its manual");
-    constexpr int kWait = 100;  // [ms]
+    constexpr int kWait = 100;  // [ms] between two checks
     while (dhdWaitForReset(kWait, arm.id) < 0) {
       if (host.ends() != 0) {
         tell(error, room, "dhd: the arm has not been calibrated; try again");
@@ -230,7 +233,8 @@ void carry(palpate_plugin_device* device, double share) {
   of(device).share = share;
 }
 
-// The weight at the tip is not published for the models above; no model has more.
+// Bound on the weight at the tip. The makers do not publish the weight of the models above; none
+// exceeds this bound.
 constexpr double kMostWeight = 10.0;  // [N]
 constexpr palpate_plugin_weight kWeight = {sizeof(palpate_plugin_weight), 0, carry, kMostWeight};
 
@@ -243,7 +247,7 @@ int find(palpate_plugin_found* found, int room) {
   const int count = dhdGetDeviceCount();
   for (int i = 0; i < count && i < room; ++i) {
     palpate_plugin_found f{};
-    // An arm gives its name only once it is open. An arm that another program holds gives no name.
+    // Only an open arm gives its name. An arm that another program has open gives no name.
     const bool ours = open_arm != nullptr && open_arm->id == i;
     const int id = ours ? i : dhdOpenID(static_cast<char>(i));
     if (id >= 0) {
@@ -261,7 +265,7 @@ int find(palpate_plugin_found* found, int room) {
 
 palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   if (open_arm != nullptr) {
-    tell(error, room, "dhd: an arm is open already; close it first");
+    tell(error, room, "dhd: an arm is open already; close that arm");
     return nullptr;
   }
   int id = -1;
@@ -301,7 +305,7 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   arm->model = model;
   arm->wrist = dhdHasWrist(own);
   arm->gripper = dhdHasGripper(own);
-  // The watchdog is one of the SDK's expert functions; older arms have no watchdog.
+  // Only the SDK's expert functions can set the watchdog; older arms have no watchdog.
   if (dhdEnableExpertMode() >= 0) {
     arm->watched = dhdSetWatchdog(kWatchdog, own) >= 0;
     dhdDisableExpertMode();

@@ -1,9 +1,9 @@
-// Plug-in for the Novint Falcon through libnifalcon (BSD). Build it as in docs/plugins.md. Written
-// by the library's published names; palpate's makers have not tried it on an arm.
+// Plug-in for the Novint Falcon through libnifalcon (BSD). Build it as in docs/plugins.md. It
+// follows the library's published names; palpate's makers have not tried it on an arm.
 //
-// Threads. The library has no locks, so once the arm is prepared one thread makes all calls. `stop`
-// sets a flag that this thread sees in its next turn, and waits for that, as a rule for a
-// millisecond. A Falcon is not known to take its force off by itself.
+// Threads. The library has no locks, so after the arm is prepared one thread makes all calls.
+// `stop` sets a flag that this thread sees in its next turn, and waits until a zero has been sent,
+// usually one millisecond. We do not know of a watchdog in the Falcon that takes its force off.
 #include <atomic>
 #include <cstdlib>
 #include <ctime>
@@ -23,10 +23,10 @@
 namespace {
 
 using namespace palpate_plugins;
-using namespace libnifalcon;  // the firmware is in this namespace or outside, by version
+using namespace libnifalcon;  // by version, the firmware is inside or outside this namespace
 
-// TO CHANGE: the limits and their source. Two sources differ by a factor of four in stiffness
-// (CHAI3D 3.3.0 has 3,000 N/m): the smaller one is used.
+// TO CHANGE: the limits and their source. Two sources differ in stiffness by a factor of four
+// (CHAI3D 3.3.0 has 3,000 N/m); this is the smaller value.
 constexpr double kForce = 8.0;
 constexpr double kStiffness = 800.0;
 constexpr double kDamping = 20.0;
@@ -34,12 +34,12 @@ constexpr double kRadius = 0.04;
 constexpr const char* kSource =
     "HAPI; force, damping and radius as CHAI3D 3.3.0, CFalconDevice.cpp";
 
-// TO CHECK: the library has x to the right, y up, z to the user [m]; its kinematics gives the
-// middle.
+// TO CHECK: the library's x points to the right, y up, z to the user [m]. Its kinematics gives the
+// middle of the workspace.
 constexpr Frame kFrame = {{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}}};
 
-// Time without an answer after which the arm counts as lost [ns]: the library only reports "not
-// now".
+// Time without an answer after which the arm counts as lost [ns]. The library itself does not
+// distinguish a late answer from a lost arm.
 constexpr std::int64_t kLost = 100'000'000;
 
 palpate_plugin_host host;
@@ -55,7 +55,7 @@ struct Arm {
   std::thread loop;
 };
 
-Arm* open_arm = nullptr;  // [main]
+Arm* open_arm = nullptr;  // [main]; at most one arm is open
 
 Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
@@ -70,7 +70,7 @@ void pauseFor(long microseconds) {
   nanosleep(&time, nullptr);
 }
 
-// The library's isHomed() is true from the first motor on; a position needs all three.
+// The library's isHomed() is true as soon as one motor is homed; a position needs all three.
 bool isHomed(FalconDevice& falcon) {
   constexpr unsigned kAll = FalconFirmware::ENCODER_1_HOMED | FalconFirmware::ENCODER_2_HOMED |
                             FalconFirmware::ENCODER_3_HOMED;
@@ -83,11 +83,11 @@ void setForce(FalconDevice& falcon, const double (&force_W)[3]) {
   Vector force{};
   for (std::size_t i = 0; i < 3; ++i) force[i] = f[i];
   falcon.setForce(force);
-  // If the kinematics fails, the motors would keep their last force.
+  // If the kinematics fails, the motors would keep their last force, so zero is set directly.
   if (f[0] == 0.0 && f[1] == 0.0 && f[2] == 0.0) falcon.getFalconFirmware()->setForces(Motors{});
 }
 
-// Does one exchange with the arm. Returns false if the arm sent no new data.
+// Exchanges one message with the arm. Returns false if the arm sent no new data.
 bool exchange(FalconDevice& falcon) {
   const auto before = falcon.getFalconFirmware()->getLoopCount();
   falcon.runIOLoop();
@@ -110,7 +110,7 @@ void turnsOf(Arm& arm) {
       continue;
     }
     heard = now;
-    arm.orders.sent(order);  // the exchange begins with the zero from setForce
+    arm.orders.sent(order);  // the exchange begins with the zero of setForce
     palpate_plugin_reading r{};
     r.size = sizeof r;
     r.taken = now;
@@ -123,7 +123,7 @@ void turnsOf(Arm& arm) {
     arm.readings.put(r);
   }
   // The library sends a force one exchange late, but sends the zero of setForce() in the first
-  // exchange. The loop does two exchanges for safety.
+  // exchange. This loop does two exchanges for safety.
   constexpr int kTries = 20;
   int sent = 0;
   for (int i = 0; i < kTries && sent < 2; ++i) {
@@ -138,7 +138,7 @@ void turnsOf(Arm& arm) {
 
 void turns(Arm& arm) noexcept {
   char line[1];
-  // An exception from the library means that the arm is lost.
+  // An exception from the library counts as the loss of the arm.
   const bool ended = safely("nifalcon", line, sizeof line, false, [&arm] {
     turnsOf(arm);
     return true;
@@ -164,8 +164,8 @@ int facts(palpate_plugin_device*, palpate_plugin_facts* theirs) {
 int home(Arm& arm, char* error, std::size_t room) {
   FalconDevice& falcon = arm.falcon;
   auto firmware = falcon.getFalconFirmware();
-  // An arm that was without power has no firmware. The firmware is sent; the arm does not always
-  // take it.
+  // An arm that was without power has lost its firmware. The arm does not always accept the
+  // firmware, so it is sent several times.
   bool loaded = falcon.isFirmwareLoaded();
   constexpr int kTries = 10;
   for (int i = 0; i < kTries && !loaded; ++i) {
@@ -274,7 +274,7 @@ int find(palpate_plugin_found* found, int room) {
 // `serial` is 0 for the first arm that the library finds, 1 for the second, ...
 palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   if (open_arm != nullptr) {
-    tell(error, room, "nifalcon: an arm is open already; close it first");
+    tell(error, room, "nifalcon: an arm is open already; close that arm");
     return nullptr;
   }
   char* end = nullptr;

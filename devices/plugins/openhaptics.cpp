@@ -1,12 +1,12 @@
 // Plug-in for the Touch and the Phantoms (3D Systems, SensAble) through OpenHaptics' HD API, libHD.
-// Build it as in docs/plugins.md. Written by the API's published function names; palpate's makers
+// Build it as in docs/plugins.md. It follows the API's published function names; palpate's makers
 // have not tried it on an arm.
 //
 // Threads. By the API's reference an arm is read and driven within a frame, on the scheduler's
 // thread. So the servo loop is a callback of that scheduler. palpate exchanges values with the
-// callback through two slots, each with the newest value. `stop` sets a flag that the callback sees
-// in its next frame, and waits for that, as a rule for a millisecond; it calls no function of the
-// API.
+// callback through two slots, each of which holds the newest value. `stop` sets a flag that the
+// callback sees in its next frame, and waits until a zero has been sent, usually one millisecond.
+// `stop` calls no function of the API.
 #include <HD/hd.h>
 #include <atomic>
 #include <ctime>
@@ -19,10 +19,10 @@ namespace {
 
 using namespace palpate_plugins;
 
-// TO CHANGE: limits of your model, by the name that the API gives it, and their source. A model
-// that is not listed here gets the API's nominal limits.
+// TO CHANGE: limits of your model, under the name that the API gives it, and their source. A model
+// that is not listed gets the API's nominal limits.
 struct Model {
-  const char* name;  // HD_DEVICE_MODEL_TYPE
+  const char* name;  // as the API's HD_DEVICE_MODEL_TYPE
   double force, stiffness, damping, radius;
   const char* source;
 };
@@ -33,7 +33,7 @@ constexpr Model kModels[] = {
     {"PHANTOM Desktop", 7.9, 1000.0, 5.0, 0.10, kSource},
 };
 
-// TO CHECK: the API has x to the right, y up, z to the user, in millimetres.
+// TO CHECK: the API's x points to the right, y up, z to the user, in millimetres.
 constexpr Frame kFrame = {{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}}};
 constexpr double kMillimetre = 1e-3;
 
@@ -45,8 +45,8 @@ struct Arm {
   char serial[64] = {};
   char model[64] = {};
   palpate_plugin_facts facts{};
-  double middle[3] = {};  // of the workspace, in the API's axes [mm]
-  HDint style = 0;        // how the arm is calibrated
+  double middle[3] = {};  // middle of the workspace, in the API's axes [mm]
+  HDint style = 0;        // way in which the arm is calibrated
   HDSchedulerHandle callback = 0;
   bool runs = false;
   Newest<palpate_plugin_reading> readings;
@@ -54,7 +54,7 @@ struct Arm {
   std::atomic<bool> gone{false};
   std::atomic<bool> refused{false};  // a force was refused since the last write
   std::atomic<HDenum> calibration{HD_CALIBRATION_NEEDS_MANUAL_INPUT};
-  std::atomic<HDenum> calibrate{0};  // style of calibration for the next frame; 0: no request
+  std::atomic<HDenum> calibrate{0};  // way of calibration for the next frame; 0: none requested
 };
 
 Arm* open_arm = nullptr;  // [main]; the API has one scheduler for all arms
@@ -63,8 +63,8 @@ Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
 }
 
-// Errors on the API's error stack. Reading them empties the stack, so that no error stays for the
-// next call.
+// Errors on the API's error stack. Reading them empties the stack, so that the next call starts
+// without errors.
 struct Errors {
   HDerror newest = HD_SUCCESS;
   bool lost = false;
@@ -90,7 +90,7 @@ Errors errorsNow() {
         errors.refused = true;  // the API has taken the force off
         break;
       default:
-        errors.lost = true;  // the cable, the arm, or a wrong call
+        errors.lost = true;  // the cable or the arm is lost, or a call was wrong
     }
   }
   return errors;
@@ -152,7 +152,7 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
   return HD_CALLBACK_CONTINUE;
 }
 
-// Reads the facts of the current arm, before the scheduler runs.
+// Reads the facts of the current arm. Called before the scheduler runs.
 void describe(Arm& arm) {
   copy(arm.serial, hdGetString(HD_DEVICE_SERIAL_NUMBER));
   copy(arm.model, hdGetString(HD_DEVICE_MODEL_TYPE));
@@ -190,8 +190,8 @@ void describe(Arm& arm) {
     f.workspace_radius = m.radius;
     copy(f.source, m.source);
   }
-  // `continuous` stays zero: the API gives a force, but not how fast the motors grow hot.
-  // HD_WARM_MOTORS reports their heat instead.
+  // `continuous` stays zero. The API gives a continuous force, but not the motors' time constant.
+  // HD_WARM_MOTORS reports when the motors are hot instead.
 }
 
 int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
@@ -209,7 +209,7 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
   if (!arm.runs) {
     hdMakeCurrentDevice(arm.handle);
     arm.callback = hdScheduleAsynchronous(onServo, &arm, HD_DEFAULT_SCHEDULER_PRIORITY);
-    hdEnable(HD_FORCE_OUTPUT);  // the force is zero: no order has come yet
+    hdEnable(HD_FORCE_OUTPUT);  // the force is zero, because no order has come yet
     hdStartScheduler();
     const Errors errors = errorsNow();
     if (errors.newest != HD_SUCCESS) {
@@ -292,8 +292,8 @@ const void* extensionOf(palpate_plugin_device*, const char*) {
   return nullptr;
 }
 
-// Opens and describes the arm with this name in the maker's own set-up. On failure returns false,
-// with the cause in `why`.
+// Opens and describes the arm that the maker's set-up program lists under this name. On failure
+// returns false and sets `why` to the cause.
 bool begin(Arm& arm, const char* name, HDerror& why) {
   errorsNow();
   arm.handle = hdInitDevice(name);
@@ -304,7 +304,8 @@ bool begin(Arm& arm, const char* name, HDerror& why) {
   return true;
 }
 
-// The API cannot list arms: only the default arm is opened. Other arms are opened by their name.
+// The API cannot list arms, so this function opens only the default arm. open() opens other arms by
+// their name.
 int find(palpate_plugin_found* found, int room) {
   palpate_plugin_found f{};
   if (open_arm != nullptr) {
@@ -322,10 +323,10 @@ int find(palpate_plugin_found* found, int room) {
   return 1;
 }
 
-// `serial` is the default arm's serial number, or the name of an arm in the maker's own set-up.
+// `serial` is the default arm's serial number, or a name from the maker's set-up program.
 palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
   if (open_arm != nullptr) {
-    tell(error, room, "openhaptics: an arm is open already; close it first");
+    tell(error, room, "openhaptics: an arm is open already; close that arm");
     return nullptr;
   }
   Arm* arm = new (std::nothrow) Arm;

@@ -55,7 +55,7 @@ bool PluginServer::isSound(const PluginOrder& order, std::int64_t now) noexcept 
   const bool force_grows = force_growth_.look(size, dt);
   const bool carry_grows = carry_growth_.look(order.carry, dt);
   constexpr double kRounding = 1e-9;
-  // Comparisons are false for NaN.
+  // A comparison with NaN is false, so NaN is not sound.
   const bool sound = size <= peak_ * (1.0 + kRounding) && force_grows && order.carry >= 0.0 &&
                      order.carry <= 1.0 && carry_grows;
   if (!sound) {
@@ -79,16 +79,18 @@ void PluginServer::give(std::int64_t now) noexcept {
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
     device_.carry(stopped ? 0.0 : order_.carry);
     news_.wrote = device_.write(stopped ? none : order_.force);
-    // Neither an impossible order nor a plug-in that hangs counts as late.
+    // A result below 0 reports kWrite instead of kLate. It is for an order that no gate can have
+    // let through, and for a plug-in that hung.
     if (!sound || (stopped && blamed_)) news_.wrote = -1;
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
     drives_ = !stopped && !zero;
-    // A stop() that came during the write may have been before the force.
+    // A stop() that came during the write may have preceded the force, so the force is taken off
+    // again.
     if (!stopped && stopped_) takeOff();
     link_.news.store(news_);
   } else if (drives_ && now - ordered_at_ > nsOf(kSilent)) {
-    // Orders no longer come.
+    // No order has come for kSilent.
     drives_ = false;
     stopped_ = true;
     takeOff();
@@ -154,12 +156,12 @@ PluginServer::Look PluginServer::look(std::int64_t now) noexcept {
 
 namespace {
 
-/// For signal handlers: if a plug-in crashes, the handler takes its force off before the process
-/// ends.
+/// The device for signal handlers: if the plug-in crashes, the handler takes its force off before
+/// the process ends.
 std::atomic<const PluginDevice*> the_device{nullptr};
 
-/// Ends the process if the code that follows takes longer: then only the next process can take the
-/// force off.
+/// Time after which the process is ended if the following code hangs. Then the next process takes
+/// the force off.
 constexpr long kStopTime = 30000;  // [us]
 void endIn(long us) noexcept {
   const itimerval time{{0, 0}, {us / 1000000, us % 1000000}};
@@ -167,7 +169,7 @@ void endIn(long us) noexcept {
 }
 
 extern "C" void stopThenEnd(int signal) {
-  // If stop() crashes too, or hangs, the process still ends.
+  // If stop() also crashes or hangs, the process still ends.
   if (const PluginDevice* device = the_device.exchange(nullptr)) {
     endIn(kStopTime);
     device->stop();
@@ -184,7 +186,7 @@ extern "C" void stopAtExit() {
   }
 }
 
-/// A signal stack for this thread: a stack overflow is also a crash.
+/// A separate stack for signal handlers on this thread, because a stack overflow is also a crash.
 class HandlerStack {
  public:
   HandlerStack() : memory_(65536) {
@@ -205,7 +207,8 @@ class HandlerStack {
   std::vector<std::byte> memory_;
 };
 
-/// Catches the signals that end a process. Ignores SIGPIPE, of a socket or a pipe that is not read.
+/// Handles the signals of crashes. Ignores SIGPIPE, which a write to a closed socket or pipe
+/// causes.
 void catchCrashes() {
   struct sigaction action {};
   action.sa_handler = stopThenEnd;
@@ -226,7 +229,8 @@ bool programEnded() {
   return poll(&control, 1, 0) > 0 && (control.revents & (POLLHUP | POLLERR)) != 0;
 }
 
-/// Ends this process if it has not ended soon after the program, even if the plug-in hangs.
+/// Starts a thread that ends this process shortly after the program has ended, even if the plug-in
+/// hangs.
 void endWithProgram() {
   std::thread([] {
     pollfd control{kPluginControl, 0, 0};
@@ -238,18 +242,18 @@ void endWithProgram() {
   }).detach();
 }
 
-/// Keeps the descriptors in this process, not in processes that a plug-in starts.
+/// Prevents processes that the plug-in starts from inheriting the descriptors.
 void keepDescriptors() {
   for (const int own : {kPluginControl, kPluginMemory, kPluginZero}) {
     (void)fcntl(own, F_SETFD, FD_CLOEXEC);
   }
 }
 
-/// Claims an arm for this process as long as the object lives, by a name in the kernel that dies
+/// Claims an arm for this process during the object's life, by a name in the kernel that vanishes
 /// with the process.
 class Claim {
  public:
-  /// Throws DeviceError if another program holds the arm.
+  /// Throws DeviceError if another program has claimed the arm.
   Claim(const std::string& plugin, const std::string& serial) {
     const std::string arm = "plugin:" + plugin + (serial.empty() ? "" : "@" + serial);
     const std::string name = "palpate-" + arm;
@@ -259,7 +263,7 @@ class Claim {
     own_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (own_ < 0 || bind(own_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
       if (own_ >= 0) close(own_);
-      throw DeviceError(arm, "another program uses it", "end that program first");
+      throw DeviceError(arm, "another program uses it", "end that program");
     }
   }
   Claim(const Claim&) = delete;
@@ -301,13 +305,16 @@ palpate_plugin_facts sendFacts(const PluginDevice& device) {
   return facts;
 }
 
-/// Maps the memory that the program shares, and protects the program's part from the plug-in.
-/// Throws DeviceError.
+/// Maps the memory that the program shares, and write-protects the program's part. Throws
+/// DeviceError.
 PluginLink& mapLink() {
   void* memory =
       mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
   if (memory == MAP_FAILED) {
-    throw DeviceError("palpate-plugin", "its memory cannot be mapped", "free some memory");
+    throw DeviceError("palpate-plugin",
+                      std::string("memory shared with palpate cannot be mapped (mmap: ") +
+                          std::strerror(errno) + ")",
+                      "end other programs");
   }
   auto& link = *static_cast<PluginLink*>(memory);
   if (link.magic != PluginLink::kMagic || link.size != sizeof(PluginLink)) {
@@ -332,8 +339,8 @@ void sendFound(const palpate_plugin_found& found) {
                           std::as_bytes(std::span(&found, 1)));
 }
 
-/// Sends the program the arm that is opened. Returns its serial number, which the caller may leave
-/// out.
+/// Chooses the arm to open and reports it to the program. Returns its serial number. The caller may
+/// ignore the result.
 std::string chooseArm(const PluginLibrary& plugin, const std::string& serial) {
   palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};
   const std::string own = plugin.only(serial);
@@ -342,23 +349,24 @@ std::string chooseArm(const PluginLibrary& plugin, const std::string& serial) {
   return own.empty() ? serial : own;
 }
 
-/// Stops the arm. If the plug-in does not stop in time, the process ends instead.
+/// Stops the arm. If the plug-in does not stop in time, ends the process.
 void stopInTime(PluginServer& server) {
   endIn(kStopTime);
   server.stop();
   endIn(0);
 }
 
-/// Watches the haptic thread until the program ends. Stops the arm if the program asks for zero
+/// Watches the haptic thread until the program ends. Stops the arm if the program requests zero
 /// force, or if the thread hangs.
 void watchServer(PluginServer& server) {
-  // Above the haptic thread, because a hung thread keeps its core.
+  // This thread needs a priority above that of the haptic thread, because a hung thread keeps its
+  // core.
   RealtimeRequest above;
   above.priority = kMostPriority;
   above.lock_memory = false;
   (void)becomeRealtime(above, StayAwake(false));
   std::array<pollfd, 2> ends{{{kPluginControl, POLLIN, 0}, {kPluginZero, POLLIN, 0}}};
-  constexpr int kLook = 2;  // [ms]
+  constexpr int kLook = 2;  // [ms] between two checks
   bool over = false;
   while (!over) {
     (void)poll(ends.data(), ends.size(), kLook);
@@ -369,17 +377,17 @@ void watchServer(PluginServer& server) {
     over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
     const PluginServer::Look look = server.look(nowNs());
     if (look == PluginServer::Look::kStop) stopInTime(server);
-    // The haptic thread hangs in the plug-in.
+    // The haptic thread hangs inside the plug-in.
     if (look == PluginServer::Look::kEnd) _exit(3);
   }
 }
 
-/// Stops the arm and ends the haptic thread's loop, or else this process.
+/// Stops the arm and ends the haptic thread's loop. If the loop does not end, ends this process.
 void endServer(PluginServer& server, PluginLink& link) {
   stopInTime(server);
   server.end();
   wakeWord(link.orders);
-  constexpr int kPatience = 200;  // [ms]
+  constexpr int kPatience = 200;  // [ms] for the loop to end
   for (int ms = 0; !server.done() && ms < kPatience; ++ms) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -428,7 +436,8 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     (void)becomeRealtime({}, StayAwake(false));
     server.loop();
   });
-  // The arm is ready when the loop turns: locking its memory may take a while.
+  // Reports the arm ready when the loop makes its first turn, because locking its memory may take a
+  // while.
   while (link.heart == 0 && !programEnded()) std::this_thread::yield();
   (void)sendPluginMessage(kPluginControl, PluginMessage::kDone, std::string());
   watchServer(server);

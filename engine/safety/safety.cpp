@@ -29,7 +29,7 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
      "home the arm again"},
     {"temperature", "the device is too hot", "let it cool"},
     {"power", "the device has no power", "switch it on"},
-    {"switch", "the device's safety switch is open", "close it"},
+    {"switch", "the device's safety switch is open", "close the switch"},
     {"heartbeat", "the application has sent no heartbeat in time", "find out why it hangs"},
     {"unguarded", "the guardian process does not respond", "start the program again"},
     {"stopped", "the force was switched off", "switch it on again when the hand is ready"},
@@ -96,7 +96,8 @@ double StillFade::pass(double force, double still, double friction, double dt) n
 }
 
 bool Reengagement::look(Fault latched, Fault wrong, double now) noexcept {
-  // At this point the late tick is not yet reported as late.
+  // A pause before this tick is measured here, because `wrong` does not yet contain the delay of
+  // this tick.
   const bool paused = now - std::exchange(last_, now) > kPause;
   others_ = paused || (others_ && latched != Fault::kNone);
   if (latched == Fault::kNone || wrong != Fault::kNone) good_since_ = now;

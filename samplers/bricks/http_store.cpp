@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/module.h"
 
 namespace palpate {
 namespace {
@@ -252,9 +253,7 @@ class HttpStore final : public ObjectStore {
   std::unique_ptr<CURLM, EndsMulti> multi_;
 };
 
-}  // namespace
-
-std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address, const StoreParams& params) {
+std::unique_ptr<ObjectStore> openHttp(const std::string& address, const StoreParams& params) {
   if (!isAddress(address)) {
     throw VolumeError(address, "it is not an address of a folder",
                       "give http://host/folder, without a user, ? or #");
@@ -265,4 +264,8 @@ std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address, const Sto
   return std::make_unique<HttpStore>(std::move(folder), params);
 }
 
+}  // namespace
 }  // namespace palpate
+
+// NOLINTNEXTLINE(readability-identifier-naming): the name of the symbol in module.map.
+extern "C" const palpate::ModuleEntry<palpate::HttpFactory> palpate_module{&palpate::openHttp};

@@ -1,5 +1,5 @@
-/// Private to samplers: fields computed from grids, for each supported type. Include it in .cpp
-/// files only.
+/// Private to samplers: computes derived properties of grids, for each supported type of grid.
+/// Include it in .cpp files only.
 #pragma once
 
 #include <array>
@@ -15,6 +15,7 @@
 #include "palpate/engine/field/flow.h"
 #include "palpate/samplers/grid/derive.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/tile_blocks.h"
 #include "palpate/samplers/grid/vdb_field.h"
 #include "palpate/samplers/grid/volume_grid.h"
 
@@ -25,7 +26,7 @@ using openvdb::Coord;
 template <class Value>
 constexpr bool kIsVector = !std::is_arithmetic_v<Value>;
 
-/// The precision of a grid's numbers.
+/// Floating-point type of the numbers in a grid's values.
 template <class Value>
 struct RealOf {
   using Type = Value;
@@ -51,7 +52,7 @@ Value toGrid(const Vec3& value) noexcept {
   return Value(value.x(), value.y(), value.z());
 }
 
-/// Computes the derived scalar or vector from a vector and its Jacobian.
+/// Computes a derived scalar from a vector v and its Jacobian J.
 inline double scalarOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   switch (what) {
     case Derivation::kMagnitude:
@@ -69,7 +70,7 @@ inline double scalarOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
 inline Vec3 vectorOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   return what == Derivation::kUnit ? unit(v) : curl(J);
 }
-/// Calls vectorOf or scalarOf, depending on `Value`.
+/// Calls vectorOf for a vector type, and scalarOf for a scalar type.
 template <class Value>
 Value derived(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   if constexpr (kIsVector<Value>) {
@@ -79,7 +80,8 @@ Value derived(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   }
 }
 
-/// A leaf of a tree and its six neighbours across its faces, or the tiles in their place.
+/// A leaf of a tree, and its six neighbours across its faces. A tile may be in place of a
+/// neighbour.
 template <class TreeT>
 class Neighbourhood {
   using Leaf = typename TreeT::LeafNodeType;
@@ -104,10 +106,11 @@ class Neighbourhood {
     }
   }
 
-  /// Returns the value of the leaf's voxel n.
+  /// Returns the value of voxel n of the leaf.
   [[nodiscard]] Value value(int n) const noexcept { return own_.value(n); }
 
-  /// Returns half the difference of the voxel's neighbours along an axis: the derivative by index.
+  /// Returns half the difference of the two neighbours of voxel n along an axis. This is the
+  /// central difference, a derivative by index.
   [[nodiscard]] auto slope(int n, int axis) const noexcept {
     const int shift = 6 - 3 * axis;
     const int step = 1 << shift;
@@ -133,49 +136,28 @@ class Neighbourhood {
   std::array<Place, 3> above_;
 };
 
-/// Selects the voxels of an active tile that get a leaf.
+/// The voxels of an active tile that are stored in leaves of the derived grid.
 enum class Tiles : std::uint8_t {
-  kKept,    ///< No voxels.
-  kOpened,  ///< Voxels along its faces, which have other neighbours.
+  kKept,    ///< None: the tile stays a tile.
+  kOpened,  ///< Those along the faces of the tile, whose neighbours lie outside of the tile.
   kSplit,   ///< All voxels.
 };
 
-template <class TreeT>
-void open(TreeT& tree, Tiles tiles) {
-  constexpr int kSize = static_cast<int>(TreeT::LeafNodeType::DIM);
-  constexpr int kLargest = 128;  // larger tiles have millions of voxels per face
-  std::vector<Coord> origins;
-  auto tile = std::as_const(tree).cbeginValueOn();
-  tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
-  for (; tile; ++tile) {
-    const openvdb::CoordBBox box = tile.getBoundingBox();
-    if (box.dim().x() > kLargest) continue;
-    const int last = box.dim().x() - kSize;
-    for (int i = 0; i <= last; i += kSize) {
-      for (int j = 0; j <= last; j += kSize) {
-        const bool all = tiles == Tiles::kSplit || i == 0 || i == last || j == 0 || j == last;
-        for (int k = 0; k <= last; k += all || last == 0 ? kSize : last) {
-          origins.push_back(box.min().offsetBy(i, j, k));
-        }
-      }
-    }
-  }
-  for (const Coord& origin : origins) tree.touchLeaf(origin);
-}
-
-/// Makes a grid with the same active voxels as `in`; `rule` fills each leaf.
+/// Makes a grid with the same active voxels as `in`. `rule` computes the values of each leaf.
 template <class OutGrid, class InGrid, class Rule>
 typename OutGrid::Ptr sameVoxels(const InGrid& in, Tiles tiles, Rule rule) {
   using OutTree = typename OutGrid::TreeType;
   auto tree = std::make_shared<OutTree>(in.tree(), openvdb::zeroVal<typename OutTree::ValueType>(),
                                         openvdb::TopologyCopy());
-  if (tiles != Tiles::kKept) open(*tree, tiles);
+  if (tiles != Tiles::kKept) {
+    for (const Coord& at : tileBlocks(*tree, tiles == Tiles::kSplit)) tree->touchLeaf(at);
+  }
   openvdb::tree::LeafManager<OutTree> leaves(*tree);
   leaves.foreach ([&](typename OutTree::LeafNodeType& leaf, std::size_t) { rule(leaf); });
   return OutGrid::create(tree);
 }
 
-/// Derives from a vector grid whose vectors are in the file's space.
+/// Derives a property of a vector grid whose vectors are in the file's world space.
 template <class OutGrid, class InGrid>
 typename OutGrid::Ptr ofVector(const InGrid& in, const Mat3& index_from_file, Derivation what) {
   using Out = typename OutGrid::ValueType;
@@ -204,7 +186,7 @@ typename OutGrid::Ptr ofVector(const InGrid& in, const Mat3& index_from_file, De
   return out;
 }
 
-/// Computes the gradient of a scalar.
+/// Computes the gradient of a scalar grid.
 template <class OutGrid, class InGrid>
 typename OutGrid::Ptr gradientOf(const InGrid& in, const Mat3& index_from_file) {
   using Out = typename OutGrid::ValueType;
@@ -219,8 +201,8 @@ typename OutGrid::Ptr gradientOf(const InGrid& in, const Mat3& index_from_file) 
   });
 }
 
-/// Derives from a vector of three grids, at the voxels of the first. A voxel becomes inactive if
-/// one of the grids has no data there.
+/// Derives a property of a vector of three grids, at the voxels of the first grid. A voxel becomes
+/// inactive if any of the three grids has no data at its place.
 template <class OutGrid, class InGrid>
 typename OutGrid::Ptr ofComponents(const std::shared_ptr<const Volume>& volume, const InGrid& first,
                                    const Volume::Grid::Part& part, Derivation what) {
@@ -241,7 +223,7 @@ typename OutGrid::Ptr ofComponents(const std::shared_ptr<const Volume>& volume, 
   });
 }
 
-/// Makes the derived grid, in index space.
+/// Makes the derived grid. The index space of the original grid is its world space.
 template <class GridT>
 openvdb::GridBase::Ptr derivedGrid(const std::shared_ptr<const Volume>& volume, const GridT& grid,
                                    Derivation what) {

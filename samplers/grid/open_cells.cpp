@@ -10,6 +10,7 @@
 #include <tbb/parallel_reduce.h>
 
 #include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/tile_blocks.h"
 #include "palpate/samplers/grid/volume_grid.h"
 
 namespace palpate {
@@ -19,8 +20,8 @@ using openvdb::Coord;
 
 constexpr int kLeaf = 8;
 
-/// Number of open cells, and the first open cell. The result does not depend on the order of
-/// threads.
+/// The number of open cells found, and the first of them. The result does not depend on the order
+/// of threads.
 struct Tally {
   std::uint64_t count = 0;
   Coord first;
@@ -32,46 +33,30 @@ struct Tally {
   }
 };
 
-/// Returns the origins of the leaves, and of the outermost blocks of a leaf's size in active tiles:
-/// a tile has no surface inside.
+/// Returns the origins of the leaves, and of the outer blocks of active tiles: a tile has no
+/// surface inside.
 template <class TreeT>
 std::vector<Coord> blocksOf(const TreeT& tree) {
-  std::vector<Coord> out;
-  out.reserve(tree.leafCount());
+  std::vector<Coord> out = detail::tileBlocks(tree, /*inner=*/false);
+  out.reserve(out.size() + tree.leafCount());
   for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) out.push_back(leaf->origin());
-  constexpr int kLargest = 128;  // larger tiles have millions of voxels per face
-  auto tile = tree.cbeginValueOn();
-  tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
-  for (; tile; ++tile) {
-    const openvdb::CoordBBox box = tile.getBoundingBox();
-    const int last = box.dim().x() - kLeaf;
-    if (box.dim().x() > kLargest) continue;
-    for (int i = 0; i <= last; i += kLeaf) {
-      for (int j = 0; j <= last; j += kLeaf) {
-        const bool all = i == 0 || i == last || j == 0 || j == last;
-        for (int k = 0; k <= last; k += all || last == 0 ? kLeaf : last) {
-          out.push_back(box.min().offsetBy(i, j, k));
-        }
-      }
-    }
-  }
   return out;
 }
 
-/// Returns the place of a cell's corner relative to its lowest corner.
+/// Returns the offset of corner n of a cell from the cell's lowest corner.
 inline Coord corner(int n) noexcept {
   return {n >> 2, (n >> 1) & 1, n & 1};
 }
 
-/// Finds open cells, for one thread.
+/// Finds open cells. Each thread has its own object.
 template <class TreeT>
 class Finder {
  public:
   Finder(const TreeT& tree, double level, double sign)
       : accessor_(tree), level_(level), sign_(sign) {}
 
-  /// Counts the open cells whose first active corner is this voxel. So each open cell is counted
-  /// at one voxel.
+  /// Counts the open cells of which this voxel is the first active corner. So each open cell is
+  /// counted once.
   void countAt(const Coord& voxel, Tally& tally) const noexcept {
     if (!accessor_.isValueOn(voxel)) return;
     for (int n = 0; n < 8; ++n) {
@@ -81,7 +66,7 @@ class Finder {
   }
 
  private:
-  /// Returns false if a corner before `first` is active.
+  /// Returns true if the cell is open and none of its corners before `first` is active.
   [[nodiscard]] bool isOpen(const Coord& low, int first) const noexcept {
     int active = 0;
     int free = 0;
@@ -97,7 +82,7 @@ class Finder {
 
   openvdb::tree::ValueAccessor<const TreeT, false> accessor_;
   double level_;
-  double sign_;  ///< The gradient times this points outward.
+  double sign_;  ///< Factor that makes the gradient point outward: 1 or -1.
 };
 
 template <class TreeT>

@@ -22,7 +22,8 @@ Vec3 vec(const openvdb::Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Sets file = linear * index + origin. Returns false if the map is not affine or is singular.
+/// Writes the affine map of a grid, file = linear * index + origin. Returns false if the grid's map
+/// is not affine or is singular.
 bool affineMap(const openvdb::GridBase& grid, Mat3& linear, Vec3& origin) {
   const openvdb::math::Transform& transform = grid.transform();
   if (!transform.isLinear()) return false;
@@ -50,7 +51,7 @@ GridClass classOf(const openvdb::GridBase& grid) {
   }
 }
 
-/// Takes statistics from the metadata of a grid whose tree was not read.
+/// Copies the statistics from the metadata of a grid whose tree was not read.
 void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::CoordBBox& active) {
   using openvdb::GridBase;
   const auto voxels = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
@@ -66,14 +67,14 @@ void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::Coor
   }
 }
 
-/// Returns the bounds of the active voxels' centres, in the file's world space.
+/// Returns the box of the active voxels' centres in the file's world space.
 Box boundsOf(const openvdb::CoordBBox& active, const Volume::Grid::Part& part) {
   const auto vec3 = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
   return boxAbout({vec3(active.min()), vec3(active.max())},
                   [&](const Vec3& p_I) { return part.toFile(p_I); });
 }
 
-/// Returns "why: remedy" if a grid cannot be felt, else an empty string.
+/// Returns "reason: remedy" if the grid is not usable, else an empty string.
 std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool affine,
                       const std::vector<Volume::Grid::Part>& parts) {
   if (parts.empty()) {
@@ -109,8 +110,8 @@ std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
   return sum;
 }
 
-/// Returns the range of the magnitudes of a vector by component. Takes them at the active voxels of
-/// the first grid, with the nearest voxels of the other grids.
+/// Writes the range and the mean of the magnitudes of a vector that consists of three grids. Uses
+/// the active voxels of the first grid, and the nearest voxels of the other two.
 template <class GridT>
 Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
   using Tree = typename GridT::TreeType;
@@ -134,7 +135,7 @@ Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
             const Vec3 p_F = parts[0].toFile(Vec3(c.x(), c.y(), c.z()));
             typename GridT::ValueType v{};
             typename GridT::ValueType w{};
-            // A vector exists only where all three grids have data.
+            // The vector has data only where all three grids have data.
             if (y.probeValue(nearest(y_from_file * (p_F - parts[1].origin)), v) &&
                 z.probeValue(nearest(z_from_file * (p_F - parts[2].origin)), w)) {
               range.add(openvdb::Vec3d(*value, v, w).length(), true);
@@ -170,11 +171,12 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
     if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
       if (info.grid_class == GridClass::kStaggered) {
         using Scalars = ScalarGrid<typename GridT::ValueType::ValueType>;
-        // Each component is on a face of its voxel, half a voxel below the centre.
+        // In a staggered grid, each component belongs to a face of its voxel, half a voxel below
+        // the centre.
         for (int c = 0; c < 3; ++c) {
           Volume::Grid::Part face = part;
           face.origin -= 0.5 * part.linear.col(c);
-          face.data = typename Scalars::ConstPtr(detail::componentGrid<Scalars>(*grid, c));
+          face.data = typename Scalars::ConstPtr(detail::componentGrid(*grid, c));
           parts.push_back(std::move(face));
         }
         return;
@@ -231,8 +233,8 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
     info.smoothing.rms_change = std::max(info.smoothing.rms_change, one.smoothing.rms_change);
     info.smoothing.largest_change =
         std::max(info.smoothing.largest_change, one.smoothing.largest_change);
-    // Bounds the region where all components have data, which reach half a voxel beyond the
-    // centres.
+    // The bounds enclose the region where all components have data. The data of a component reach
+    // half a voxel beyond the centres of its voxels.
     info.bounds.lower = info.bounds.lower.cwiseMax(one.bounds.lower - 0.5 * one.voxel);
     info.bounds.upper = info.bounds.upper.cwiseMin(one.bounds.upper + 0.5 * one.voxel);
     squares += one.background * one.background;

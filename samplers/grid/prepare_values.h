@@ -1,5 +1,5 @@
-/// Private to samplers: prepares the values of a grid, for each supported type. Include it in .cpp
-/// files only.
+/// Private to samplers: checks and prepares the values of a grid, for each supported type. Include
+/// it in .cpp files only.
 #pragma once
 
 #include <algorithm>
@@ -28,15 +28,16 @@ namespace palpate::detail {
 using openvdb::Coord;
 using Progress = std::function<void(double)>;
 
-/// Returns whether v is finite, and small enough that no derivative or spline coefficient
-/// overflows.
+/// Returns true if v is finite, and so small that derivatives and spline coefficients do not
+/// overflow.
 template <class Real>
 bool isUsable(Real v) noexcept {
   constexpr Real kMost = std::min<double>(1e100, std::numeric_limits<Real>::max());
   return std::abs(v) <= kMost;
 }
 
-/// Lowest, highest and mean of a grid's active values. `unusable` counts among all stored values.
+/// Lowest, highest and mean active value of a grid. `unusable` counts the unusable values among all
+/// stored values, active or not.
 struct Range {
   double sum = 0.0;
   double count = 0.0;
@@ -61,8 +62,8 @@ struct Range {
     highest = std::max(highest, other.highest);
     unusable += other.unusable;
   }
-  /// Adds a leaf's voxels, eight at a time as in its mask, which is a few times faster than one by
-  /// one.
+  /// Adds the voxels of a leaf, eight at a time, which is a few times faster than one at a time.
+  /// One byte of the leaf's mask describes eight voxels.
   template <class Leaf>
   void addLeaf(const Leaf& leaf) noexcept {
     using Size = decltype(sizeOf(*leaf.buffer().data()));
@@ -99,7 +100,7 @@ struct Range {
   }
 };
 
-/// Reads a leaf that is still on disk.
+/// Reads the values of a leaf that are still on disk.
 template <class Leaf>
 void readLeaf(Leaf& leaf) {
   using Buffer = typename Leaf::Buffer;
@@ -108,16 +109,16 @@ void readLeaf(Leaf& leaf) {
   try {
     (void)leaf.buffer().data();
   } catch (...) {
-    // OpenVDB 10 leaves a buffer that could not be read in a state that its destructor
-    // misinterprets. So its memory, the first member, is freed here, and a sound buffer takes its
-    // place.
+    // If a buffer could not be read, OpenVDB 10 leaves it in a state that its destructor
+    // misinterprets. So this code frees the memory of the buffer, whose address is its first
+    // member, and constructs a valid buffer in its place.
     delete[] * reinterpret_cast<Value**>(&leaf.buffer());
     ::new (static_cast<void*>(&leaf.buffer())) Buffer(openvdb::zeroVal<Value>());
     throw;
   }
 }
 
-/// The range of the tiles in the nodes above the leaves.
+/// Computes the range of the values of tiles in the nodes above the leaves.
 struct TileRange {
   Range range;
 
@@ -134,12 +135,12 @@ struct TileRange {
   void join(const TileRange& other) noexcept { range.join(other.range); }
 };
 
-/// Checks every value, and so reads the leaves that are still on disk.
+/// Checks every value. This also reads the leaves that are still on disk.
 template <class GridT>
 Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   using Tree = typename GridT::TreeType;
   openvdb::tree::LeafManager<Tree> leaves(grid.tree());
-  // Reads the leaves in short parts, so that progress can be reported.
+  // Reads the leaves in several parts, so that progress can be reported after each part.
   const std::size_t parts = progress && leaves.leafCount() > 10000
                                 ? std::max<std::size_t>(16, leaves.leafCount() >> 16U)
                                 : 1;
@@ -162,7 +163,7 @@ Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
         }));
     if (progress) progress(static_cast<double>(part + 1) / static_cast<double>(parts));
   }
-  // Nodes above the leaves.
+  // Adds the tiles of the nodes above the leaves.
   TileRange tiles;
   openvdb::tree::NodeManager<const Tree, Tree::RootNodeType::LEVEL - 1>(grid.constTree())
       .reduceTopDown(tiles);
@@ -171,7 +172,8 @@ Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   return range;
 }
 
-/// Replaces unusable values by the inactive background. A background that is unusable becomes zero.
+/// Replaces unusable values by the background, and makes them inactive. An unusable background
+/// becomes zero.
 template <class GridT>
 void fillUnusable(GridT& grid) {
   using Value = typename GridT::ValueType;
@@ -195,13 +197,14 @@ void fillUnusable(GridT& grid) {
   }
 }
 
-/// Turns vectors from the grid's index space into the file's world space, by the rule of their
+/// Converts vectors from the grid's index space into the file's world space, by the rule of their
 /// VecType.
 template <class GridT>
 void turnVectors(GridT& grid) {
   const openvdb::Mat4d map = grid.transform().baseMap()->getAffineMap()->getMat4();
-  grid.setIsInWorldSpace(true);  // otherwise OpenVDB turns no vectors
-  // OpenVDB leaves the background unchanged.
+  grid.setIsInWorldSpace(true);  // otherwise OpenVDB does not transform vectors
+  // OpenVDB does not transform the background, so a grid of one voxel with the background's value
+  // is transformed.
   auto one = GridT::create();
   one->setVectorType(grid.getVectorType());
   one->tree().setValue(Coord(0, 0, 0), grid.background());
@@ -211,7 +214,7 @@ void turnVectors(GridT& grid) {
                                    /*updateChildNodes=*/false);
 }
 
-/// Checks, fills, smooths and turns the values of a grid of a supported type.
+/// Checks, fills, smooths and transforms the values of a grid of a supported type.
 template <class GridT>
 void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInfo& info) {
   Range range = rangeOf(grid, options.progress);
@@ -251,34 +254,11 @@ void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInf
   }
 }
 
-/// Returns one component of a vector grid, as a grid of its own.
-template <class ScalarGrid, class VectorGrid>
-typename ScalarGrid::Ptr componentGrid(const VectorGrid& grid, int c) {
-  using ScalarTree = typename ScalarGrid::TreeType;
-  using Leaf = typename ScalarTree::LeafNodeType;
-  const auto& from = grid.constTree();
-  auto tree = std::make_shared<ScalarTree>(from, grid.background()[c], openvdb::TopologyCopy());
-  auto tile = tree->beginValueAll();
-  tile.setMaxDepth(ScalarTree::ValueAllIter::LEAF_DEPTH - 1);
-  for (; tile; ++tile) tile.setValue(from.getValue(tile.getCoord())[c]);
-  openvdb::tree::LeafManager<ScalarTree> leaves(*tree);
-  leaves.foreach ([&](Leaf& leaf, std::size_t) {
-    const auto* vectors = from.probeConstLeaf(leaf.origin());
-    for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
-      leaf.setValueOnly(i, vectors->getValue(i)[c]);
-    }
-  });
-  return ScalarGrid::create(tree);
-}
-
-// Defined in prepare_float.cpp and the like.
+// The instances are in prepare_float.cpp, prepare_double.cpp, prepare_vec3s.cpp and
+// prepare_vec3d.cpp.
 extern template void prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
 extern template void prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool, GridInfo&);
 extern template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
 extern template void prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
-extern template openvdb::FloatGrid::Ptr componentGrid<openvdb::FloatGrid>(const openvdb::Vec3SGrid&,
-                                                                          int);
-extern template openvdb::DoubleGrid::Ptr componentGrid<openvdb::DoubleGrid>(
-    const openvdb::Vec3DGrid&, int);
 
 }  // namespace palpate::detail

@@ -3,7 +3,6 @@
 namespace palpate::detail {
 
 template void prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
-template openvdb::DoubleGrid::Ptr componentGrid<openvdb::DoubleGrid>(const openvdb::Vec3DGrid&,
-                                                                     int);
+template openvdb::DoubleGrid::Ptr componentGrid(const openvdb::Vec3DGrid&, int);
 
 }  // namespace palpate::detail

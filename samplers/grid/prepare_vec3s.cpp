@@ -3,6 +3,6 @@
 namespace palpate::detail {
 
 template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
-template openvdb::FloatGrid::Ptr componentGrid<openvdb::FloatGrid>(const openvdb::Vec3SGrid&, int);
+template openvdb::FloatGrid::Ptr componentGrid(const openvdb::Vec3SGrid&, int);
 
 }  // namespace palpate::detail

@@ -8,6 +8,7 @@
 #include <openvdb/tools/Filter.h>
 #include <openvdb/tools/LevelSetFilter.h>
 
+#include "palpate/samplers/grid/component_grid.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
 
@@ -23,21 +24,32 @@ auto sizeOf(const T& value) noexcept {
   }
 }
 
-/// Applies OpenVDB's Gaussian. Returns how far it moved the active values.
+/// Applies OpenVDB's Gaussian, to vectors component by component: OpenVDB's library has the filter
+/// for scalars compiled.
 template <class GridT>
-Smoothing smooth(GridT& grid, int width) {
-  using Value = typename GridT::ValueType;
-  using Tree = typename GridT::TreeType;
-  const Tree before(grid.constTree());
-  if constexpr (std::is_floating_point_v<Value>) {
+void applyGaussian(GridT& grid, int width) {
+  if constexpr (std::is_floating_point_v<typename GridT::ValueType>) {
     if (grid.getGridClass() == openvdb::GRID_LEVEL_SET) {
       openvdb::tools::LevelSetFilter<GridT>(grid).gaussian(width);
     } else {
       openvdb::tools::Filter<GridT>(grid).gaussian(width);
     }
   } else {
-    openvdb::tools::Filter<GridT>(grid).gaussian(width);
+    for (int c = 0; c < 3; ++c) {
+      const auto component = componentGrid(grid, c);
+      applyGaussian(*component, width);
+      setComponent(grid, c, *component);
+    }
   }
+}
+
+/// Applies OpenVDB's Gaussian. Returns how far it moved the active values.
+template <class GridT>
+Smoothing smooth(GridT& grid, int width) {
+  using Value = typename GridT::ValueType;
+  using Tree = typename GridT::TreeType;
+  const Tree before(grid.constTree());
+  applyGaussian(grid, width);
   Smoothing report;
   report.width = width;
   double squares = 0.0;
@@ -62,9 +74,5 @@ Smoothing smooth(GridT& grid, int width) {
   report.half_height_voxels = sigma * M_PI * std::sqrt(2.0 / std::log(2.0));
   return report;
 }
-
-// OpenVDB's library has no filter for vectors: see smooth_vec3s.cpp and smooth_vec3d.cpp.
-extern template Smoothing smooth(openvdb::Vec3SGrid&, int);  ///< The same for float vectors.
-extern template Smoothing smooth(openvdb::Vec3DGrid&, int);  ///< The same for double vectors.
 
 }  // namespace palpate::detail

@@ -10,7 +10,7 @@
 namespace palpate::guess {
 namespace {
 
-/// Returns a mode's name, kind and reason on one line.
+/// Returns the name, the kind and the reason of a mode as one line.
 std::string lineOf(const Json& mode) {
   std::string line = mode["name"].get<std::string>() + ": " + mode["mode"].get<std::string>() +
                      " of " + mode["of"].get<std::string>();
@@ -18,14 +18,20 @@ std::string lineOf(const Json& mode) {
   return line + ": " + mode["description"].get<std::string>();
 }
 
+/// Returns `name`, or if it is taken `name` with a separator and the first free number from 2. The
+/// result is then taken.
+std::string takeFreeName(std::set<std::string>& taken, const std::string& name, char separator) {
+  std::string tried = name;
+  for (int n = 2; !taken.insert(tried).second; ++n) {
+    tried = fmt::format("{}{}{}", name, separator, n);
+  }
+  return tried;
+}
+
 }  // namespace
 
 std::string Draft::uniqueName(const std::string& name) {
-  std::string tried = names_.prefix + name;
-  for (int n = 2; !volume_names_.insert(tried).second; ++n) {
-    tried = fmt::format("{}{}_{}", names_.prefix, name, n);
-  }
-  return tried;
+  return takeFreeName(volume_names_, names_.prefix + name, '_');
 }
 
 void Draft::addVolume(const Candidate& candidate) {
@@ -49,9 +55,7 @@ std::string Draft::addField(const std::string& name, const Json& field) {
 void Draft::addMode(Json mode) {
   auto name = mode["name"].get<std::string>();
   if (name.find(names_.prefix) == std::string::npos) name.insert(0, names_.prefix);
-  std::string tried = name;
-  for (int n = 2; !mode_names_.insert(tried).second; ++n) tried = fmt::format("{} {}", name, n);
-  mode["name"] = tried;
+  mode["name"] = takeFreeName(mode_names_, name, ' ');
   modes_.push_back(std::move(mode));
 }
 
@@ -61,8 +65,9 @@ void Draft::addLevelSet(Json mode) {
 }
 
 std::size_t Draft::freeModes() const {
-  constexpr std::size_t kMost = 5;             // level sets not counted
-  constexpr std::size_t kMostByLevelSets = 3;  // so that other grids get two modes at least
+  constexpr std::size_t kMost = 5;  // largest number of modes, without those of level sets
+  // largest number of these that level sets may replace, so that other grids get at least two
+  constexpr std::size_t kMostByLevelSets = 3;
   const std::size_t taken =
       modes_.size() - level_sets_ + std::min<std::size_t>(level_sets_, kMostByLevelSets);
   return kMost - std::min(kMost, taken);
@@ -82,7 +87,7 @@ void Draft::takeBack(const Candidate& candidate) {
                 [&](const Omission& left) { return left.name == candidate.shownName(); });
 }
 
-/// Returns the omissions with their reasons, separated by commas; empty if there are none.
+/// Returns all omissions with their reasons, separated by commas; an empty text if there are none.
 std::string Draft::omissions(const char* before, const char* after) const {
   std::string all;
   for (const Omission& left : omissions_) {
@@ -92,7 +97,7 @@ std::string Draft::omissions(const char* before, const char* after) const {
   return all.empty() ? "" : before + all + after;
 }
 
-/// Returns the first remedy for an omission, or `otherwise`.
+/// Returns the remedy of the first omission that has one. If there is none, returns `otherwise`.
 std::string Draft::firstRemedy(const std::string& otherwise) const {
   for (const Omission& left : omissions_) {
     if (!left.remedy.empty()) return left.remedy;

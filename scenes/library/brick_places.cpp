@@ -5,9 +5,7 @@
 #include <string_view>
 
 #include "palpate/engine/error.h"
-#ifdef PALPATE_HTTP
 #include "palpate/samplers/bricks/http_store.h"
-#endif
 #ifdef PALPATE_RADOS
 #include "palpate/samplers/bricks/rados_store.h"
 #endif
@@ -17,26 +15,20 @@ namespace {
 
 struct Scheme {
   std::string_view begin;
-  const char* library;
   std::unique_ptr<ObjectStore> (*open)(const std::string& address, const StoreParams& params);
 };
 
 constexpr std::array kSchemes{
-#ifdef PALPATE_HTTP
-    Scheme{"http://", "libcurl", &makeHttpStore},
-    Scheme{"https://", "libcurl", &makeHttpStore},
-#else
-    Scheme{"http://", "libcurl", nullptr},
-    Scheme{"https://", "libcurl", nullptr},
-#endif
+    Scheme{"http://", &makeHttpStore},
+    Scheme{"https://", &makeHttpStore},
 #ifdef PALPATE_RADOS
-    Scheme{"rados://", "librados", &makeRadosStore},
+    Scheme{"rados://", &makeRadosStore},
 #else
-    Scheme{"rados://", "librados", nullptr},
+    Scheme{"rados://", nullptr},
 #endif
 };
 
-/// Returns null if the name is not an address.
+/// Returns the scheme of an address; null if the name is not an address.
 const Scheme* schemeOf(const std::string& name) noexcept {
   for (const Scheme& scheme : kSchemes) {
     if (name.starts_with(scheme.begin)) return &scheme;
@@ -63,7 +55,7 @@ std::unique_ptr<BrickSource> openBricks(const std::filesystem::path& place) {
   const Scheme* const scheme = schemeOf(address);
   if (scheme == nullptr) return std::make_unique<PosixBricks>(place);
   if (scheme->open == nullptr) {
-    throw VolumeError(address, std::string("this palpate was built without ") + scheme->library,
+    throw VolumeError(address, "this palpate was built without librados",
                       "copy the folder to this machine, or build palpate with this library");
   }
   return std::make_unique<FarBricks>(address, scheme->open(address, {}));

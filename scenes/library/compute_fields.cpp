@@ -12,13 +12,13 @@
 namespace palpate {
 namespace {
 
-/// Computes the derived fields whose own derivatives are needed.
+/// Computes the derived fields whose own derivatives a mode or another field needs.
 class FieldComputer {
  public:
   FieldComputer(const SceneSpec& spec, BuiltScene& built, SceneCache& cache)
       : spec_(spec), built_(built), cache_(cache) {}
 
-  /// See computeFields().
+  /// Does what computeFields() describes.
   GraphSpec compute() {
     GraphSpec graph = spec_.graph;
     for (const auto& [name, why] : wanted()) {
@@ -39,7 +39,7 @@ class FieldComputer {
   }
 
  private:
-  /// Largest number of computed fields. Each may be as large as its volume.
+  /// Largest number of computed fields. Each may need as much memory as its volume.
   static constexpr int kMostComputed = 64;
   struct Made {
     std::shared_ptr<const Volume> volume;
@@ -47,7 +47,7 @@ class FieldComputer {
     bool axial = false;
   };
 
-  /// Returns the names of the fields to compute, each with the reason.
+  /// Returns the names of the fields that must be computed, with the reason for each.
   [[nodiscard]] std::map<std::string, std::string> wanted() const {
     const auto& fields = spec_.graph.fields;
     std::map<std::string, std::string> names;
@@ -68,15 +68,18 @@ class FieldComputer {
         names.emplace(field.of, fmt::format("field \"{}\" needs its derivatives", name));
       }
     }
-    for (const auto& [name, volume] : spec_.volumes) names.erase(name);  // rejected by the graph
+    // the graph rejects a field that has the name of a volume
+    for (const auto& [name, volume] : spec_.volumes) names.erase(name);
     return names;
   }
 
-  /// Returns the volume of a name; null if it has no volume, or one that its derivation cannot use.
+  /// Returns the volume of a volume's or field's name. Returns null if there is no volume, or if
+  /// the derivation cannot use it.
   const Made* make(const std::string& name) {
     const auto known = made_.find(name);
     if (known != made_.end()) return known->second.volume != nullptr ? &known->second : nullptr;
-    // The entry stays null until the volume is made; this ends circles.
+    // The entry is null until the volume is computed. This ends the recursion if fields refer to
+    // each other in a circle.
     Made& made = made_[name];
     const auto volume = built_.volumes.find(name);
     if (volume != built_.volumes.end()) {
@@ -91,13 +94,14 @@ class FieldComputer {
     const std::string path = pathIn(spec_, "/fields/" + name);
     if (built_.sequences.count(of->from) != 0) {
       throw SceneError(path,
-                       "the field has to be computed at load, but its sequence is not in memory",
+                       "the field has to be computed at load, which is not possible for a sequence",
                        "compute the field for each frame beforehand, or remove the modes that need "
                        "its gradient");
     }
     if (built_.windows.count(of->from) != 0) {
       throw SceneError(
-          path, "the field has to be computed at load, but its volume in bricks is not in memory",
+          path,
+          "the field has to be computed at load, which is not possible for a volume in bricks",
           "compute the field before you write the bricks, or remove the modes that need its "
           "gradient");
     }
@@ -106,11 +110,13 @@ class FieldComputer {
           path, "the field has to be computed at load, but axial vectors have no derivatives",
           "remove \"axial\", or remove the modes that need its gradient");
     }
-    // A message from another site may name thousands of fields.
+    // The scene may be from another site and contain thousands of fields, so their number is
+    // limited.
     if (++computed_ > kMostComputed) {
       throw SceneError(
           path, fmt::format("more than {} fields have to be computed at load", kMostComputed),
-          "derive fewer fields from derived fields");
+          "remove fields that are derived from derived fields, or modes that need the gradient of "
+          "a derived field");
     }
     try {
       made = {cache_.derive(of->volume, what), of->from, of->axial && what == Derivation::kUnit};

@@ -1,4 +1,4 @@
-/// Private to scenes: reading of text files from users.
+/// Private to scenes: reads text files that the user has named.
 #pragma once
 
 #include <filesystem>
@@ -9,8 +9,8 @@
 
 namespace palpate {
 
-/// Throws E unless the name is that of a regular file: a pipe may block for ever, and a device may
-/// never end.
+/// Throws E unless the path leads to a regular file: reading a pipe may block for ever, and a
+/// device may have no end.
 template <class E>
 void checkRegular(const std::filesystem::path& file, const std::string& remedy) {
   std::error_code error;
@@ -19,17 +19,18 @@ void checkRegular(const std::filesystem::path& file, const std::string& remedy) 
     throw E(file.string(), "it cannot be read (" + error.message() + ")", remedy);
   }
   if (!std::filesystem::is_regular_file(status)) {
-    throw E(file.string(), "it is no file, but a folder, a pipe or a device", remedy);
+    throw E(file.string(), "it is a folder, a pipe or a device", remedy);
   }
 }
 
-/// Returns the whole file. Throws E if it is not a regular file, or cannot be read.
+/// Returns the content of a file. Throws E if it is not a regular file, or if it cannot be read.
 template <class E>
 [[nodiscard]] std::string readText(const std::filesystem::path& file, const std::string& remedy) {
   checkRegular<E>(file, remedy);
   std::ifstream in(file, std::ios::binary);
   std::ostringstream text;
-  // For an empty file `text << in.rdbuf()` inserts no characters, and so sets the failbit.
+  // An empty file is not read: `text << in.rdbuf()` would insert no characters and report this as
+  // an error.
   if (in && in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();
   if (in.bad() || !in.is_open() || !text) throw E(file.string(), "it cannot be read", remedy);
   return text.str();

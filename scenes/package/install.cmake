@@ -1,6 +1,7 @@
 # Installs each component with cmake --install, and packs the components into .debs with cpack:
 #
 #   programs  palpate          programs for a user with an arm
+#   network   palpate-network  modules: bricks over HTTP, sites, HDF5
 #   import    palpate-import   the importer with VTK
 #   view      palpate-view     the window
 #   library   libpalpate-dev   for find_package(palpate)
@@ -16,9 +17,6 @@ if(NOT PALPATE_ENGINE_ONLY)
                    ${PROJECT_SOURCE_DIR}/scenes/apps/cli/stability_picture.py
                    ${PROJECT_SOURCE_DIR}/scenes/apps/cli/trace_picture.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
-  # A user runs this script once, to make keys for sites.
-  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/network/sites/site_keys.sh
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/scenes/apps/cli/picture_style.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/devices/70-palpate-arms.rules ${here}/70-palpate-realtime.rules
@@ -31,6 +29,16 @@ if(NOT PALPATE_ENGINE_ONLY)
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  # A user runs this script once, to make keys for sites.
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/network/sites/site_keys.sh
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  get_property(modules GLOBAL PROPERTY PALPATE_MODULES)
+  if(modules)
+    # Not below CMAKE_INSTALL_LIBDIR: programs look for modules where they look for plug-ins.
+    install(TARGETS ${modules} LIBRARY DESTINATION lib/palpate COMPONENT network)
+    install(FILES ${PROJECT_SOURCE_DIR}/LICENSE
+      DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/palpate-network RENAME copyright COMPONENT network)
+  endif()
   install(TARGETS palpate-import-light
     RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
   if(PALPATE_VTK)
@@ -71,7 +79,7 @@ endif()
 
 # The libraries that exist in this build. With the engine alone: those that need only Eigen.
 set(libraries "")
-foreach(library analytic devices engine guardian hid json openvdb options plugins record
+foreach(library analytic devices engine guardian hid json modules openvdb options plugins record
         samplers scenes)
   if(TARGET palpate_${library})
     set_target_properties(palpate_${library} PROPERTIES EXPORT_NAME ${library})
@@ -134,8 +142,9 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_COMPONENTS_ALL programs library)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, palpate-view, python3-matplotlib")
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "ca-certificates, librados2, openssl")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS
+    "palpate-import, palpate-network, palpate-view, python3-matplotlib")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS librados2)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
     ${here}/postinst ${here}/postrm ${here}/triggers)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
@@ -144,7 +153,13 @@ set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")
 # Required by palpate::samplers, ::hid and ::scenes; the engine needs only Eigen.
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_RECOMMENDS "libopenvdb-dev, libtbb-dev, libfmt-dev, \
 nlohmann-json3-dev, libhidapi-dev, libboost-iostreams-dev, zlib1g-dev, \
-libzstd-dev, libcurl4-gnutls-dev | libcurl4-openssl-dev")
+libzstd-dev, palpate-network")
+if(modules)
+  list(APPEND CPACK_COMPONENTS_ALL network)
+  set(CPACK_DEBIAN_NETWORK_PACKAGE_NAME palpate-network)
+  set(CPACK_DEBIAN_NETWORK_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
+  set(CPACK_DEBIAN_NETWORK_PACKAGE_SUGGESTS "ca-certificates, openssl")
+endif()
 if(PALPATE_VTK)
   list(APPEND CPACK_COMPONENTS_ALL import)
   set(CPACK_DEBIAN_IMPORT_PACKAGE_NAME palpate-import)
@@ -165,11 +180,14 @@ if(PALPATE_PYTHON)
   math(EXPR next "${Python_VERSION_MINOR} + 1")
   set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= 3.${Python_VERSION_MINOR}), \
 python3 (<< 3.${next}), python3-numpy")
-  set(CPACK_DEBIAN_PYTHON_PACKAGE_RECOMMENDS python3-vtk9)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_RECOMMENDS "palpate-network, python3-vtk9")
 endif()
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
 Feels .vdb volumes with a force-feedback arm or a simulated hand. Contains the program, its importer \
 of NIfTI, NRRD, MetaImage and raw values, its manual, and the rules that let a user open an arm.")
+set(CPACK_COMPONENT_NETWORK_DESCRIPTION "\
+Lets palpate read bricks from web servers, connect the hands of several sites by DDS, and convert \
+recordings to HDF5.")
 set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
 Lets palpate import read the formats of VTK (DICOM, meshes of solvers, VTK files), and netCDF of \
 weather and oceans.")

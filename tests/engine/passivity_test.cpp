@@ -1,4 +1,5 @@
-/// Tests the energy tank: no hand, arm or scene may take energy out of it. Other methods fail.
+/// Tests the energy tank: with it, no hand, arm or scene can extract energy. Other methods fail
+/// these tests.
 #include "palpate/engine/safety/passivity.h"
 
 #include <cmath>
@@ -101,8 +102,8 @@ TEST_CASE("a lagging amplifier lets no hand take energy out of the tank", "[pass
 
 namespace {
 
-/// Checks hands of both kinds. If the tank knows the uncertainty, no hand gains energy. If the tank
-/// does not know it, some hands do.
+/// Checks passive hands and adversaries. If the tank knows the uncertainty, no hand gains energy.
+/// If the tank does not know it, some hands do.
 template <class Doubt>
 void onlyWhereTold(long count, Doubt doubt) {
   for (const bool adversary : {false, true}) {
@@ -146,8 +147,8 @@ TEST_CASE("jittered reading times give no energy if the tank knows the jitter",
 
 namespace {
 
-/// One exact axis of an arm, and a tank. The forces act at other times than the middle of the
-/// tank's uncertainty.
+/// One exactly simulated axis of an arm, with a tank. The forces act earlier or later than the
+/// middle of the range that the tank assumes.
 class Doubted {
  public:
   static constexpr double kPeriod = 1e-3;
@@ -160,21 +161,21 @@ class Doubted {
     tank.refill(energy_);
     send(0.0, -doubt);
   }
-  /// Sends a force that acts `late` after the middle of the uncertainty. Then the hand moves for a
-  /// period at `speed`, plus `greed` times the best speed against b.
+  /// Sends a force that acts `late` after the middle of that range. Then the hand moves for a
+  /// period at `speed`, plus `greed` times the speed that gains most against b.
   void tick(double force, double late, double speed, double greed, double given = 1.0) {
     ask(force);
     tank.weaken(given, params_.arm);
     send(given * force, late);
     move(speed, greed);
   }
-  /// Returns the least amount by which the tank has counted too little [J], after the tank is asked
-  /// for that force.
+  /// Asks the tank for that force. Returns the smallest difference between the true energy and the
+  /// tank's [J].
   double spare(double force) {
     ask(force);
     return spare_;
   }
-  /// Raises the force slowly to 10 N, until everything has settled on it.
+  /// Raises the force slowly to 10 N, until all delayed effects are constant.
   void settle() {
     for (int i = 1; i <= 1000; ++i) tick(0.01 * i, 0.0, 0.0, 0.0);
     for (int i = 0; i < 4; ++i) tick(10.0, 0.0, 0.0, 0.0);
@@ -219,7 +220,8 @@ class Doubted {
 }  // namespace
 
 TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]") {
-  // Each hand here takes millijoules more than the tank has counted if one term is left out.
+  // If one term of the tank's formula is left out, the corresponding hand extracts millijoules more
+  // than the tank has counted.
   constexpr double kT = Doubted::kPeriod;
   constexpr double kRounding = 1e-12;  // [J]
   SECTION("a path covered within the uncertainty") {
@@ -271,13 +273,13 @@ TEST_CASE("the tank counts each energy cost of an uncertain delay", "[passivity]
   }
 }
 
-TEST_CASE("the tank credits no energy that a reading's jitter can hide", "[passivity]") {
+TEST_CASE("the tank assumes the worst case of a reading's jitter", "[passivity]") {
   const double period = 1e-3;
   TankParams params = acting(0.5);
   params.arm.delay = 1.25e-3;
   params.arm.doubt = params.arm.jitter = 0.25e-3;
-  // Without a force: the time between two positions a period apart may be half a period longer. In
-  // that time a hand of the same speed moves half as far again.
+  // Without a force: the time between two positions may be half a period longer than a period. In
+  // that time, a hand with the same speed moves 1.5 times as far.
   Tank tank;
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
   const double speed = 0.2;
@@ -285,7 +287,7 @@ TEST_CASE("the tank credits no energy that a reading's jitter can hide", "[passi
   (void)tank.pass(Vec3::Zero(), {speed * longest, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() <= 0.5 * speed * speed * longest + 1e-15);
   CHECK(tank.energy() > 0.99 * 0.5 * speed * speed * longest);
-  // With a force: a hand that stood where it was read may have moved with the force since.
+  // With a force: a hand that stood still when it was read may since have moved with the force.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, 100.0);
   other.refill(10.0);
@@ -322,8 +324,8 @@ TEST_CASE("weak motors give no energy if the tank knows the weakness", "[passivi
     CHECK(told.broken == 0);
     CHECK(told.debt == 0.0);
   }
-  // If the tank does not know the weakness, it counts work that was never done when a hand moves
-  // against the force. The adversary moves with the force, so it is not used here.
+  // If the tank does not know that motors give less, it counts work that was not done when a hand
+  // moves against the force. An adversary moves with the force, so it is not used here.
   const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
     run.weak = 0.3;
     run.tells_weak = false;
@@ -353,10 +355,10 @@ TEST_CASE("early ticks give no energy, and late ticks become a debt", "[passivit
     INFO("late: margin " << debtors.margin << ", debt " << debtors.debt);
     CHECK(debtors.broken == 0);
     CHECK(debtors.debt > 0.0);
-    // The energy that really comes out is far less than the debt.
+    // The energy that actually comes out is much less than the debt.
     CHECK(10 * debtors.active < debtors.runs);
     CHECK(debtors.worst > -1.5);
-    // With a delay, ticks come between those that the tank has accounted for.
+    // With a delay, ticks come between those for which the tank has accounted.
     const auto delayed = [&](PassivityRun& run) {
       early(run);
       run.jitter = 0.3;
@@ -375,7 +377,7 @@ TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down",
     double lost = 0.0;
     bool kept = true;
   };
-  // A hand with almost no damping of its own keeps the energy that the wall gives it.
+  // A hand with almost no damping keeps the energy that it gets from the wall.
   const auto feel = [](double of_passive) {
     Felt felt;
     const long count = test::cases(40);
@@ -410,8 +412,8 @@ TEST_CASE("a passive wall is felt unchanged, and an active wall is scaled down",
 
 TEST_CASE("without encoder step and delay the largest force equals the closed form",
           "[passivity]") {
-  // A path of 1 mm in a tick against b has put in b dx^2 / T. A force R held for T can take out
-  // R^2 T / (4 b).
+  // A path of 1 mm in a tick against viscous friction b puts in b dx^2 / T. A force R that is held
+  // for T can extract R^2 T / (4 b).
   const double b = 0.5;
   const double period = 1e-3;
   Tank tank;
@@ -423,7 +425,8 @@ TEST_CASE("without encoder step and delay the largest force equals the closed fo
   const double most = std::sqrt(4.0 * b * paid / period);
   const double share = tank.pass({0, 10.0 * most, 0}, {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(share == Approx(0.1).epsilon(1e-6));
-  // The hand moves at the speed that is best against b. No energy is left, and no debt arises.
+  // The hand moves at the speed that gains most against b. Then no energy is left, but there is no
+  // debt.
   const Vec3 way(1e-3, share * 10.0 * most * period / (2.0 * b), 0);
   CHECK(tank.pass({0, 1, 0}, way, true, period, params, kCap) == Approx(0.0).margin(1e-3));
   CHECK(tank.energy() == Approx(0.0).margin(1e-11));
@@ -431,8 +434,8 @@ TEST_CASE("without encoder step and delay the largest force equals the closed fo
 }
 
 TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
-  // A path is known to one step less. A force costs half a step times the force when it begins to
-  // act, and as much again while it acts.
+  // A path is known only to within an encoder step. A force costs half a step times the force when
+  // it starts to act, and again while it acts.
   const double b = 0.5;
   const double period = 1e-3;
   const double step = 1e-5;
@@ -445,10 +448,10 @@ TEST_CASE("an encoder step costs the derived energy", "[passivity]") {
   CHECK(tank.energy() == Approx(paid));
   const double r = 100.0 * tank.pass({100, 0, 0}, {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(r * r * period / (4.0 * b) == Approx(paid).epsilon(1e-6));
-  // The hand stands still. The energy is the old energy less that cost.
+  // The hand stands still, so only that cost is subtracted.
   (void)tank.pass(Vec3::Zero(), {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() == Approx(std::max(0.0, paid - step * r)).epsilon(1e-6));
-  // A path against Coulomb friction counts by the cosine of 30 degrees.
+  // A path against Coulomb friction counts with the cosine of 30 degrees.
   Tank rubbed;
   const TankParams rubs = acting(b, 0.2, step);
   (void)rubbed.pass(Vec3::Zero(), Vec3::Zero(), true, period, rubs, kCap);
@@ -472,7 +475,7 @@ TEST_CASE(
   CHECK(tank.pass({force, 0, 0}, at, true, period, params, kCap) == 1.0);
   (void)tank.pass(Vec3::Zero(), at, false, period, params, kCap);
   (void)tank.pass(Vec3::Zero(), at, true, period, params, kCap);
-  // One tick has the force and one does not, so half of the force's square varies about the mean.
+  // The force is on in one tick and off in the next, so half of its square varies about the mean.
   const double varies = 0.5 * force * force * period;
   CHECK(tank.energy() == Approx(paid - varies / (4.0 * b)));
 }
@@ -486,7 +489,7 @@ TEST_CASE("the tank stores a hand's work up to its cap and gives it back", "[pas
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, cap);
   (void)tank.pass(Vec3::Zero(), {1e-2, 0, 0}, true, period, params, cap);  // 50 mJ
   CHECK(tank.energy() == Approx(cap));
-  // The hand takes the most that it can, half a millijoule a tick.
+  // The hand extracts as much as it can, half a millijoule per tick.
   for (int i = 0; i <= 10; ++i) {
     CHECK(tank.pass({1, 0, 0}, {1e-2 + 1e-3 * i, 0, 0}, true, period, params, cap) == 1.0);
   }
@@ -510,7 +513,7 @@ TEST_CASE("encoder steps never overstate the work against Coulomb friction", "[p
       path += going.norm();
       const Vec3 read = (x / encoder).array().round().matrix() * encoder;
       (void)tank.pass(Vec3::Zero(), read, true, 1e-3, params, 1e9);
-      // A b of 1e-12 adds a negligible amount.
+      // A friction b of 1e-12 adds a negligible amount.
       REQUIRE(tank.energy() <= c * path + 1e-13);
     }
     CHECK(tank.energy() > 0.3 * c * path);
@@ -535,8 +538,8 @@ TEST_CASE("an invalid hand position empties the tank", "[passivity]") {
   CHECK(tank.energy() > 0.0);
   CHECK(tank.pass({1, 0, 0}, {nan, 0, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.energy() == 0.0);
-  // The tank begins again one call later, at the hand's position then. The path between does not
-  // count.
+  // After a reset, the tank starts with the next call, at the hand's position then. The path before
+  // it does not count.
   CHECK(tank.pass({1, 0, 0}, {1, 1, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, {1, 1, 1}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass(Vec3::Zero(), {1, 1, 1.001}, true, 1e-3, params, kCap) == 1.0);
@@ -582,7 +585,7 @@ TEST_CASE("a tank restarted in a late tick waits for the forces that still act",
   (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, 1e-3, params, kCap);
   tank.refill(0.06);
   for (int i = 0; i < 5; ++i) (void)tank.pass({4, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap);
-  // The 4 N that were sent before the restart act for 3 ms more.
+  // The 4 N that were sent before the reset still act for 3 ms.
   tank.forget();
   CHECK(tank.pass({4, 0, 0}, Vec3::Zero(), true, 5e-3, params, kCap) == 0.0);
   Vec3 hand = Vec3::Zero();
@@ -608,8 +611,8 @@ TEST_CASE("a refill beyond the cap causes no debt later", "[passivity]") {
 }
 
 TEST_CASE("positions that repeat for several ticks give no hand energy", "[passivity]") {
-  // The arm gives its position every n-th tick, so the path of n ticks was not covered in the last
-  // tick.
+  // The arm gives a position only in every n-th tick, so its path was covered in n ticks, not in
+  // one.
   for (const bool adversary : {false, true}) {
     for (const int every : {1, 2, 4}) {
       const Many tank = playMany(test::cases(100), Keeper::kTank, [&](PassivityRun& run) {
@@ -622,7 +625,7 @@ TEST_CASE("positions that repeat for several ticks give no hand energy", "[passi
       CHECK(tank.debt == 0.0);
     }
   }
-  // If old positions are passed as new, they break the tank. So the test can fail.
+  // A control experiment: if old positions are passed as new ones, the tank fails.
   const Many told = playMany(test::cases(100), Keeper::kTank, [](PassivityRun& run) {
     run.every = 4;
     run.tells_age = false;
@@ -632,7 +635,7 @@ TEST_CASE("positions that repeat for several ticks give no hand energy", "[passi
 }
 
 TEST_CASE("a restarted tank waits for a new position", "[passivity]") {
-  // The path since the last position was not covered in the time since the restart.
+  // Part of the path since the last position was covered before the reset.
   const TankParams params = acting(0.5);
   Tank tank;
   for (int n = 0; n < 3; ++n) {
@@ -643,7 +646,7 @@ TEST_CASE("a restarted tank waits for a new position", "[passivity]") {
     CHECK(tank.pass({0, 0, 0}, {9e-3, 0, 0}, true, 1e-3, params, kCap) == 1.0);
     CHECK(tank.energy() == Approx(0.5 * 1e-6 / 1e-3));
   }
-  // The same holds for a tank that has never been asked.
+  // The same holds for a tank that was never used.
   Tank other;
   (void)other.pass(Vec3::Zero(), Vec3::Zero(), false, 1e-3, params, kCap);
   (void)other.pass(Vec3::Zero(), {8e-3, 0, 0}, true, 1e-3, params, kCap);
@@ -713,7 +716,8 @@ TEST_CASE("a restarted tank gives no force while an old force is in flight", "[p
   tank.refill(0.5);
   CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), true, 1e-3, params, kCap) == 1.0);
   tank.forget();
-  // For the delay and one period the tank credits no energy, however far the hand moves.
+  // For the delay plus one period after the reset, the tank credits no energy, however far the hand
+  // moves.
   Vec3 hand = Vec3::Zero();
   for (int i = 0; i < 4; ++i) {
     hand.x() += 1e-3;

@@ -651,8 +651,9 @@ class Raw(Case):
         source = self.write("a.raw", struct.pack("<24h", *range(24)))
         os.mkfifo(self.dir / "pipe")
         os.symlink("round", self.dir / "round")
-        for raw, says in ((self.dir / "pipe", "no file"), ("/dev/zero", "no file"),
-                          (self.dir, "no file"), (self.dir / "round", "symbolic links"),
+        kinds = "it is a folder, a pipe or a device"
+        for raw, says in ((self.dir / "pipe", kinds), ("/dev/zero", kinds), (self.dir, kinds),
+                          (self.dir / "round", "symbolic links"),
                           (self.write("empty", b""), "not JSON")):
             self.refused(source, self.dir / "o.vdb", "--raw", raw, says=says)
 

@@ -302,6 +302,39 @@ TEST_CASE("smoothing equals OpenVDB's filter and reports how much it changes",
   CHECK(ball->info().smoothing.largest_change < 0.1);
 }
 
+TEMPLATE_TEST_CASE("smoothing a vector grid equals OpenVDB's filter on each component",
+                   "[samplers][kinds]", openvdb::Vec3SGrid, openvdb::Vec3DGrid) {
+  using Vector = typename TestType::ValueType;
+  using Real = typename Vector::ValueType;
+  using Scalars = typename TestType::template ValueConverter<Real>::Type;
+  const auto at = [](const Vec3d& p, int c) {
+    return static_cast<Real>(std::sin(7.0 * p.x() + 3.0 * c) * std::cos(5.0 * p.y() - 2.0 * p.z()));
+  };
+  // A tile beside leaves, and inactive voxels: the filter reads both.
+  const openvdb::CoordBBox tile(Coord(-8, 0, 0), Coord(-1, 7, 7));
+  const auto transform = Transform::createLinearTransform(1.0);
+  auto grid = makeGrid<TestType>(
+      20, transform, [&](const Vec3d& p) { return Vector(at(p, 0), at(p, 1), at(p, 2)); });
+  grid->setVectorType(openvdb::VEC_INVARIANT);
+  grid->tree().fill(tile, Vector(1, 2, 3), true);
+  grid->tree().setValueOff(Coord(3, 4, 5));
+  const auto field = std::get<1>(makeVdbField(reload({grid}, "", {{}, 2, nullptr}), {}));
+  FieldCache cache;
+  field->reset(cache);
+  for (int c = 0; c < 3; ++c) {
+    auto component = makeGrid<Scalars>(20, transform, [&](const Vec3d& p) { return at(p, c); });
+    component->tree().fill(tile, Real(c + 1), true);
+    component->tree().setValueOff(Coord(3, 4, 5));
+    openvdb::tools::Filter<Scalars>(*component).gaussian(2);
+    for (const Coord& here : {Coord(0, 0, 0), Coord(0, 3, 4), Coord(-3, 2, 2), Coord(4, 4, 5),
+                              Coord(10, 11, 12), Coord(19, 2, 19)}) {
+      const auto sample =
+          field->sample({double(here.x()), double(here.y()), double(here.z())}, cache);
+      CHECK(sample.value[c] == static_cast<double>(component->tree().getValue(here)));
+    }
+  }
+}
+
 TEST_CASE("several volumes load together with their progress, and equal ones load once",
           "[samplers][kinds]") {
   const TemporaryFolder folder;

@@ -58,29 +58,29 @@ class Pages(unittest.TestCase):
                 self.assertRegex(line, complaint)
 
     @unittest.skipUnless(HEAD.exists(), "needs mricron-data")
-    def test_the_page_your_ct_runs(self):
+    def test_commands_of_page_your_ct_succeed(self):
         self.run_page("your_ct.md", r"4392672 active voxels", r"contact +skin: .* touches",
                       r"contact +inner: .* touches")
 
-    def test_the_page_your_flow_runs(self):
+    def test_commands_of_page_your_flow_succeed(self):
         self.run_page("your_flow.md", r"contact +stream: ", r"mode +tip: vortex_tube")
 
-    def test_the_page_your_arm_runs(self):
+    def test_commands_of_page_your_arm_succeed(self):
         self.run_page("your_arm.md", r"profiles: polhem, ", r"status +fault in 3000 ticks",
                       complaint=r"^palpate: feel: the force was cut: the position jumped")
 
-    def test_the_page_your_script_runs(self):
+    def test_commands_of_page_your_script_succeed(self):
         needed = subprocess.run(["/usr/bin/python3", "-c", "import palpate, matplotlib"], check=False,
                                 env={**os.environ, "PYTHONPATH": str(BIN)}, stderr=subprocess.DEVNULL)
         if needed.returncode != 0:
             self.skipTest("needs palpate's module for /usr/bin/python3, and matplotlib")
         self.run_page("your_script.md", r"the same to the last bit: True", r"forces differ by at most 0 N")
 
-    def test_the_page_questions_runs(self):
+    def test_commands_of_page_questions_succeed(self):
         self.run_page("questions.md", r"because +", r"stability +")
 
 
-    def test_the_page_primitives_runs(self):
+    def test_commands_of_page_primitives_succeed(self):
         self.run_page("primitives.md", r'"proxy":\[0\.0015196')
 
     def test_the_pictures_of_primitives_are_drawn(self):

@@ -471,7 +471,7 @@ class Check(Case):
         os.mkfifo(self.dir / "pipe.json")
         os.symlink("round.json", self.dir / "round.json")
         for file in (self.dir / "pipe.json", "/dev/zero"):
-            self.refused("check", file, says="it is no file")
+            self.refused("check", file, says="it is a folder, a pipe or a device")
         self.refused("check", self.dir / "round.json", says="symbolic links")
 
     @suite.smoke

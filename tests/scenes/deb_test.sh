@@ -30,7 +30,12 @@ for each in palpate*.deb python3*.deb; do
 done
 [ "$(wants libpalpate-dev)" = "libeigen3-dev (>= 3.4)" ] || fail "the engine asks for more than Eigen"
 ! wants palpate | grep vtk >/dev/null || fail "palpate asks for VTK"
-! wants palpate | grep mpi >/dev/null || fail "palpate asks for MPI"
+! wants palpate | grep -E "curl|dds|hdf5|mpi|rados" >/dev/null || fail "palpate asks for the library of a module"
+if ls palpate-network_*.deb >/dev/null 2>&1; then
+    for module in "$1"/lib/palpate/*.so; do holds palpate-network "./usr/lib/palpate/${module##*/}"; done
+    holds palpate-network ./usr/share/doc/palpate-network/copyright
+    wants palpate-network | grep -F "palpate (= " >/dev/null || fail "palpate-network asks for any release of palpate"
+fi
 if ls palpate-import_*.deb >/dev/null 2>&1; then
     wants palpate-import | grep vtk >/dev/null || fail "palpate-import asks for no VTK"
 fi

@@ -39,7 +39,7 @@ run() {
             "$palpate" compare bodies.rec again.rec ;;
         convert) "$palpate" feel bodies.vdb --seconds 1 --record table.rec >/dev/null &&
             "$palpate" convert table.rec - && { ! "$palpate" convert table.rec table.h5 2>no.h5 &&
-                grep "without HDF5" no.h5 || [ "$(head -c 4 table.h5)" = $'\x89HDF' ]; } ;;
+                grep "palpate_hdf5.so is missing" no.h5 || [ "$(head -c 4 table.h5)" = $'\x89HDF' ]; } ;;
         stability) "$palpate" stability --size 9 --map map.json ;;
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;
@@ -62,6 +62,16 @@ done
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
+# What is needed only if a user names it is in modules.
+ldd "$palpate" >libraries
+[ "$(wc -l <libraries)" -le 25 ] || { echo "install: palpate loads more than 25 libraries:"; cat libraries; exit 1; }
+! grep -E "curl|ddsc|iceoryx|hdf5|mpi|rados|ceph" libraries || { echo "install: these belong in modules"; exit 1; }
+for library in usr/lib/palpate/*.so; do
+    [ ! -e "$library" ] || [ "$(nm -D --defined-only "$library" | awk '{print $3}')" = palpate_module ] ||
+        { echo "install: $library exports more than palpate_module"; exit 1; }
+done
+PALPATE_MODULES=$place/none "$palpate" info http://localhost/none 2>without || true
+grep -q "install the package palpate-network" without
 # The scripts that draw are not in the user's PATH.
 for script in feel stability trace; do test -x usr/share/palpate/${script}_picture.py; done
 ! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
@@ -83,7 +93,7 @@ if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then
         -L"$shared" -lpalpate_c
     LD_LIBRARY_PATH=$shared ./host bodies.vdb | grep "at most 0" >/dev/null
 fi
-module=$(find usr -name 'palpate*.so')
+module=$(find usr -name 'palpate.*.so')
 if [ -n "$module" ]; then
     PYTHONPATH=$(dirname "$module") "$2" -c 'import palpate; palpate.Scene.load("bodies.vdb").step(0, 0, 0)'
 fi

@@ -65,6 +65,12 @@ LOOKUP_TABLE default
 END
 chroot "$root" palpate import /cloud.vtk /cloud.vdb >"$place/said" 2>&1 || true
 grep -q "install the package palpate-import" "$place/said" || { cat "$place/said"; exit 1; }
+chroot "$root" palpate feel /bodies.vdb --seconds 1 --record /hand.rec >/dev/null
+chroot "$root" palpate convert /hand.rec /hand.h5 >"$place/said" 2>&1 || true
+grep -q "install the package palpate-network" "$place/said" || { cat "$place/said"; exit 1; }
+install palpate-network
+chroot "$root" palpate convert /hand.rec /hand.h5
+[ "$(head -c 4 "$root/hand.h5")" = $'\x89HDF' ]
 install palpate-import
 chroot "$root" palpate import /cloud.vtk /cloud.vdb | sed -n 1p
 install palpate-view

@@ -22,7 +22,7 @@ differ() { printf '$ %s\n' "$*"; if "$@"; then echo "they do not differ"; exit 1
 step "a scene"
 try palpate make two-bodies bodies.vdb
 printf '$ palpate scene bodies.vdb > bodies.json\n'
-palpate scene bodies.vdb 2>&1 >bodies.json | sed -n 's/^palpate: made: /made /p'
+palpate scene bodies.vdb 2>&1 >bodies.json | sed -n 's/^palpate: added: /added /p'
 
 step "a hand feels it on time, is recorded, and the program is killed after some 2 s"
 printf '$ palpate feel bodies.json --realtime --seconds 60 --record monday.rec & sleep 2; kill -9 $!\n'

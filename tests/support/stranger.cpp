@@ -15,9 +15,9 @@ int main(int argc, char** argv) {
     palpate::SiteParams params = palpate::siteFrom(argv[1], {});
     params.scene = true;
     palpate::HandLinks links(1);
-    palpate::Site site(params, links);
+    const auto site = palpate::openSite(params, links);
     for (int i = 2; i < argc; ++i) {
-      site.tellScene(argv[i]);
+      site->tellScene(argv[i]);
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
     for (;;) std::this_thread::sleep_for(std::chrono::hours(1));

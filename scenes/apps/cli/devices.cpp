@@ -32,8 +32,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr std::int64_t kPeriod = 1000000;  // [ns]
-// A Teensy in its bootloader.
+constexpr std::int64_t kPeriod = 1000000;  // [ns]: period of the loop
+// USB numbers of a Teensy board that runs only its bootloader.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
 
@@ -50,7 +50,7 @@ OrderedJson limitsOf(const HidProfile& profile) {
   return json;
 }
 
-/// Returns why the arm cannot be used at present, with a remedy; empty: usable.
+/// Returns why the arm cannot be used at present, and a remedy; an empty text if it can be used.
 std::string trouble(const FoundArm& arm) {
   if (!arm.may_open) {
     return fmt::format(
@@ -61,7 +61,7 @@ std::string trouble(const FoundArm& arm) {
         arm.device.vendor, arm.device.product);
   }
   if (const auto others = whoHas(arm.device.path); !others.empty()) {
-    return "another program uses it: " + others[0] + ": end that program first";
+    return "another program uses it: " + others[0] + ": end that program";
   }
   if (arm.profiles.size() > 1) {
     std::string names;
@@ -90,7 +90,7 @@ OrderedJson factsIn(const HidProfile& profile) {
   return json;
 }
 
-/// Prints the interpretation of one profile, given by name or as a file.
+/// Prints how palpate interprets one profile, which is given by its name or as a file.
 int show(const DevicesOptions& options) {
   const std::optional<ArmName> parsed = parseArmName(options.profile);
   if (parsed && parsed->profile.empty()) {
@@ -152,10 +152,11 @@ int show(const DevicesOptions& options) {
   return kDone;
 }
 
-/// Name and limits of a plug-in's arm. They are the same as in openAnyArm.
+/// Name and limits of a plug-in's arm, equal to those that openAnyArm reports.
 struct NamedPluginArm {
   std::string name;
-  std::optional<DeviceInfo> info;  ///< Limits of the tested arm; unset if the arm is not usable.
+  /// Limits that the arm has once it has passed its test; unset if the arm is not usable.
+  std::optional<DeviceInfo> info;
   bool tested = false;
   std::string trouble;
 };
@@ -175,13 +176,14 @@ NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
   return named;
 }
 
-/// The arms, profiles and plug-ins of this machine.
+/// The arms, profiles and plug-ins that this machine has.
 struct Listing {
-  std::vector<std::string> notes;  ///< Problems of the user's own profiles.
+  std::vector<std::string> notes;  ///< Errors in the profiles that the user has written.
   std::vector<HidProfile> profiles;
   std::vector<FoundArm> arms;
   std::vector<FoundPlugin> plugins;
-  std::vector<std::string> others;  ///< Devices that may be an arm without its firmware, as text.
+  /// Devices that may be an arm without its firmware, a text for each.
+  std::vector<std::string> others;
 };
 
 Listing findAll() {
@@ -284,8 +286,8 @@ OrderedJson listingInJson(const Listing& all) {
   return out;
 }
 
-/// Limits and rates of an arm that gives force: force [N], stiffness [N/m], damping [N s/m], rates
-/// [Hz], radius of the workspace [m].
+/// Limits and rates of an arm with motors: force [N], stiffness [N/m], damping [N s/m], rates [Hz],
+/// radius of the workspace [m].
 struct ShownLimits {
   double force, stiffness, damping, input_rate, output_rate, workspace_radius;
 };
@@ -352,7 +354,7 @@ void sayArms(const Listing& all) {
   for (const std::string& other : all.others) say("{}\n", sentence(other));
 }
 
-/// Prints the names of profiles and plug-ins, and the limits of known arms.
+/// Prints the names of all profiles and plug-ins, and the limits of the known arms.
 void sayCatalogue(const Listing& all) {
   say("\nprofiles: ");
   for (const HidProfile& p : all.profiles) say("{}{}", &p == &all.profiles[0] ? "" : ", ", p.name);
@@ -378,7 +380,7 @@ int list(const DevicesOptions& options) {
   return kDone;
 }
 
-/// Repeated readings of an arm; on a terminal each reading replaces the previous one.
+/// Prints readings of an arm repeatedly. On a terminal, each reading replaces the previous one.
 class Pictures {
  public:
   explicit Pictures(double seconds) : seconds_(seconds), begin_(nowNs()), next_(often()) {
@@ -395,7 +397,7 @@ class Pictures {
     if (is) next_ += often();
     return is;
   }
-  /// Returns false if output fails.
+  /// Prints a reading. Returns false if the output fails.
   [[nodiscard]] bool show(const std::string& text) const {
     if (terminal_) sayRaw("\x1b[H\x1b[J");
     std::istringstream lines(text + "\n");
@@ -404,7 +406,9 @@ class Pictures {
   }
 
  private:
-  [[nodiscard]] double often() const { return terminal_ ? 0.25 : 0.5; }  // [s]
+  [[nodiscard]] double often() const {
+    return terminal_ ? 0.25 : 0.5;
+  }  // Interval between two readings [s]
   bool terminal_ = isatty(STDOUT_FILENO) == 1;
   double seconds_;
   std::int64_t begin_;
@@ -442,7 +446,8 @@ std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::
   return text;
 }
 
-/// Shows the readings of a plug-in's arm. Opens it and makes it ready, with zero force.
+/// Shows the readings of a plug-in's arm. Opens the arm, prepares it as for a run, and sends zero
+/// force.
 int watchPlugin(const DevicesOptions& options) {
   Pictures pictures(options.seconds);
   ArmHost host;
@@ -466,8 +471,8 @@ int watchPlugin(const DevicesOptions& options) {
   return kInterrupted;
 }
 
-/// Shows an arm's readings repeatedly. Only reads from the arm, so that another program can drive
-/// it at the same time.
+/// Shows the readings of an arm repeatedly. Never writes to the arm, so that another program can
+/// drive the arm at the same time.
 int watch(const DevicesOptions& options) {
   if (parsePluginName(options.watch)) return watchPlugin(options);
   Pictures pictures(options.seconds);
@@ -477,7 +482,8 @@ int watch(const DevicesOptions& options) {
   const auto wrong = chosen.arm.against(chosen.profile);
   const auto port = openHidToRead(chosen.arm.device.path);
   ArmWatch watch(chosen.profile);
-  constexpr std::int64_t kLook = 5000000;  // [ns]: a few reports; the kernel keeps 63
+  // [ns]: only a few reports arrive in this time; the kernel keeps 63
+  constexpr std::int64_t kLook = 5000000;
   while (interrupted == 0) {
     const bool gone = watch.take(*port, nowNs()) == ReadStatus::kGone;
     const bool over = pictures.over();

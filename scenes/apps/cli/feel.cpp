@@ -1,4 +1,4 @@
-/// palpate feel: runs a scene under a hand, in virtual time or in real time.
+/// palpate feel: runs a scene under one or more hands, in virtual time or in real time.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -28,12 +28,12 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
   DeviceOptions asked;
   asked.rate = options.rate;
   asked.target = target;
-  // In front of all volumes, as seen from the window.
+  // The hand starts in front of all volumes, as seen from the camera of the window.
   Vec3 start = bounds.centre();
   start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
   if (window != nullptr) asked.mouse = window->mouse(start);
   const auto& names = options.devices;
-  // Only one hand may come from a client.
+  // Only one of the hands may follow a client of the OpenIGTLink server.
   if (igtl != nullptr && std::count(names.begin(), names.end(), "igtl") > 0) {
     asked.client = igtl->hand(start);
   }
@@ -45,12 +45,13 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
   return asked;
 }
 
-/// Returns the path of the simulated hands, and the cost of the search for it in `search`. Both are
+/// Returns the path of the simulated hands, and writes the cost of its search to `search`. Both are
 /// empty if no hand is simulated.
 HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, OrderedJson& search) {
   const auto& names = options.devices;
   if (std::none_of(names.begin(), names.end(), isSimulated)) return {};
-  // With a window or clients a run has no fixed end: the path lasts as long as the longest run.
+  // A run with a window or clients has no fixed end, so its path lasts for the longest possible
+  // run.
   const bool endless = (options.window && options.still.empty()) || !options.igtl.empty();
   const double seconds = options.seconds.value_or(endless ? kMostFeelSeconds : kFeelSeconds);
   Search did;
@@ -64,11 +65,11 @@ HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, Ordered
   return target;
 }
 
-/// Prepares the recording of a hand. `first`: the scene of the first tick.
+/// Starts the recording of a hand. `first` is the scene of the first tick.
 void record(Hand& hand, const std::string& place, double rate, RecordedScene first) {
   checkReplaceable(place);
   RecordedSetting setting{hand.device->info(), rate, {}};
-  // A replayed hand keeps the limits of its original loop.
+  // A replayed hand keeps the force limits of the run that was recorded.
   const bool again = dynamic_cast<const ReplayDevice*>(hand.device.get()) != nullptr;
   if (!again) setting.device.limits = limitsInLoop(hand.device->info(), rate);
   setting.about = dump({{"version", kVersion}, {"commit", commit()}, {"machine", machineJson()}});
@@ -87,7 +88,8 @@ std::vector<std::unique_ptr<Device>> openDevices(const FeelOptions& options, con
   return devices;
 }
 
-/// Connects the first hand to the window. Opens the window unless a still picture is requested.
+/// Connects the first hand to the window. Opens the window unless the user wants only a still
+/// picture.
 void showIn(Window& window, Hands& hands, const Scene& scene, const FeelOptions& options,
             const std::string& file) {
   hands[0]->log.live = &window.writer();
@@ -98,7 +100,7 @@ void showIn(Window& window, Hands& hands, const Scene& scene, const FeelOptions&
   window.open(file, options.watch, only, options.reengage.value_or(kReengage));
 }
 
-/// Prepares the recordings of all hands.
+/// Starts the recordings of all hands.
 void prepareRecordings(Hands& hands, const FeelOptions& options, const SceneInput& from,
                        const BuiltScene& built) {
   if (options.record.empty()) return;
@@ -108,7 +110,8 @@ void prepareRecordings(Hands& hands, const FeelOptions& options, const SceneInpu
   }
 }
 
-/// Returns the scenes of the replayed recording if SCENE is that recording; otherwise empty.
+/// Returns all scenes of the replayed recording if the user gave this recording as SCENE too;
+/// otherwise an empty map.
 ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const BuiltScene& built,
                           SceneCache& cache) {
   if (!isReplay(options.devices[0]) || !isRecording(options.scene)) return {};
@@ -118,7 +121,7 @@ ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const 
 }
 
 /// Sets the largest number of ticks. Without --seconds, a real-time run with a window lasts until
-/// the window is closed, and a run with a server until an interrupt.
+/// the window is closed, and a run with a server lasts until an interrupt.
 void limitTicks(Run& run) {
   const FeelOptions& options = run.options;
   run.whole_path = !options.seconds &&
@@ -133,15 +136,15 @@ void limitTicks(Run& run) {
 
 int feel(FeelOptions options) {
   checkFeelOptions(options);
-  // Fork the guardian early, while the program has little memory and only one thread.
+  // Forks the guardian early, while the process has little memory and only one thread.
   std::optional<Guardian> guardian;
   if (options.realtime) guardian.emplace();
   std::optional<Window> window;
-  // A still picture shows the last tick, so the window gets every tick.
+  // A still picture shows the last tick, so the window must get every tick.
   constexpr double kEveryTick = 1.0;
   if (options.window) window.emplace(options.still.empty() ? options.rate : kEveryTick);
 
-  // Check all input before anything runs.
+  // Checks all input before any tick runs.
   const auto written = writtenAt(options.scene);
   SceneInput input = openSceneInput(options.scene);
   SceneSpec& spec = input.spec;
@@ -159,7 +162,7 @@ int feel(FeelOptions options) {
   OrderedJson search;
   const HandTarget target =
       targetOf(options, plays ? buildScene(coarsely(spec, built), {}) : built, search);
-  // From here on an interrupt ends the run: arms are lowered and results are written.
+  // From here on an interrupt ends the run: forces are lowered and results are written.
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices = openDevices(
       options, built.bounds, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);
@@ -216,7 +219,7 @@ void addSite(CLI::App& verb, FeelOptions& options) {
   verb.add_option(
       "--site", options.site,
       "NAME[@DOMAIN]: link this hand with hands at other sites, and share edits of the scene; "
-      "other machines need --with, and shared edits also --site-keys (docs/cluster.md)");
+      "other machines need --with, and shared edits also --site-keys (docs/sites.md)");
   verb.add_option("--with", options.with,
                   "With --site: address of another machine with sites; may be repeated");
   verb.add_option("--site-keys", options.site_keys,
@@ -236,7 +239,7 @@ void addReengage(CLI::App& verb, FeelOptions& options) {
 void addIgtl(CLI::App& verb, FeelOptions& options) {
   verb.add_option("--igtl", options.igtl,
                   "[ADDRESS:]PORT: send the hand to 3D Slicer by OpenIGTLink (usually port 18944); "
-                  "receive cuts, images and the position of --device igtl (docs/cluster.md)");
+                  "receive cuts, images and the position of --device igtl (docs/slicer.md)");
   verb.add_option("--igtl-rate", options.igtl_rate,
                   "Messages a second to 3D Slicer, 1 to 100 (default 30)");
 }

@@ -42,13 +42,13 @@ void checkHands(const FeelOptions& options) {
   }
 }
 
-/// Rejects --passive with a recorded path, and an invalid --refill.
+/// Rejects --passive together with a recorded path, and an invalid --refill.
 void checkTank(const FeelOptions& options) {
   const bool paths = std::any_of(options.devices.begin(), options.devices.end(), isPath);
   if (options.passive && paths) {
     throw Error("--passive", "a recorded path cannot receive energy", "leave out --passive");
   }
-  constexpr double kMostRefill = 10.0;  // [W]: more than a hand gives
+  constexpr double kMostRefill = 10.0;  // [W]: more power than a human hand gives
   if (!(options.refill >= 0.0 && options.refill <= kMostRefill)) {
     throw Error("--refill", fmt::format("{} W is not in 0 to {} W", options.refill, kMostRefill),
                 "use 0.1");
@@ -58,7 +58,7 @@ void checkTank(const FeelOptions& options) {
   }
 }
 
-/// Rejects options that do not fit --record or a replayed hand.
+/// Rejects options that contradict --record or a replayed hand.
 void checkRecordings(const FeelOptions& options) {
   if (options.record == "-") {
     throw Error("--record", "a recording is binary and cannot go to standard output",
@@ -93,8 +93,8 @@ void checkSite(const FeelOptions& options) {
       throw Error("--site", "hands at other sites are linked only in real time", "add --realtime");
     }
     if (!options.devices.empty() && options.devices[0] == "igtl") {
-      throw Error("--site", "a hand that 3D Slicer moves would pull the arms of other sites",
-                  "give another --device first");
+      throw Error("--site", "a site shares its first hand, and 3D Slicer must not move that hand",
+                  "put another --device before --device igtl");
     }
   } else if (!options.with.empty()) {
     throw Error("--with", "it has no effect without --site", "add --site NAME");

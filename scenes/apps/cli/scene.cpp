@@ -1,4 +1,4 @@
-/// palpate scene: prints a first scene for a .vdb, and the reasons for it.
+/// palpate scene: prints the scene guess for a .vdb, and the reason for each of its modes.
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -32,12 +32,13 @@ void addScene(CLI::App& app, std::function<int()>& body) {
       "  palpate scene atlas.vdb --for labels > atlas.json");
   verb->callback([=, &body] {
     body = [=] {
-      // A scene's file names are relative to its folder, which is not known yet.
+      // File names in a scene are relative to the scene's folder. This folder is unknown until the
+      // user saves the scene.
       std::filesystem::path place(*file);
       if (place.has_parent_path()) place = absolutePlace(place);
       const Guess guess = guessVdb(place, *what, showProgress("loading"));
-      for (const std::string& line : guess.seen) complain("saw: " + line);
-      for (const std::string& line : guess.made) complain("made: " + line);
+      for (const std::string& line : guess.seen) complain("found: " + line);
+      for (const std::string& line : guess.made) complain("added: " + line);
       for (const std::string& line : guess.left) complain("skipped: " + line);
       sayRaw(guess.scene);
       return kDone;

@@ -16,7 +16,7 @@
 namespace palpate::cli {
 namespace {
 
-/// A hand's real-time loop, and the state that its owner monitors.
+/// The real-time loop of one hand, and the state that the main thread observes.
 class OnTime {
  public:
   OnTime(const Run& run, std::size_t number, Guardian& guardian, const PlayClock& clock)
@@ -37,7 +37,7 @@ class OnTime {
     }
   }
   [[nodiscard]] HapticThread& thread() { return *thread_; }
-  /// Returns the state at the last look().
+  /// Returns the hand's state at the last call of look().
   [[nodiscard]] const IgtlHand& shown() const { return shown_; }
   /// Prints new faults and warnings of this hand and updates shown(). Returns false if its loop has
   /// stopped or has run all its ticks.
@@ -53,7 +53,7 @@ class OnTime {
     if (now.fault == Fault::kNone && told_ != Fault::kNone)
       complain(name_ + ": the force is on again");
     told_ = now.fault;
-    // A trembling hand does not reduce the force by half.
+    // If the hand merely trembles, `moving` stays above 0.5.
     const bool still = now.report.moving < 0.5;
     if (still && !told_still_) {
       complain(name_ +
@@ -61,7 +61,8 @@ class OnTime {
                "check the firmware and the encoders");
     }
     told_still_ = still;
-    // Less than half of the requested force feels like another surface.
+    // If the motors give less than half of the requested force, a surface feels much softer than
+    // the scene defines.
     const bool weak = now.input.given < 0.5;
     if (weak && !told_weak_) {
       complain(name_ +
@@ -82,7 +83,8 @@ class OnTime {
   }
   void end() {
     thread_->stop();
-    // The guardian must not overwrite the profile's final output.
+    // After this, the guardian does not write to the arm: otherwise it could overwrite the last
+    // output of the profile.
     if (watch_.heart != nullptr) guardian_.forget(watch_);
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
@@ -103,7 +105,7 @@ class OnTime {
   }
 
  private:
-  /// Returns when the force will return automatically.
+  /// Returns a text that says when the loop will restore the force by itself.
   [[nodiscard]] std::string returns() const {
     const double after = run_.options.reengage.value_or(kReengage);
     if (!(after > 0.0)) return "";
@@ -126,11 +128,11 @@ class OnTime {
   std::optional<HapticThread> thread_;
 };
 
-/// Delays ticks until their time, at a given speed.
+/// Delays the ticks of a replay to their recorded times, divided by a speed factor.
 class Pacer {
  public:
   explicit Pacer(std::optional<double> speed) : speed_(speed) {}
-  /// Waits for a tick at `time` [s]; the first call sets the origin.
+  /// Waits until a tick at `time` [s] is due. The first call defines the time of the start.
   void wait(double time) {
     if (!speed_) return;
     using Clock = std::chrono::steady_clock;
@@ -148,7 +150,8 @@ class Pacer {
   std::optional<Begin> begun_;
 };
 
-/// Returns how far a key steps in time [s]; 0: no sequence is played.
+/// Returns the step of the keys , and . : the shortest frame interval of all sequences [s]; 0 if
+/// the scene has no sequence.
 double stepOf(const Fetched& of) {
   double shortest = 0.0;
   for (const auto& [name, sequence] : of.sequences()) {
@@ -160,7 +163,7 @@ double stepOf(const Fetched& of) {
   return shortest;
 }
 
-/// Announces to the recordings a scene that hands are about to use.
+/// Announces the next scene to all recordings, before the hands use it.
 void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
   if (std::none_of(run.hands.begin(), run.hands.end(), recorded)) return;
@@ -170,7 +173,7 @@ void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   for (const auto& hand : run.hands) hand->recorder->expect({built.scene->id, text});
 }
 
-/// Allows clients to cut the force while it lives.
+/// While this object lives, clients of the OpenIGTLink server can cut the force.
 class Obeyed {
  public:
   Obeyed(IgtlServer* server, const std::vector<HapticThread*>& hands) : server_(server) {
@@ -186,13 +189,13 @@ class Obeyed {
   IgtlServer* server_;
 };
 
-/// Returns whether the engine cuts this hand's force if a tick is late.
+/// Returns true if a late tick can cut the force of this hand.
 bool canBeLate(const Device* device) {
-  constexpr double kAnyTime = 1.0;  // [s]
+  constexpr double kAnyTime = 1.0;  // [s]: with a greater limit, no delay counts as late
   return device->info().hand && device->info().watch.late < kAnyTime;
 }
 
-/// Reports the machine's own share of late ticks.
+/// Prints a warning if this machine woke an idle thread late.
 void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
   if (!seen || seen->late == 0) return;
   complain(
@@ -202,7 +205,7 @@ void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
                   1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
 }
 
-/// Shows the hands to clients, and takes data that clients send.
+/// Sends the state of the hands to the clients, and takes images that clients have sent.
 void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands, Watcher& watcher,
            std::chrono::steady_clock::time_point& next_image) {
   IgtlShown shown;
@@ -210,7 +213,7 @@ void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands
     if (shown.count < shown.hands.size()) shown.hands[shown.count++] = hand->shown();
   }
   server.show(shown);
-  // Each image starts an engagement, which must end before the next one.
+  // Each new image can start an engagement, which must end before the next image.
   constexpr auto kBetweenImages = std::chrono::seconds(2);
   const auto now = std::chrono::steady_clock::now();
   if (watcher.takesImage() && now >= next_image) {
@@ -273,7 +276,8 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   SiteParams params = siteFrom(options.site, options.with);
   params.keys = options.site_keys;
   name_ = params.name;
-  // Only known sites may edit a felt scene: programs of this machine, or sites with keys.
+  // Other sites may edit the scene only if they are known: either all programs run on this machine,
+  // or the sites have keys.
   const bool known = options.with.empty() || !options.site_keys.empty();
   params.scene = shares_ = known && !options.own_scene && !from.text.empty();
   if (!known && options.watch && !options.own_scene) {
@@ -281,18 +285,19 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is not a scene file: edits of other sites are ignored");
   }
-  // The time of day: a restarted program has a later life.
+  // Uses the time of day, so that a restarted program has a greater life than before.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
   LinkParams link;
-  // The link's limits leave room for the scene's own coupling.
+  // Limits the links' stiffness and force, so that the scene's own coupling remains stable.
   link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
   link.peak = std::min(link.peak, 0.5 * device.limits.peak);
-  // The readings of a recorded path are exact. Without motors no force does work on a hand.
+  // A recorded path has no encoder, so its positions are exact. A device without motors cannot do
+  // work on a hand.
   const double step = device.limits.tank.arm.step;
   if (step > 0.0 || !device.hand) link.step = step;
   links_.emplace(static_cast<std::uint64_t>(life), link);
-  site_.emplace(params, *links_);
+  site_ = openSite(params, *links_);
 }
 
 void WithSites::tellNews() {
@@ -361,7 +366,7 @@ void runInVirtualTime(const Run& run) {
 
 void runAgain(const Run& run, const ScenesById& scenes) {
   const auto progress = run.window == nullptr ? showProgress("replaying") : Progress();
-  constexpr std::int64_t kLook = 10;  // ticks
+  constexpr std::int64_t kLook = 10;  // [ticks]: interval between two checks of the window
   for (const auto& hand : run.hands) {
     const auto& device = dynamic_cast<const ReplayDevice&>(*hand->device);
     const Recording& recording = device.recording();
@@ -429,18 +434,18 @@ void runOnTime(Run& run, Guardian& guardian) {
     threads.push_back(&hands.back()->thread());
   }
   Keys keys(threads, clock, stepOf(run.fetched));
-  const Obeyed obeyed(run.igtl, threads);  // before there is a force
+  const Obeyed obeyed(run.igtl, threads);  // ready before the first force
   for (HapticThread* thread : threads) thread->publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
-  constexpr int kWatch = 25;  // looks
+  constexpr int kWatch = 25;  // Number of looks between two checks of the scene
   std::chrono::steady_clock::time_point next_image;
-  constexpr double kMeasured = 5.0;  // [s]
+  constexpr double kMeasured = 5.0;  // [s]: duration of the measurement
   std::optional<BareLoop> bare;
   if (std::any_of(devices.begin(), devices.end(), canBeLate)) {
     try {
       bare.emplace(kMeasured, RealtimeRequest{}.priority - 1);
     } catch (const std::system_error&) {
-      bare.reset();  // the hand feels without this measurement
+      bare.reset();  // the run works without the measurement
     }
   }
   bool feeling = true;
@@ -464,7 +469,8 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
       keys.step(stepOf(run.fetched));
-      // If the file's playback is unchanged, the playback that keys have set remains.
+      // If the edit leaves the scene's playback unchanged, keeps the playback that the keys have
+      // set.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built, *watcher);
       if (run.igtl != nullptr) run.igtl->expect(*built);

@@ -1,5 +1,5 @@
-/// Runs the hands of `palpate feel`, each with its device and results, in real time or virtual
-/// time.
+/// Runs the hands of `palpate feel` in real time or in virtual time. Each hand has its device and
+/// its results.
 #pragma once
 
 #include <algorithm>
@@ -38,27 +38,30 @@ namespace palpate::cli {
 
 class Watcher;
 
-inline constexpr double kReengage = 2.0;  ///< LoopParams::reengage of `feel` and `view` [s].
+/// Default of LoopParams::reengage in `palpate feel` and `palpate view` [s].
+inline constexpr double kReengage = 2.0;
 
-/// Options of the command line.
+/// Options of `palpate feel` and `palpate view`.
 struct FeelOptions {
   std::string scene;
   std::vector<std::string> devices{"simulated"};
   std::optional<double> seconds;
   double rate = 1000.0;
   bool realtime = false;
-  std::optional<double> reengage;  ///< The user's choice, else kReengage.
+  std::optional<double> reengage;  ///< Value of --reengage; unset: kReengage.
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
-  std::string site;               ///< In the format of siteFrom; empty: no site.
-  std::vector<std::string> with;  ///< Machines of other sites.
-  std::string site_keys;          ///< SiteParams::keys
-  bool own_scene = false;         ///< Sites neither edit the scene nor receive its edits.
+  std::string site;  ///< This site, in the format of siteFrom; empty: no connection to other sites.
+  std::vector<std::string> with;  ///< Addresses of the machines of other sites.
+  std::string site_keys;          ///< SiteParams::keys.
+  /// If true, the site does not exchange edits of the scene with other sites.
+  bool own_scene = false;
   bool window = false;
-  std::optional<double> speed;  ///< Speed of recorded hands; 1: original; unset: unlimited.
-  std::string still;            ///< A picture drawn by the window's program.
-  std::string igtl;             ///< Address for 3D Slicer's connections; empty: not used.
+  /// Speed of a replay relative to the recording; unset: as fast as possible.
+  std::optional<double> speed;
+  std::string still;  ///< File for a picture that the window's program draws; empty: no picture.
+  std::string igtl;   ///< Address at which 3D Slicer connects; empty: no server.
   double igtl_rate = kIgtlRate;
   std::string record;
   std::string trace;
@@ -68,7 +71,8 @@ struct FeelOptions {
   bool json = false;
 };
 
-/// Takes every tick: counts it at once, and queues it for the thread that writes, if requested.
+/// Receives every tick of a hand. Adds it to the results at once. If rows are wanted, also queues
+/// it for the thread that writes the trace.
 class Log final : public TickSink {
  public:
   Log(const Scene& scene, double rate, bool rows) : felt(scene, rate) {
@@ -80,7 +84,7 @@ class Log final : public TickSink {
     if (recorder != nullptr) recorder->take(tick);
     if (ring_ && !ring_->try_emplace(tick, felt.loads())) ++lost_;
   }
-  /// Passes queued rows to `take`, on the thread that writes.
+  /// Calls `take` for each queued row, on the thread that writes the trace.
   template <class Take>
   void drain(const Take& take) {
     if (!ring_) return;
@@ -89,18 +93,19 @@ class Log final : public TickSink {
       ring_->pop();
     }
   }
-  /// Returns the number of rows that did not fit in the queue.
+  /// Returns the number of rows that were lost because the queue was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
 
-  /// Announces the scene of the next ticks, before it is published; `dials`: gains of its modes.
+  /// Announces the scene of the next ticks, before it is published. `dials` holds the gains of its
+  /// modes.
   void expect(const Scene& scene, const std::vector<LiveDial>& dials) {
     felt.expect(scene);
     if (live != nullptr) live->expect(scene, dials);
   }
 
   Felt felt;
-  LiveWriter* live = nullptr;    ///< Writer of a window.
-  Recorder* recorder = nullptr;  ///< Null: not recording.
+  LiveWriter* live = nullptr;    ///< Writer for the window; null: no window.
+  Recorder* recorder = nullptr;  ///< Null if the run is not recorded.
 
  private:
   struct Row {
@@ -108,22 +113,22 @@ class Log final : public TickSink {
       std::copy(l.begin(), l.end(), loads.begin());
     }
     Telemetry tick;
-    Loads loads;  ///< One for each carrier.
+    Loads loads;  ///< Loads of the carriers, in the order of Felt::carriers().
   };
   static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
-  // Never grows: try_emplace does not allocate.
+  // Does not grow, because try_emplace does not allocate memory.
   std::optional<moodycamel::ReaderWriterQueue<Row>> ring_;
   std::int64_t lost_ = 0;
 };
 
 /// One hand: its device, its results and their outputs.
 struct Hand {
-  Log log;  // first: its ring has cache lines of its own
+  Log log;  // first member: the queue in it is aligned to cache lines
   std::unique_ptr<Device> device;
   std::unique_ptr<Recorder> recorder;
   bool told_unwritten = false;
   Trace trace;
-  Picture* picture = nullptr;  ///< Only the first hand has one.
+  Picture* picture = nullptr;  ///< Null except for the first hand.
   OrderedJson granted;
 
   Hand(std::unique_ptr<Device> d, const Scene& scene, const FeelOptions& options,
@@ -132,7 +137,7 @@ struct Hand {
         device(std::move(d)),
         trace(trace_place, log.felt.carriers()),
         picture(drawn) {}
-  /// Reports once why recording has stopped.
+  /// Prints the reason why the recording has stopped, once.
   void tellUnwritten(const std::string& name) {
     if (!recorder || told_unwritten) return;
     const std::string why = recorder->trouble();
@@ -150,20 +155,19 @@ struct Hand {
 };
 using Hands = std::vector<std::unique_ptr<Hand>>;
 
-/// Data that are loaded during a run: bricks near hands, frames ahead of playback.
+/// Data that are loaded during a run: bricks near the hands, and frames ahead of the playback.
 class Fetched {
  public:
-  /// Takes the windows and sequences of this scene.
+  /// Takes the brick windows and the sequences of a new scene.
   void now(const BuiltScene& built) {
     windows_ = built.windows;
     sequences_ = built.sequences;
   }
-  /// Reports errors since the last call.
+  /// Prints the load errors since the last call.
   void tellTroubles() const;
-  /// Adds "bricks" and "sequences", by names of volumes, if there are any.
+  /// Adds the objects "bricks" and "sequences" to the summary, with an entry for each volume.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
-  /// Returns the sequences by name.
   [[nodiscard]] const std::map<std::string, std::shared_ptr<const FrameSequence>>& sequences()
       const {
     return sequences_;
@@ -174,44 +178,45 @@ class Fetched {
   std::map<std::string, std::shared_ptr<const FrameSequence>> sequences_;
 };
 
-/// Connects the first hand with hands at other sites, in one scene.
+/// Connects the first hand with the hands at other sites, in the same scene.
 class WithSites {
  public:
-  /// Makes no links if the options name no site. `from`: the scene. Throws Error.
+  /// Connects to no site if the options name no site. `from` is the scene of the run. Throws Error.
   WithSites(const FeelOptions& options, const DeviceInfo& device, const SceneInput& from);
-  /// Returns the links for the first hand's loop; null: not connected.
+  /// Returns the links that the first hand's loop uses; null: not connected.
   [[nodiscard]] HandLinks* links() noexcept { return links_ ? &*links_ : nullptr; }
-  /// Prints the news since the last call.
+  /// Prints messages about other sites that have arrived since the last call.
   void tellNews();
-  /// Returns whether other sites edit the scene.
+  /// Returns true if this site exchanges edits of the scene with other sites.
   [[nodiscard]] bool share() const noexcept { return shares_; }
-  /// Makes the scene a shared one.
+  /// Starts the exchange of edits, with `from` as the first scene.
   void begin(Watcher& watcher, const SceneInput& from) const;
-  /// Receives the other sites' edits.
+  /// Passes edits that have arrived from other sites to `watcher`.
   void hear(Watcher& watcher);
-  /// Sends new edits to the other sites.
+  /// Sends new edits of this site's user to the other sites.
   void tell(Watcher& watcher);
-  /// Adds "sites", by their names.
+  /// Adds the object "sites" to the summary, with an entry for each site.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
 
  private:
   std::optional<HandLinks> links_;
-  std::optional<Site> site_;
+  std::unique_ptr<Site> site_;
   std::string name_;
   bool shares_ = false;
 };
 
-/// The checked input of a run.
+/// The checked input of a run, and the objects that all its hands share.
 struct Run {
   const FeelOptions& options;
   Hands& hands;
   std::shared_ptr<const Scene> scene;
-  const SceneSpec& spec;                                   ///< Description of the scene.
-  std::optional<std::filesystem::file_time_type> written;  ///< Write time of the scene's file.
+  const SceneSpec& spec;  ///< Description of the scene.
+  /// Time at which the scene file was last written.
+  std::optional<std::filesystem::file_time_type> written;
   SceneCache& cache;
-  const SceneInput& from;  ///< Source of the scene.
-  std::int64_t ticks = 0;  ///< Largest number of ticks.
+  const SceneInput& from;  ///< Scene with its text and files.
+  std::int64_t ticks = 0;  ///< Largest number of ticks of the run.
   bool whole_path = false;
   Window* window = nullptr;
   WithSites* sites = nullptr;
@@ -219,19 +224,20 @@ struct Run {
   Fetched fetched{};
   PlayParams play{};  ///< Playback of `scene`.
 
-  /// Returns the prefix of messages, with the hand's number if there are several.
+  /// Returns the prefix of messages about a hand. It contains the hand's number if there are
+  /// several hands.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {
     return hands.size() == 1 ? "feel" : fmt::format("feel: hand {}", hand + 1);
   }
 };
 
-/// Runs as fast as possible; results are the same every time.
+/// Runs the ticks in virtual time, as fast as possible. The results are the same in every run.
 void runInVirtualTime(const Run& run);
-/// Replays recorded hands with identical results; every device must be a ReplayDevice. Runs at
-/// `run.options.speed` and until its window is closed. `scenes`: the ticks' scenes by their
-/// recorded ids; missing ones are `run.scene`.
+/// Replays recorded hands, with the recorded results. Every device must be a ReplayDevice. Runs at
+/// `run.options.speed`, and ends early if the window is closed. `scenes` has the scenes of the
+/// ticks by their recorded ids; a tick without an entry uses `run.scene`.
 void runAgain(const Run& run, const ScenesById& scenes);
-/// Runs in real time, one thread for each hand.
+/// Runs the hands in real time, each in its own thread.
 void runOnTime(Run& run, Guardian& guardian);
 
 }  // namespace palpate::cli

@@ -6,13 +6,15 @@
 
 #include <fmt/format.h>
 #include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/MeshToVolume.h>
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tools/VolumeToMesh.h>
+#include <openvdb/util/NullInterrupter.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/grids.h"
 #include "palpate/scenes/apps/import/quantile.h"
-#include "palpate/scenes/apps/import/surface.h"
+#include "palpate/scenes/apps/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {
@@ -21,17 +23,30 @@ using openvdb::Coord;
 using openvdb::Vec3d;
 using openvdb::tools::BoxSampler;
 
-/// Returns the share of the original's surface that is a voxel or more from the level set's.
-double lostPart(const openvdb::tools::VolumeToMesh& mesher, const openvdb::FloatGrid& surface) {
+constexpr float kHalfWidth = 3.0F;  ///< [voxels], OpenVDB's default.
+
+/// Forwards OpenVDB's progress, which arrives from any thread.
+class Watcher final : public openvdb::util::NullInterrupter {
+ public:
+  explicit Watcher(const Progress& progress) : shared_(progress, 100) {}
+
+  bool wasInterrupted(int percent = -1) override {
+    if (percent >= 0) shared_.tell(percent / 100.0);
+    return false;
+  }
+
+ private:
+  SharedProgress shared_;
+};
+
+/// Returns the share of the original surface's points that are a voxel or more from the level set.
+double lostPart(const std::vector<openvdb::Vec3s>& points, const openvdb::FloatGrid& surface) {
   const auto level = surface.getConstAccessor();
   const double edge = surface.voxelSize().x();
-  std::size_t lost = 0;
-  for (std::size_t p = 0; p < mesher.pointListSize(); ++p) {
-    const Vec3d p_I = surface.worldToIndex(Vec3d(mesher.pointList()[p]));
-    if (std::abs(BoxSampler::sample(level, p_I)) >= edge) ++lost;
-  }
-  return static_cast<double>(lost) /
-         static_cast<double>(std::max<std::size_t>(mesher.pointListSize(), 1));
+  const auto lost = std::count_if(points.begin(), points.end(), [&](const openvdb::Vec3s& p) {
+    return std::abs(BoxSampler::sample(level, surface.worldToIndex(Vec3d(p)))) >= edge;
+  });
+  return static_cast<double>(lost) / static_cast<double>(std::max<std::size_t>(points.size(), 1));
 }
 
 /// Returns the distance of the original's surface, to first order, where edges between voxels cross
@@ -77,24 +92,28 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   const auto transform = cubes(edge, Vec3d(0.0), file);
   LevelSet out;
   out.solid_above = static_cast<double>(grid.background()) < iso;
-  openvdb::tools::VolumeToMesh mesher(iso);
-  findSurface(grid, mesher);
-  const std::size_t polygons = countPolygons(mesher);
-  if (polygons == 0) {
+  // OpenVDB's library has both conversions compiled for these types.
+  std::vector<openvdb::Vec3s> points;
+  std::vector<openvdb::Vec4I> quads;
+  openvdb::tools::volumeToMesh(grid, points, quads, iso);
+  if (quads.empty()) {
     throw VolumeError(file,
                       fmt::format("no surface in \"{}\" has the value {:g}", grid.getName(), iso),
                       "give an --iso within the range of the values, see palpate info");
   }
   // Estimates the voxels: the surface's area times the width of the band.
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
-  if (static_cast<double>(polygons) * refinement * refinement * 6.0 > 1e9) {
+  if (static_cast<double>(quads.size()) * refinement * refinement * 6.0 > 1e9) {
     throw VolumeError(
         file, fmt::format("the surface would need too many voxels with an edge of {:g}", edge),
         "give a larger --voxel");
   }
   // Signs are not taken from OpenVDB: it treats the space that a surface encloses as inside, and
   // drops cavities.
-  out.grid = distanceTo(mesher, *transform, progress);
+  Watcher watcher(progress);
+  out.grid = openvdb::tools::meshToUnsignedDistanceField<openvdb::FloatGrid>(
+      watcher.interrupter(), *transform, points, {}, quads, kHalfWidth);
+  quads = {};
   // The values decide the side. As in OpenVDB, a voxel with exactly this value is above it.
   const auto accessor = grid.getConstAccessor();
   std::uint64_t inside = 0;
@@ -111,9 +130,8 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                       fmt::format("the solid at the value {:g} is thinner than the voxels", iso),
                       "give a smaller --voxel or another --iso");
   }
-  out.lost = lostPart(mesher, *out.grid);
-  mesher.pointList().reset();
-  mesher.polygonPoolList().reset();
+  out.lost = lostPart(points, *out.grid);
+  points = {};
 
   std::vector<double> errors = distances(*out.grid, grid, iso);
   out.crossings = errors.size();

@@ -1,4 +1,4 @@
-/// Resamples meshes. Voxels outside the mesh stay inactive.
+/// Resamples meshes on cubic voxels. Voxels outside the mesh stay inactive.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -35,11 +35,11 @@ using openvdb::Vec3d;
 using ScalarTree = openvdb::FloatTree;
 using VectorTree = openvdb::Vec3STree;
 
-/// A place this far outside a cell, in the cell's own coordinates of 0 to 1, still belongs to it:
-/// the first voxels lie on the mesh's bounds.
+/// A place belongs to a cell if it lies outside by at most this, in the cell's parametric
+/// coordinates of 0 to 1. Needed because the first voxels lie on the mesh's bounds.
 constexpr double kOutside = 1e-5;
 
-/// VTK's bounds are in the order x, y, z; lower, then upper.
+/// VTK stores bounds axis by axis, the lower one before the upper one.
 double low(const double bounds[6], int axis) {
   return bounds[static_cast<std::ptrdiff_t>(2) * axis];
 }
@@ -50,14 +50,15 @@ double volumeOf(const double bounds[6]) {
   return (bounds[1] - bounds[0]) * (bounds[3] - bounds[2]) * (bounds[5] - bounds[4]);
 }
 
-/// A thread's own cell: VTK fills it and keeps state in it.
+/// Data of one thread. VTK writes its state into `cell` when it locates a place.
 struct Worker {
   vtkNew<vtkGenericCell> cell;
   vtkNew<vtkIdList> candidates;
   std::vector<double> weights;
 };
 
-/// Computes the weights of the cell's points at p; returns false if p is outside.
+/// Computes the weights of the cell's points for the place p. Returns false if p is outside the
+/// cell.
 bool weighAt(const Vec3d& p, Worker& worker) {
   worker.weights.resize(static_cast<std::size_t>(worker.cell->GetNumberOfPoints()));
   double x[3] = {p.x(), p.y(), p.z()};
@@ -68,12 +69,12 @@ bool weighAt(const Vec3d& p, Worker& worker) {
   const int found =
       worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
   if (found < 0 || !isInsideCell(worker.cell->GetCellType(), parametric, kOutside)) return false;
-  // If p is just outside, VTK has not computed the weights of some cells.
+  // For a place just outside a cell, VTK does not compute the weights of all cell types.
   if (found == 0) worker.cell->InterpolateFunctions(parametric, worker.weights.data());
   return true;
 }
 
-/// Loads the cell that holds p; returns false if no cell does.
+/// Loads the cell that contains p. Returns false if no cell does.
 bool findCell(vtkDataSet* mesh, vtkStaticCellLocator* locator, const Vec3d& p, Worker& worker) {
   double box[6] = {p.x(), p.x(), p.y(), p.y(), p.z(), p.z()};
   locator->FindCellsWithinBounds(box, worker.candidates);
@@ -94,7 +95,7 @@ double valueAt(const Worker& worker, const Values& values, int component) {
   return sum;
 }
 
-/// Leaves of one array, scalar or vector.
+/// The leaves of the grid of one array, a scalar or a vector.
 class Sheet {
  public:
   explicit Sheet(const Array& array) : array_(&array), vector_(array.values.components() == 3) {}
@@ -116,7 +117,8 @@ class Sheet {
     return leaf;
   }
 
-  /// Returns false if the value is not a number: a hole.
+  /// Sets a voxel's value. Returns false, and leaves the voxel without data, if the value is not
+  /// finite.
   [[nodiscard]] bool set(Leaf& leaf, unsigned offset, const Worker& worker) const {
     if (vector_) {
       openvdb::Vec3f v;
@@ -139,8 +141,8 @@ class Sheet {
   bool vector_;
 };
 
-/// Returns the median of the active values beside an inactive voxel: typical values at the data's
-/// edge.
+/// Returns the median of the active values that have an inactive voxel beside them. This is a
+/// typical value at the edge of the data.
 float edgeValue(const openvdb::FloatGrid& grid) {
   std::vector<float> edge;
   const auto accessor = grid.getConstAccessor();
@@ -157,7 +159,7 @@ float edgeValue(const openvdb::FloatGrid& grid) {
   return quantile(edge, 0.5);
 }
 
-/// Sets the range of the active values.
+/// Sets the lowest and the highest active value.
 template <class GridT>
 void takeRange(const GridT& grid, Gridded& made) {
   made.lowest = std::numeric_limits<double>::infinity();
@@ -169,7 +171,7 @@ void takeRange(const GridT& grid, Gridded& made) {
   }
 }
 
-/// Returns how many of the 8 voxels around a place have data.
+/// Returns the number of voxels with data among the 8 voxels around a place.
 template <class Accessor>
 int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   const Coord low = Coord::floor(p_I);
@@ -180,7 +182,7 @@ int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   return count;
 }
 
-/// Returns a random sample of cells, the same in each run.
+/// Returns a random sample of cells. It is the same in each run.
 std::vector<vtkIdType> someCells(vtkIdType cells) {
   constexpr vtkIdType kMost = 20000;
   std::vector<vtkIdType> some;
@@ -194,7 +196,7 @@ std::vector<vtkIdType> someCells(vtkIdType cells) {
   return some;
 }
 
-/// A place in the mesh, with the weights of its cell's points.
+/// A place in the mesh, with the interpolation weights of its cell's points.
 struct Place {
   Vec3d p;
   std::vector<std::pair<std::size_t, double>> weights;
@@ -208,7 +210,7 @@ struct Place {
   }
 };
 
-/// Returns random places in the mesh's bounds that are inside the mesh; found once for all arrays.
+/// Returns random places inside the mesh. They are found once and used for all arrays.
 std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
   constexpr int kCount = 50000;
   std::mt19937_64 random(2);
@@ -231,7 +233,7 @@ std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
   return places;
 }
 
-/// Compares the mesh's own values with the grid's.
+/// Compares the interpolation of the mesh with that of the grid at these places.
 template <class GridT>
 Differences compare(const std::vector<Place>& places, const Values& values, const GridT& grid) {
   Differences differences;
@@ -256,7 +258,7 @@ Differences compare(const std::vector<Place>& places, const Values& values, cons
   return differences;
 }
 
-/// Returns a cell's volume, from the tetrahedra that VTK splits it into.
+/// Returns the volume of a cell: the sum of the tetrahedra into which VTK splits it.
 double solidVolume(vtkCell* cell, vtkIdList* points, vtkPoints* corners) {
   cell->Triangulate(0, points, corners);
   double volume = 0.0;
@@ -270,7 +272,7 @@ double solidVolume(vtkCell* cell, vtkIdList* points, vtkPoints* corners) {
   return volume;
 }
 
-/// Rounds to two digits, which a user can repeat more easily.
+/// Rounds to two digits, so that a user can easily type the number.
 double twoDigits(double x, double (*to_whole)(double)) {
   const double digit = std::pow(10.0, std::floor(std::log10(x)) - 1.0);
   return to_whole(x / digit) * digit;
@@ -300,7 +302,8 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   out.by_cell = twoDigits(
       std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0),
       [](double x) { return std::round(x); });
-  // The cells fill the same share of the voxels as of the bounds.
+  // Scales the volume of the sampled cells to all cells. The share of voxels in the mesh is then
+  // this volume divided by the volume of the mesh's bounds.
   solid *= static_cast<double>(mesh->GetNumberOfCells()) / static_cast<double>(some.size());
   const auto voxels_of = [&](double edge) {
     double count = std::min(solid / volumeOf(bounds), 1.0);
@@ -320,13 +323,15 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   return out;
 }
 
-/// Resamples arrays of a mesh on cubic voxels. Takes memory for VTK's cell locator and the grids.
+/// Resamples arrays of a mesh on cubic voxels. Needs memory for VTK's cell locator and for the
+/// grids.
 class MeshResampler {
  public:
   MeshResampler(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
                 const std::string& file)
       : mesh_(mesh), file_(file), voxel_(voxel), holes_(arrays.size()) {
-    // The first call prepares data that later calls, from any thread, only read.
+    // The first call prepares data of the mesh. Later calls only read these data, so they may come
+    // from several threads.
     mesh->ComputeBounds();
     mesh->GetCell(0, vtkNew<vtkGenericCell>());
     mesh->GetBounds(bounds_);
@@ -359,7 +364,7 @@ class MeshResampler {
  private:
   static constexpr int kEdge = 8;
 
-  /// Fills the leaves of all sheets, row by row on all cores.
+  /// Fills the leaves of all grids, on all cores. A task makes a row of leaves.
   void fillLeaves(const Progress& progress) {
     const std::array<int, 3> leaves{(size_[0] + kEdge - 1) / kEdge, (size_[1] + kEdge - 1) / kEdge,
                                     (size_[2] + kEdge - 1) / kEdge};
@@ -378,7 +383,7 @@ class MeshResampler {
     });
   }
 
-  /// Returns a leaf of each sheet, or an empty list if no cell reaches the leaf's voxels.
+  /// Returns a leaf for each grid; an empty list if no cell reaches the voxels of the leaf.
   std::vector<Sheet::Leaf> fillLeaf(const Coord& origin, Worker& worker) {
     const Vec3d lower = transform_->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
     const Vec3d upper = transform_->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
@@ -386,14 +391,15 @@ class MeshResampler {
     locator_->FindCellsWithinBounds(box, worker.candidates);
     std::vector<Sheet::Leaf> here;
     if (worker.candidates->GetNumberOfIds() == 0) return here;
-    worker.candidates->Sort();  // the lowest cell wins, independent of the locator's order
+    // takes the first of several cells in a fixed order, independent of the locator
+    worker.candidates->Sort();
 
     openvdb::util::NodeMask<3> taken;
     for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
       mesh_->GetCell(worker.candidates->GetId(c), worker.cell);
-      const openvdb::CoordBBox box = voxelsOf(worker, origin);
-      if (box.empty()) continue;
-      for (auto at = box.begin(); at; ++at) {
+      const openvdb::CoordBBox voxels = voxelsOf(worker, origin);
+      if (voxels.empty()) continue;
+      for (auto at = voxels.begin(); at; ++at) {
         const unsigned offset = ScalarTree::LeafNodeType::coordToOffset(*at);
         if (taken.isOn(offset)) continue;
         if (!weighAt(transform_->indexToWorld(*at), worker)) continue;
@@ -410,7 +416,7 @@ class MeshResampler {
     return here;
   }
 
-  /// Returns the voxels of a leaf within the bounds of the worker's cell.
+  /// Returns the voxels of a leaf that lie within the bounds of the worker's cell.
   [[nodiscard]] openvdb::CoordBBox voxelsOf(Worker& worker, const Coord& origin) const {
     double cell[6];
     worker.cell->GetBounds(cell);
@@ -425,7 +431,7 @@ class MeshResampler {
     return box;
   }
 
-  /// Makes the grid of sheet s from its leaves, and measures its error at `places`.
+  /// Makes the grid of sheet s from its leaves, and computes its error at `places`.
   template <class GridPtr, class LeafOf>
   Resampled finish(const GridPtr& grid, std::size_t s, const std::vector<Place>& places,
                    LeafOf leaf_of) {
@@ -440,7 +446,7 @@ class MeshResampler {
     }
     grid->setTransform(transform_->copy());
     takeRange(*grid, one.made);
-    // Interpolation beside voxels without data uses the background.
+    // Beside voxels without data, interpolation reads the background, so it gets a typical value.
     if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
       one.made.background = edgeValue(*grid);
       openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
@@ -469,9 +475,10 @@ class MeshResampler {
   vtkNew<vtkStaticCellLocator> locator_;
   std::vector<Sheet> sheets_;
   std::vector<std::vector<std::vector<Sheet::Leaf>>>
-      made_;                                       ///< Leaves by row along x, leaf and sheet.
-  std::vector<std::atomic<std::uint64_t>> holes_;  ///< Values that are not numbers.
-  std::atomic<std::uint64_t> inside_{0};           ///< Voxels in the mesh.
+      made_;  ///< Leaves, by row along x, leaf and sheet.
+  /// For each array, number of voxels in the mesh whose value is not finite.
+  std::vector<std::atomic<std::uint64_t>> holes_;
+  std::atomic<std::uint64_t> inside_{0};  ///< Number of voxels in the mesh.
 };
 
 class VtkMesh final : public Mesh {

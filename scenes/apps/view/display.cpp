@@ -26,17 +26,18 @@
 namespace palpate::view {
 namespace {
 
-/// A second connection beside VTK's, open as long as the program runs. When the last client leaves,
-/// a server may restart and refuse new clients for a moment.
+/// A second connection to the X server, beside that of VTK. It stays open until the program ends:
+/// when the last client disconnects, a server may restart and reject new clients for a moment.
 Display* connection = nullptr;
 
-/// Opens the connection. Returns why the display has no windows with OpenGL; empty: it has.
+/// Opens the connection. Returns the reason why the display cannot show windows with OpenGL; an
+/// empty text if it can.
 std::string problem() {
   const char* name = std::getenv("DISPLAY");
   if (name == nullptr || *name == '\0') return "the variable DISPLAY is empty";
   connection = XOpenDisplay(nullptr);
   if (connection == nullptr) return std::string(name) + " does not answer";
-  // VTK requests this configuration, and aborts without a message if it is missing.
+  // VTK requests this configuration, and aborts without a message if the display does not have it.
   const std::array<int, 5> wanted{GLX_DEPTH_SIZE, 1, GLX_ALPHA_SIZE, 1, None};
   int count = 0;
   int unused = 0;
@@ -54,14 +55,15 @@ void endServer() {
   waitpid(server, nullptr, 0);
 }
 
-/// Creates the server's authority file. Only clients that know its cookie are let in, which is this
-/// program; otherwise every user of the machine could watch the drawing. The file disappears with
-/// its last descriptor. Returns -1 on failure.
+/// Creates the authority file of an X server. The server accepts only clients that know its cookie,
+/// which is only this program. Otherwise every user of the machine could watch the drawing. The
+/// file disappears when its last descriptor is closed. Returns the descriptor, or -1 on failure.
 int authority() {
   std::string name = "MIT-MAGIC-COOKIE-1";
   std::array<char, 16> cookie{};
   if (getrandom(cookie.data(), cookie.size(), 0) != static_cast<ssize_t>(cookie.size())) return -1;
-  // Format of Xau: a family, here any, then address, display, name and cookie, each after its size.
+  // Format of the Xau library: a family (here: any), then address, display, name and cookie, each
+  // preceded by its length.
   std::string record = "\xff\xff";
   for (const std::string& part :
        {std::string(), std::string(), name, std::string(cookie.data(), cookie.size())}) {
@@ -77,7 +79,7 @@ int authority() {
   return file;
 }
 
-/// Starts a server. Returns the number of its display; empty if it did not start.
+/// Starts Xvfb. Returns the number of its display as text; an empty text if it did not start.
 std::string startServer() {
   int ends[2];
   const int known = authority();
@@ -85,13 +87,14 @@ std::string startServer() {
   const pid_t parent = getpid();
   server = fork();
   if (server == 0) {
-    // The server ends with this program, however the program ends.
+    // The kernel ends the server when this program ends for any reason.
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) _exit(1);
-    // A terminal's Ctrl-C is for the loop, which ends this program.
+    // Ctrl-C in the terminal must not end the server. The loop receives it and ends this program.
     setpgid(0, 0);
     dup2(ends[1], 3);
-    // If a display's number is taken, Xvfb prints this and uses the next.
+    // Discards Xvfb's messages: if the number of a display is in use, Xvfb prints a message and
+    // tries the next number.
     const int nowhere = open("/dev/null", O_WRONLY);
     dup2(nowhere, STDERR_FILENO);
     const std::string place = "/proc/self/fd/" + std::to_string(known);
@@ -102,7 +105,7 @@ std::string startServer() {
   close(ends[1]);
   close(known);
   std::string number;
-  constexpr int kPatience = 10000;  // [ms]
+  constexpr int kPatience = 10000;  // [ms]: longest wait for the start of the server
   pollfd wait{ends[0], POLLIN, 0};
   while (poll(&wait, 1, kPatience) > 0) {
     std::array<char, 16> text{};
@@ -123,7 +126,8 @@ int lost(Display* /*display*/) {
 }
 
 int refused(Display* display, XErrorEvent* error) {
-  // VTK requests the focus where the mouse enters, perhaps for a window that is hidden by then.
+  // VTK requests the focus for a window that the mouse enters. The window may be hidden by then;
+  // this error is harmless.
   if (error->request_code == X_SetInputFocus) return 0;
   std::array<char, 128> why{};
   XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
@@ -140,7 +144,8 @@ void needDisplay(bool picture) {
   std::string why = problem();
   if (why.empty()) return;
   if (!picture) {
-    throw Error("display", why, "start it on a desktop with OpenGL, or add --picture FILE.png");
+    throw Error("display", why,
+                "run palpate view on a desktop with OpenGL, or add --picture FILE.png");
   }
   const std::string number = startServer();
   if (number.empty())
@@ -161,8 +166,8 @@ bool Sight::now() {
     XEvent event;
     XNextEvent(connection, &event);
     if (event.type == UnmapNotify) mapped_ = false;
-    // The server reports a covering window after this event. A destroyed window counts as visible:
-    // the next drawing is refused, which ends the program.
+    // If another window covers this one, the server reports that after this event. A destroyed
+    // window counts as visible, so that the next drawing fails and the program ends.
     if (event.type == MapNotify || event.type == DestroyNotify) {
       mapped_ = true;
       covered_ = false;

@@ -34,22 +34,25 @@
 namespace palpate::view {
 namespace {
 
-// Points along the longest side of a sampled field.
+// Numbers of points along the longest side of a sampled field.
 constexpr int kCoarsePoints = 80;
 constexpr int kPoints = 176;
 constexpr int kFinePoints = 320;
+constexpr double kPointsPerVoxel = 4.0;  ///< More points show no more of the data.
 constexpr int kCloudPoints = 112;
 constexpr int kStreamPoints = 64;
 constexpr std::size_t kMostClouds = 2;
 
-/// Colours of bodies: warm and light, so that the hand and its primitives stand out.
+/// Colours of surfaces. They are light and warm, so that the hand and the primitives are clearly
+/// visible in front of them.
 constexpr std::array<Colour, 6> kBodies{{{0.87, 0.74, 0.64},
                                          {0.93, 0.91, 0.84},
                                          {0.72, 0.62, 0.66},
                                          {0.66, 0.72, 0.66},
                                          {0.80, 0.78, 0.62},
                                          {0.64, 0.68, 0.76}}};
-/// Dark to light, in even steps for every kind of colour vision (after cividis).
+/// Colour scale from dark to light. Its steps look equal for every kind of colour vision (after the
+/// colour map cividis).
 constexpr std::array<Colour, 5> kScale{{{0.00, 0.13, 0.30},
                                         {0.26, 0.31, 0.42},
                                         {0.49, 0.48, 0.47},
@@ -69,7 +72,7 @@ vtkSmartPointer<vtkActor> actorOf(vtkAlgorithmOutput* output) {
   return actor;
 }
 
-/// Returns the index of the field that a property comes from, or -1.
+/// Returns the index of the scalar field that a property is read from; -1 if there is none.
 int scalarFieldOf(const Graph& graph, int property) {
   for (const ScalarRead& read : graph.scalar_reads) {
     if (property >= 0 && read.value == property) return read.field;
@@ -85,7 +88,7 @@ int vectorFieldOfScalar(const Graph& graph, int property) {
   }
   return -1;
 }
-/// Returns the field of a vector, of its curl, or of its direction.
+/// Returns the index of the vector field that a vector, its curl or its direction is read from.
 int vectorFieldOf(const Graph& graph, int property) {
   for (const UnitStep& step : graph.units) {
     if (step.to == property) property = step.from;
@@ -102,13 +105,13 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
-/// Moves a mesh's points by a motion.
+/// Sets the points of a mesh to their positions at a time, when `motion` deforms it.
 void deform(vtkPolyData& mesh, vtkPoints& rest, const Motion& motion, double time) {
   auto moved = vtkSmartPointer<vtkPoints>::New();
   const vtkIdType count = rest.GetNumberOfPoints();
   moved->SetNumberOfPoints(count);
   tbb::parallel_for(vtkIdType{0}, count, [&](vtkIdType i) {
-    double p[3];  // NOLINT(modernize-avoid-c-arrays): as VTK takes it
+    double p[3];  // NOLINT(modernize-avoid-c-arrays): VTK takes a C array
     rest.GetPoint(i, p);
     const Vec3 at = Eigen::Map<const Vec3>(p);
     const Vec3 to = motion.poseOf(at, time)(at);
@@ -161,7 +164,8 @@ void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& mo
 
 void Shapes::seeThrough() {
   constexpr double kOpacity = 0.4;
-  constexpr double kSlack = 0.02;  // share of its size: both may end at the border of the data
+  // relative to the size of the outer surface; both surfaces may end at the border of the data
+  constexpr double kSlack = 0.02;
   const auto holds = [](const Shape& outer, const Shape& inner) {
     double a[6];
     double b[6];
@@ -173,7 +177,8 @@ void Shapes::seeThrough() {
     }
     return true;
   };
-  // If two hold each other, the scene's first is the outer one, because it is felt first.
+  // If two surfaces contain each other, the first one in the scene counts as the outer one, because
+  // the hand touches it first.
   const auto outside = [&](const Shape& a, const Shape& b) {
     return a.surface >= 0 && b.surface >= 0 && a.surface != b.surface && holds(a, b) &&
            (a.surface < b.surface || !holds(b, a));
@@ -189,8 +194,8 @@ void Shapes::seeThrough() {
       continue;
     }
     auto* actor = static_cast<vtkActor*>(shape.prop.Get());
-    // Draws depths without a colour, a little behind the surface, so that the surface itself passes
-    // their test.
+    // Draws only the depths of the surface, slightly behind it, so that the surface itself passes
+    // the depth test against them.
     auto behind = vtkSmartPointer<vtkPolyDataMapper>::New();
     behind->SetInputData(static_cast<vtkPolyDataMapper*>(actor->GetMapper())->GetInput());
     behind->ScalarVisibilityOff();
@@ -261,7 +266,8 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     contour->Update();
     if (contour->GetOutput()->GetNumberOfCells() == 0) return false;
     auto actor = actorOf(contour->GetOutputPort());
-    // Frees the image, together with the contour's own copy.
+    // Releases the image. The mapper below gets a copy of the surface, so that the contour filter
+    // and its copy of the image are freed.
     contour->SetInputData(nullptr);
     auto kept = vtkSmartPointer<vtkPolyData>::New();
     kept->ShallowCopy(contour->GetOutput());
@@ -279,15 +285,17 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     }
     return true;
   };
-  const int points = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
+  const FieldFrame frame = of.frame();
+  const double voxels = frame.bounds.size().maxCoeff() / frame.voxel;
+  const int most = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
+  const int points =
+      static_cast<int>(std::clamp(kPointsPerVoxel * voxels, 48.0, static_cast<double>(most)));
   if (!mesh(points, When::kFine)) {
     notes_.push_back(fmt::format("{}: no surface at the value {}", name, level));
     return;
   }
   (void)mesh(std::min(points, kCoarsePoints), When::kCoarse);
-  const FieldFrame frame = of.frame();
-  if (const double step = frame.bounds.size().maxCoeff() / ((points - 1) * frame.voxel);
-      step > 1.5) {
+  if (const double step = voxels / (points - 1); step > 1.5) {
     notes_.push_back(fmt::format("{}: drawn {:.1f} times coarser than it is felt", name, step));
   }
   ++surfaces_;
@@ -308,7 +316,7 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   const auto image = of_vector ? sampled(*graph.vector_fields[field], Along::kValue, kCloudPoints)
                                : sampled(*graph.scalar_fields[field], kCloudPoints);
   const auto [low, high] = usual(*image);
-  // Converts to 16 bits, which the mapper needs.
+  // Scales the values to 16-bit integers, which the volume mapper needs.
   constexpr double kMost = 65535.0;
   auto scaled = vtkSmartPointer<vtkImageShiftScale>::New();
   scaled->SetInputData(image);
@@ -317,8 +325,8 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   scaled->SetOutputScalarTypeToUnsignedShort();
   scaled->ClampOverflowOn();
   scaled->Update();
-  // The cloud is as dense as the mode is strong. If the strength does not follow the value, the
-  // cloud is denser at higher values.
+  // The opacity of the cloud is proportional to the mode's strength. If the strength does not
+  // depend on the value, the opacity grows with the value.
   const auto strong = [&](double value) {
     double product = 1.0;
     bool follows = false;
@@ -374,12 +382,13 @@ void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,
   known_.push_back(key);
   const auto image = sampled(of, along, kStreamPoints);
   const auto [low, high] = usual(*image);
-  // Seeds where the vector is large, the same in every run; of vortices, where the curl is largest.
+  // Starts streamlines at random points where the vector is large; for vortices, where the curl is
+  // large. The points are the same in every run.
   const bool core = along == Along::kCurl;
   const int seeds = core ? 60 : 160;
   const double least = (core ? 0.5 : 0.1) * high;
   std::vector<Vec3> from;
-  std::mt19937 random(7);  // NOLINT(cert-msc51-cpp): a picture is the same twice
+  std::mt19937 random(7);  // NOLINT(cert-msc51-cpp): fixed, so that each run gives the same picture
   const auto* sizes = static_cast<float*>(image->GetPointData()->GetScalars()->GetVoidPointer(0));
   const auto count = static_cast<std::uint64_t>(image->GetNumberOfPoints());
   for (int i = 0; i < 500 * seeds && from.size() < static_cast<std::size_t>(seeds); ++i) {
@@ -497,7 +506,7 @@ void Shapes::moveTo(double time) {
       deform(*shape.mesh, *shape.rest, *shape.motion, time);
       continue;
     }
-    // A shape that deforms but is not a mesh moves as its centre does.
+    // A shape that deforms, but is not a mesh, moves like its centre.
     const Pose pose = shape.motion->poseOf(shape.centre, time);
     auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
     for (int i = 0; i < 3; ++i) {

@@ -22,6 +22,7 @@
 
 #include "palpate/devices/arm/arm.h"
 #include "palpate/engine/error.h"
+#include "palpate/samplers/module.h"
 #include "palpate/scenes/network/sites/site_security.h"
 #include "site_topics.h"
 
@@ -152,12 +153,10 @@ std::array<double, 3> numbers(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-}  // namespace
-
 /// The thread and its shared data.
-class Site::Carrier {
+class DdsSite final : public Site {
  public:
-  Carrier(const SiteParams& params, HandLinks& links)
+  DdsSite(const SiteParams& params, HandLinks& links)
       : name_(params.name), number_(numberOfSite(name_)), links_(links) {
     open(params);
     try {
@@ -167,9 +166,9 @@ class Site::Carrier {
       throw;
     }
   }
-  Carrier(const Carrier&) = delete;
-  Carrier& operator=(const Carrier&) = delete;
-  ~Carrier() {
+  DdsSite(const DdsSite&) = delete;
+  DdsSite& operator=(const DdsSite&) = delete;
+  ~DdsSite() override {
     {
       const std::lock_guard lock(mutex_);
       quit_ = true;
@@ -179,7 +178,7 @@ class Site::Carrier {
     dds_delete(domain_);
   }
 
-  std::vector<std::string> takeNews() {
+  std::vector<std::string> takeNews() override {
     const std::lock_guard lock(mutex_);
     if (std::exchange(failed_, false)) {
       news_.emplace_back("site: it stopped for lack of memory: hands of other sites let go");
@@ -189,17 +188,17 @@ class Site::Carrier {
     }
     return std::exchange(news_, {});
   }
-  std::map<std::string, SiteState> others() const {
+  std::map<std::string, SiteState> others() const override {
     const std::lock_guard lock(mutex_);
     std::map<std::string, SiteState> all;
     for (const auto& [name, other] : others_) all.emplace(name, other.state);
     return all;
   }
-  void tellScene(std::string text) {
+  void tellScene(std::string text) override {
     const std::lock_guard lock(mutex_);
     scene_ = std::move(text);
   }
-  std::map<std::string, std::string> takeScenes() {
+  std::map<std::string, std::string> takeScenes() override {
     const std::lock_guard lock(mutex_);
     return std::exchange(scenes_, {});
   }
@@ -572,24 +571,12 @@ class Site::Carrier {
   std::thread thread_;
 };
 
-Site::Site(const SiteParams& params, HandLinks& links)
-    : carrier_(std::make_unique<Carrier>(params, links)) {}
-Site::~Site() = default;
-
-std::vector<std::string> Site::takeNews() {
-  return carrier_->takeNews();
+std::unique_ptr<Site> joinSite(const SiteParams& params, HandLinks& links) {
+  return std::make_unique<DdsSite>(params, links);
 }
 
-std::map<std::string, SiteState> Site::others() const {
-  return carrier_->others();
-}
-
-void Site::tellScene(std::string text) {
-  carrier_->tellScene(std::move(text));
-}
-
-std::map<std::string, std::string> Site::takeScenes() {
-  return carrier_->takeScenes();
-}
-
+}  // namespace
 }  // namespace palpate
+
+// NOLINTNEXTLINE(readability-identifier-naming): the name of the symbol in module.map.
+extern "C" const palpate::ModuleEntry<palpate::SiteFactory> palpate_module{&palpate::joinSite};

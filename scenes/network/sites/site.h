@@ -46,28 +46,30 @@ struct SiteState {
 /// fewer while the hand rests.
 class Site {
  public:
-  /// Throws Error if built without DDS, or if the address or the network does not exist.
-  /// @param links  Must outlive the site.
-  Site(const SiteParams& params, HandLinks& links);
+  Site() = default;
   Site(const Site&) = delete;
   Site& operator=(const Site&) = delete;
   /// Leaves: the other sites know at once.
-  ~Site();
+  virtual ~Site() = default;
 
   /// Returns the events since the last call, one line each.
-  [[nodiscard]] std::vector<std::string> takeNews();
+  [[nodiscard]] virtual std::vector<std::string> takeNews() = 0;
   /// Returns all sites that were heard, by name.
-  [[nodiscard]] std::map<std::string, SiteState> others() const;
+  [[nodiscard]] virtual std::map<std::string, SiteState> others() const = 0;
 
   /// Sets the text about this scene for the other sites, including late joiners. The newest text is
   /// sent at most 5 times per second.
-  void tellScene(std::string text);
+  virtual void tellScene(std::string text) = 0;
   /// Returns the newest text of each site since the last call, by name. The texts are untrusted.
-  [[nodiscard]] std::map<std::string, std::string> takeScenes();
-
- private:
-  class Carrier;
-  std::unique_ptr<Carrier> carrier_;
+  [[nodiscard]] virtual std::map<std::string, std::string> takeScenes() = 0;
 };
+
+/// Joins a site. The first call loads the module palpate_sites.so, which contains DDS's part.
+/// Throws Error if the module is missing, or if the address or the network does not exist.
+///
+/// @param links  Must outlive the site.
+[[nodiscard]] std::unique_ptr<Site> openSite(const SiteParams& params, HandLinks& links);
+/// The function of the module.
+using SiteFactory = std::unique_ptr<Site>(const SiteParams& params, HandLinks& links);
 
 }  // namespace palpate

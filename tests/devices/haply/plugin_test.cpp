@@ -694,7 +694,10 @@ TEST_CASE("closing an arm leaves it at zero force, and the other arm keeps its f
     const auto told = service.told();
     return std::count_if(told.begin(), told.end(), [](const Told& t) { return t.id == "049D"; });
   };
-  // The other arm keeps its force, and this arm gets no further message.
+  // At most three messages of before the close are on their way. Then this arm gets none, and the
+  // other arm keeps its force.
+  REQUIRE(exchanged(service, 4));
+  CHECK(newest(service, "049D") == Vec{});
   const auto before = count();
   REQUIRE(exchanged(service, 5));
   CHECK(newest(service, "04BA") == Vec{0.0, 1.0, 0.0});

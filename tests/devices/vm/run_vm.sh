@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Tests arms on a real kernel without hardware: run_vm.sh uhid|usb BIN WORK MAKE_VOLUMES
+# Tests arms on a real kernel without hardware: run_vm.sh uhid|usb|test BIN WORK MAKE_VOLUMES
+# uhid: an arm and devices of USB's PID class. usb: an arm behind USB. test: an arm behind uhid, tested by the program.
 #
 # Starts a small machine in QEMU. Its clock counts instructions, so that the load of the host does not affect it. BIN:
 # the folder of palpate, virtual_arm, vm_check. Kernel: Debian's, unpacked, not installed. Exits with 77 and the reason
@@ -20,8 +21,9 @@ done
 meta=linux-image-cloud-amd64
 [ "$wire" = usb ] && meta=linux-image-amd64
 mkdir -p "$work"
-exec 9>"$work/lock.$wire"
+exec 9>"$work/lock.$wire" 8>"$work/lock.kernel"
 flock 9
+flock 8
 package=$(apt-cache depends $meta 2>/dev/null | sed -n 's/.*Depends: \(linux-image-[0-9].*\)/\1/p' | head -1)
 [ -n "$package" ] || skip "no package $meta is known: apt-get update"
 kernel=$work/$package
@@ -31,6 +33,7 @@ if [ ! -d "$kernel" ]; then
     dpkg-deb -x "$kernel.new"/*.deb "$kernel.new" && rm "$kernel.new"/*.deb
     mv "$kernel.new" "$kernel"
 fi
+exec 8>&-
 
 root=$work/root.$wire
 rm -rf "$root" && mkdir -p "$root"/{bin,mod,tmp}
@@ -57,8 +60,8 @@ log=$work/$wire.log
 # programs. Both of QEMU's threads share one core. QEMU's main thread runs the machine's timers; the other thread must
 # not preempt it. Otherwise the machine computes on while a timer waits: a delay of milliseconds on the host is a delay
 # of as many milliseconds in the machine.
-core=0
-[ "$wire" = usb ] && core=$((1 % $(nproc)))
+core=$((1 % $(nproc)))
+[ "$wire" = test ] && core=0
 pin=(taskset -c $core)
 chrt -f 1 "${pin[@]}" true 2>/dev/null || pin=()
 identity=$work/pid.$wire

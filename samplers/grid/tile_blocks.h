@@ -1,0 +1,36 @@
+/// Private to samplers: blocks of a leaf's size in active tiles. Include it in .cpp files only.
+#pragma once
+
+#include <vector>
+
+#include "palpate/samplers/grid/openvdb_grids.h"
+
+namespace palpate::detail {
+
+/// Returns the origins of blocks of a leaf's size in the active tiles of a tree: all blocks, or
+/// those along the faces of each tile, whose neighbours can have other values. Omits tiles wider
+/// than 128 voxels, which have millions of voxels on each face.
+template <class TreeT>
+std::vector<openvdb::Coord> tileBlocks(const TreeT& tree, bool inner) {
+  constexpr int kSize = static_cast<int>(TreeT::LeafNodeType::DIM);
+  constexpr int kLargest = 128;
+  std::vector<openvdb::Coord> origins;
+  auto tile = tree.cbeginValueOn();
+  tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
+  for (; tile; ++tile) {
+    const openvdb::CoordBBox box = tile.getBoundingBox();
+    if (box.dim().x() > kLargest) continue;
+    const int last = box.dim().x() - kSize;
+    for (int i = 0; i <= last; i += kSize) {
+      for (int j = 0; j <= last; j += kSize) {
+        const bool all = inner || i == 0 || i == last || j == 0 || j == last;
+        for (int k = 0; k <= last; k += all || last == 0 ? kSize : last) {
+          origins.push_back(box.min().offsetBy(i, j, k));
+        }
+      }
+    }
+  }
+  return origins;
+}
+
+}  // namespace palpate::detail
