@@ -87,7 +87,7 @@ class Stamp(unittest.TestCase):
     def test_a_stamp_is_the_same_wherever_the_clone_lies(self):
         names = set()
         # One clone has a path that sorts before the system's headers, the other a path that sorts after them.
-        for root in ("/home/clone", "/work/clone"):
+        for root in ("/home/clone", "/srv/clone"):
             stamps = tidy.Stamps.__new__(tidy.Stamps)
             stamps.here = lambda text, root=root: text.replace(root, ".")
             stamps.files = {"x": [f"{root}/x.cpp", f"{root}/x.h", "/usr/include/stdio.h"]}
