@@ -15,6 +15,8 @@ import re
 import sys
 from pathlib import Path
 
+from cpp_text import code_of
+
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "passed"
 # The files that decide whether a room has changed: its own sources and tests.
@@ -36,19 +38,15 @@ CONSOLE = re.compile(r"^ *(?:\d+/\d+ +)?Test +#\d+: (.+?) \.+ *(?:\*+)?([A-Z]\w+
 OWN_SECONDS = 10    # [s] for a host test without a budget of its own
 
 
-# A line of a C++ source that is only a comment.
-COMMENT = re.compile(rb"^[ \t]*//.*\n", re.MULTILINE)
-
-
 def hash_of(room):
-    """Returns the hash of a room's code: comments on lines of their own do not count."""
+    """Returns the hash of a room's code: comments of C++ do not count."""
     total = hashlib.sha256()
     for folder in ROOMS[room]:
         for file in sorted((ROOT / folder).rglob("*")):
             if file.is_file() and "__pycache__" not in file.parts:
                 code = file.read_bytes()
                 if file.suffix in (".cpp", ".h"):
-                    code = COMMENT.sub(b"", code)
+                    code = code_of(code)
                 total.update(f"{file.relative_to(ROOT)} {hashlib.sha256(code).hexdigest()}\n".encode())
     return total.hexdigest()
 

@@ -41,7 +41,10 @@ class Rooms(unittest.TestCase):
             before = hash_with("/// One.\nint a = 1;\n")
             self.assertEqual(hash_with("/// Another one.\n  // And more.\nint a = 1;\n"), before)
             self.assertNotEqual(hash_with("/// One.\nint a = 2;\n"), before)
-            self.assertNotEqual(hash_with("/// One.\nint a = 1;  // a\n"), before)
+            self.assertEqual(hash_with("int a = 1;  // a\n"), before)
+            self.assertNotEqual(hash_with("int a = 1;  // NOLINT(cert-err58-cpp)\n"), before)
+            for a, b in (('R"(\n// 1\n)"', 'R"(\n// 2\n)"'), ('"/*1*/"', '"/*2*/"'), ("10'000 + '\"'; // x\n\"", "10'000 + '\"'; // y\n\"")):
+                self.assertEqual(hash_with(f"int a = {a}\n") == hash_with(f"int a = {b}\n"), "10'000" in a)
 
 
 class Report(unittest.TestCase):

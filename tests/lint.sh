@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs clang-format on every file, and clang-tidy on the newest 60 sources outside tests/ that have not passed unchanged
-# before (see tidy.py). Configures a build of its own, so that it does not read another compiler's precompiled headers.
+# Runs clang-format on every file, and clang-tidy on the sources outside tests/ that have not passed before as they are,
+# the newest 60 at most (see tidy.py). Configures a build of its own, so that it does not read another compiler's precompiled headers.
 #   --all   clang-tidy on all sources, with the slow checks, before a release
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -25,7 +25,7 @@ mkdir -p build/lint
 cmake -S . -B build/lint -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER= -DPALPATE_TESTS=OFF -DPALPATE_TOGETHER=1 -DPALPATE_PLUGIN_STUBS=ON \
     -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >build/lint/configure.log 2>&1 ||
     { cat build/lint/configure.log; exit 1; }
-# Newest first: --most leaves out old sources, which passed on the machine on which they were committed.
+# Newest first: --most leaves out old sources, which have passed on the machine on which they were committed.
 mapfile -t sources < <(cat <(git diff HEAD --name-only -- '*.cpp') <(git log --name-only --format= -- '*.cpp') <(git ls-files '*.cpp') |
     awk '!seen[$0]++' | grep -v '^tests/' | while read -r file; do [ ! -f "$file" ] || echo "$file"; done)
 tests/tidy_test.py

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Runs clang-tidy on sources that have not passed unchanged before: tidy.py [--all] [--most N] BUILD SOURCE...
 
-BUILD has a compile_commands.json. A source has passed unchanged if it has a stamp: a file named by a hash of
-clang-tidy's version, its configuration, this file, the compile command, and the bytes of every file that the source
-includes, system headers among them. Stamps are in the user's cache folder, as ccache's objects are, so that all clones
-share them. --all ignores the stamps and runs the slow checks too. With --most N only the first N sources without a stamp
-are checked, and the next run continues: so a machine without stamps, or a new flag, does not make one run long.
+BUILD has a compile_commands.json. A source or header has passed unchanged if it has a stamp: a file named by a hash of
+clang-tidy's version and options, the compile command, and the file's own code without comments.
+clang-tidy reports what it finds in a header with any source that includes it. So a changed header is checked with one
+of these sources, not with all; only --all finds a complaint that a changed header causes in a source that did not
+change. Stamps are in the user's cache folder, as ccache's objects are, so that all clones share them. --all ignores the
+stamps and runs the slow checks too. With --most N at most N sources are checked, and the next run continues: so a
+machine without stamps, or a new flag, does not make one run long.
 
 Most of the time goes into headers, which clang-tidy 14 reads and matches again for every source. So several sources
 with the same flags are checked in one unit. If a unit has complaints, or does not compile, each of its sources is
@@ -22,6 +24,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+from cpp_text import code_of
 
 ROOT = Path(__file__).resolve().parent.parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "palpate" / "tidy"
@@ -51,45 +55,54 @@ SCANNER = "clang-scan-deps-" + re.search(r"version (\d+)", VERSION)[1]
 
 
 def included(build):
-    """Returns, for each source, every file that it includes, from clang's own scanner; takes seconds."""
+    """Returns, for each source, the project's headers that it includes, from clang's own scanner; takes seconds."""
     rules = output_of([SCANNER, "-j", str(os.cpu_count()),
                        f"--compilation-database={build / 'compile_commands.json'}"])
-    files = {}
+    headers = {}
     for rule in rules.replace("\\\n", " ").splitlines():
         source, *rest = (str(Path(f).resolve()) for f in rule.partition(": ")[2].split())
-        # A source compiled by several targets depends on all files that any target includes.
-        files.setdefault(source, set()).update([source, *rest])
-    return files
+        # A source compiled by several targets depends on all headers that any target includes.
+        headers.setdefault(source, set()).update(
+            file for file in rest if file.startswith(f"{ROOT}/") and not file.startswith(f"{build}/") and file != source)
+    return headers
 
 
 class Stamps:
     def __init__(self, build):
-        self.files = included(build)
-        self.hashes = {}
+        self.headers = included(build)
         # Makes paths equal in every clone.
         self.here = lambda text: text.replace(str(build), "build").replace(str(ROOT), ".")
         self.entries = {}
         for entry in json.loads((build / "compile_commands.json").read_text()):
             file = str(Path(entry["file"]).resolve())
             self.entries.setdefault(file, []).append(entry["command"])
-        self.commands = {file: [self.here(c) for c in commands]
-                         for file, commands in self.entries.items()}
-        self.common = "\n".join([VERSION, Path(__file__).read_text(),
-                                 (ROOT / ".clang-tidy").read_text()])
+        self.common = "\n".join([VERSION, *TIDY, *SLOW, (ROOT / ".clang-tidy").read_text()])
 
-    def hash_of(self, file):
-        if file not in self.hashes:
-            self.hashes[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        return self.hashes[file]
-
-    def stamp(self, source):
-        """Returns None if no target compiles the source here, because its files are then unknown."""
-        if source not in self.files or source not in self.commands:
-            return None
-        parts = [self.common, *sorted(self.commands[source])]
-        # Sorted by names that are equal in every clone: the path of a clone may sort before or after /usr.
-        parts += sorted(f"{self.here(file)} {self.hash_of(file)}" for file in self.files[source])
+    def stamp(self, file):
+        """Returns the stamp of a source or header."""
+        commands = sorted(map(self.here, self.entries.get(file, [])))
+        parts = [self.common, self.here(file), *commands, hashlib.sha256(code_of(Path(file).read_bytes())).hexdigest()]
         return CACHE / hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def passed(self, file):
+        stamp = self.stamp(file)
+        if stamp.exists():
+            stamp.touch()
+            return True
+        return False
+
+    def to_check(self, sources, every):
+        """Returns the sources without a stamp, then sources that include the headers without a stamp: again and again
+        the source that includes most of the headers that are left."""
+        chosen = [source for source in sources if every or not self.passed(source)]
+        within = {source: self.headers.get(source, set()) for source in sources}
+        left = {header for header in set().union(*within.values()) if not self.passed(header)}
+        left -= set().union(*(within[source] for source in chosen))
+        while left:
+            best = max(sources, key=lambda source: len(within[source] & left))
+            chosen.append(best)
+            left -= within[best]
+        return chosen
 
 
 def tidy(build, source, every):
@@ -199,26 +212,26 @@ def main():
         with contextlib.suppress(FileNotFoundError):
             if time.time() - old.stat().st_mtime > KEPT:
                 old.unlink()
-    left = {}
-    for source in map(str, sources):
-        stamp = stamps.stamp(source)
-        if stamp is not None and stamp.exists() and not every:
-            stamp.touch()
-        else:
-            left[source] = stamp
-    known = len(sources) - len(left)
-    left = dict(list(left.items())[:options.most])
+    sources = [str(source) for source in sources]
+    chosen = stamps.to_check(sources, every)
+    now = chosen[:options.most]
     bad = 0
+    passed_now = set()
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        asked = pool.map(lambda unit: ask(build, unit, every), units(stamps, build, left))
+        asked = pool.map(lambda unit: ask(build, unit, every), units(stamps, build, now))
         for source, passed, words in (answer for answers in asked for answer in answers):
-            if not passed:
+            if passed:
+                passed_now.add(source)
+            else:
                 bad += 1
                 print(words, file=sys.stderr)
-            elif left[source] is not None:
-                left[source].touch()
-    print(f"tidy: {len(sources)} sources, {known} of them passed before as they are, {len(left)} checked, "
-          f"{bad} with complaints, {len(sources) - known - len(left)} left for the next run")
+    # A source that no target compiles here was not checked as it is built.
+    known = {source for source in passed_now if source in stamps.entries}
+    complained = set().union(*(stamps.headers.get(source, set()) for source in set(now) - passed_now))
+    for file in known.union(*(stamps.headers.get(source, set()) for source in known)) - complained:
+        stamps.stamp(file).touch()
+    print(f"tidy: {len(sources)} sources, {len(now)} of them checked, {bad} with complaints, "
+          f"{len(chosen) - len(now)} left for the next run")
     return 1 if bad else 0
 
 

@@ -84,18 +84,49 @@ class Unit(unittest.TestCase):
 
 
 class Stamp(unittest.TestCase):
-    def test_a_stamp_is_the_same_wherever_the_clone_lies(self):
-        names = set()
-        # One clone has a path that sorts before the system's headers, the other a path that sorts after them.
-        for root in ("/home/clone", "/srv/clone"):
-            stamps = tidy.Stamps.__new__(tidy.Stamps)
-            stamps.here = lambda text, root=root: text.replace(root, ".")
-            stamps.files = {"x": [f"{root}/x.cpp", f"{root}/x.h", "/usr/include/stdio.h"]}
-            stamps.commands = {"x": ["c++ -c ./x.cpp"]}
-            stamps.common = ""
-            stamps.hashes = dict.fromkeys(stamps.files["x"], "0")
-            names.add(stamps.stamp("x"))
-        self.assertEqual(len(names), 1)
+    def setUp(self):
+        holder = tempfile.TemporaryDirectory()
+        self.addCleanup(holder.cleanup)
+        self.root = Path(holder.name)
+        self.addCleanup(setattr, tidy, "CACHE", tidy.CACHE)
+        tidy.CACHE = self.root / "cache"
+        tidy.CACHE.mkdir()
+
+    def stamps(self, clone, headers):
+        """Returns the stamps of a clone with the sources and headers of `headers`: {source: headers}."""
+        folder = self.root / clone
+        folder.mkdir(exist_ok=True)
+        stamps = tidy.Stamps.__new__(tidy.Stamps)
+        stamps.here = lambda text: text.replace(str(folder), ".")
+        stamps.headers = {str(folder / s): {str(folder / h) for h in hs} for s, hs in headers.items()}
+        stamps.entries = {source: [f"c++ -c {source}"] for source in stamps.headers}
+        stamps.common = ""
+        for name in {*headers}.union(*headers.values()):
+            (folder / name).write_text(f"int {name[0]};\n")
+        return folder, stamps
+
+    def test_a_stamp_is_the_same_in_every_clone_and_with_every_comment(self):
+        (first, a), (second, b) = self.stamps("first", {"x.cpp": []}), self.stamps("second", {"x.cpp": []})
+        before = a.stamp(str(first / "x.cpp"))
+        self.assertEqual(b.stamp(str(second / "x.cpp")), before)
+        for text, same in (("// x\nint x;  // x\n", True), ("int y;\n", False), ("int x;  // NOLINT\n", False)):
+            (first / "x.cpp").write_text(text)
+            self.assertEqual(a.stamp(str(first / "x.cpp")) == before, same)
+
+    def test_a_changed_header_is_checked_with_one_source(self):
+        folder, stamps = self.stamps("one", {"a.cpp": ["x.h"], "b.cpp": ["x.h", "y.h"], "c.cpp": ["y.h"]})
+        sources = sorted(stamps.headers)
+        self.assertEqual(stamps.to_check(sources, False), sources)
+        for file in (*sources, folder / "x.h", folder / "y.h"):
+            stamps.stamp(str(file)).touch()
+        self.assertEqual(stamps.to_check(sources, False), [])
+        self.assertEqual(stamps.to_check(sources, True), sources)
+        (folder / "x.h").write_text("int other;\n")
+        self.assertEqual(stamps.to_check(sources, False), sources[:1])
+        (folder / "y.h").write_text("int other;\n")
+        self.assertEqual(stamps.to_check(sources, False), sources[1:2])
+        (folder / "c.cpp").write_text("int other;\n")
+        self.assertEqual(stamps.to_check(sources, False), [sources[2], sources[0]])
 
 
 if __name__ == "__main__":
