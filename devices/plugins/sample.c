@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "palpate/devices/plugins/plugin.h"
+#include "plugin.h"
 
 static const double kMass = 0.1;                /* [kg] */
 static const double kSpring = 30.0;             /* [N/m] */

@@ -5,20 +5,18 @@
 
 #include <openvdb/tree/LeafManager.h>
 
-#include "palpate/samplers/grid/openvdb_grids.h"
+#include "palpate/samplers/grid/volume_grid.h"
 
 namespace palpate::detail {
 
 /// The type of one component of a vector grid.
-template <class VectorGrid>
-using ComponentGrid =
-    typename VectorGrid::template ValueConverter<typename VectorGrid::ValueType::ValueType>::Type;
+template <class Vectors>
+using ComponentGrid = ScalarGrid<typename Vectors::ValueType::ValueType>;
 
 /// Returns one component of a vector grid, as a grid of its own with the identity transform.
-template <class VectorGrid>
-typename ComponentGrid<VectorGrid>::Ptr componentGrid(const VectorGrid& grid, int c) {
-  using ScalarGrid = ComponentGrid<VectorGrid>;
-  using ScalarTree = typename ScalarGrid::TreeType;
+template <class Vectors>
+typename ComponentGrid<Vectors>::Ptr componentGrid(const Vectors& grid, int c) {
+  using ScalarTree = typename ComponentGrid<Vectors>::TreeType;
   using Leaf = typename ScalarTree::LeafNodeType;
   const auto& from = grid.constTree();
   auto tree = std::make_shared<ScalarTree>(from, grid.background()[c], openvdb::TopologyCopy());
@@ -32,18 +30,18 @@ typename ComponentGrid<VectorGrid>::Ptr componentGrid(const VectorGrid& grid, in
       leaf.setValueOnly(i, vectors->getValue(i)[c]);
     }
   });
-  return ScalarGrid::create(tree);
+  return ComponentGrid<Vectors>::create(tree);
 }
 
 /// Replaces one component of the values in leaves by those of a grid of the same topology.
-template <class VectorGrid>
-void setComponent(VectorGrid& grid, int c, const ComponentGrid<VectorGrid>& component) {
-  using Leaf = typename VectorGrid::TreeType::LeafNodeType;
-  openvdb::tree::LeafManager<typename VectorGrid::TreeType> leaves(grid.tree());
+template <class Vectors>
+void setComponent(Vectors& grid, int c, const ComponentGrid<Vectors>& component) {
+  using Leaf = typename Vectors::TreeType::LeafNodeType;
+  openvdb::tree::LeafManager<typename Vectors::TreeType> leaves(grid.tree());
   leaves.foreach ([&](Leaf& leaf, std::size_t) {
     const auto* values = component.constTree().probeConstLeaf(leaf.origin());
     for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
-      typename VectorGrid::ValueType vector = leaf.getValue(i);
+      typename Vectors::ValueType vector = leaf.getValue(i);
       vector[c] = values->getValue(i);
       leaf.setValueOnly(i, vector);
     }

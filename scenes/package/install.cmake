@@ -6,6 +6,8 @@
 #   view      palpate-view     the window
 #   library   libpalpate-dev   for find_package(palpate)
 #   python    python3-palpate  for import palpate
+#   haply     palpate-haply    the plug-in for Haply's Inverse3
+#   doc       palpate-doc      the book, and sources of plug-ins to begin with
 include(GNUInstallDirs)
 set(here ${PROJECT_SOURCE_DIR}/scenes/package)
 
@@ -26,7 +28,15 @@ if(NOT PALPATE_ENGINE_ONLY)
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   # Patterns for users' own profiles. Their schema is one folder up.
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/devices/hid/profiles ${PROJECT_SOURCE_DIR}/scenes/examples
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs USE_SOURCE_PERMISSIONS)
+  # The book as Markdown, which a browser or a pager reads.
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/docs/
+    DESTINATION ${CMAKE_INSTALL_DOCDIR}/book COMPONENT doc
+    FILES_MATCHING PATTERN "*.md" PATTERN "*.png")
+  install(FILES ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/README.md
+    DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT doc)
+  install(FILES ${PROJECT_SOURCE_DIR}/devices/plugins/sample.c ${PROJECT_SOURCE_DIR}/devices/plugins/plugin.h
+    DESTINATION ${CMAKE_INSTALL_DOCDIR}/plugins COMPONENT doc)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   # A user runs this script once, to make keys for sites.
@@ -36,8 +46,9 @@ if(NOT PALPATE_ENGINE_ONLY)
   if(modules)
     # Not below CMAKE_INSTALL_LIBDIR: programs look for modules where they look for plug-ins.
     install(TARGETS ${modules} LIBRARY DESTINATION lib/palpate COMPONENT network)
-    install(FILES ${PROJECT_SOURCE_DIR}/LICENSE
-      DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/palpate-network RENAME copyright COMPONENT network)
+  endif()
+  if(TARGET palpate_plugin_haply)
+    install(TARGETS palpate_plugin_haply LIBRARY DESTINATION lib/palpate/plugins COMPONENT haply)
   endif()
   install(TARGETS palpate-import-light
     RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
@@ -129,6 +140,17 @@ endforeach()
 if(PALPATE_ENGINE_ONLY)
   return()
 endif()
+
+# palpate_package(COMPONENT PACKAGE)
+# Packs a component, with its copyright.
+function(palpate_package component package)
+  string(TOUPPER ${component} upper)
+  set(CPACK_DEBIAN_${upper}_PACKAGE_NAME ${package} PARENT_SCOPE)
+  set(CPACK_COMPONENTS_ALL ${CPACK_COMPONENTS_ALL} ${component} PARENT_SCOPE)
+  install(FILES ${here}/copyright
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${component})
+endfunction()
+
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_CONTACT "the palpate authors <palpate@localhost>")
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "Haptics engine for sparse volumes: feel a CT, an MRI, a flow")
@@ -139,15 +161,14 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
-set(CPACK_COMPONENTS_ALL programs library)
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
+palpate_package(programs palpate)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS
     "palpate-import, palpate-network, palpate-view, python3-matplotlib")
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS librados2)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "librados2, palpate-doc, palpate-haply")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
     ${here}/postinst ${here}/postrm ${here}/triggers)
-set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
+palpate_package(library libpalpate-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")
 # Required by palpate::samplers, ::hid and ::scenes; the engine needs only Eigen.
@@ -155,26 +176,22 @@ set(CPACK_DEBIAN_LIBRARY_PACKAGE_RECOMMENDS "libopenvdb-dev, libtbb-dev, libfmt-
 nlohmann-json3-dev, libhidapi-dev, libboost-iostreams-dev, zlib1g-dev, \
 libzstd-dev, palpate-network")
 if(modules)
-  list(APPEND CPACK_COMPONENTS_ALL network)
-  set(CPACK_DEBIAN_NETWORK_PACKAGE_NAME palpate-network)
+  palpate_package(network palpate-network)
   set(CPACK_DEBIAN_NETWORK_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
   set(CPACK_DEBIAN_NETWORK_PACKAGE_SUGGESTS "ca-certificates, openssl")
 endif()
 if(PALPATE_VTK)
-  list(APPEND CPACK_COMPONENTS_ALL import)
-  set(CPACK_DEBIAN_IMPORT_PACKAGE_NAME palpate-import)
+  palpate_package(import palpate-import)
   set(CPACK_DEBIAN_IMPORT_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
 endif()
 if(TARGET palpate-view)
-  list(APPEND CPACK_COMPONENTS_ALL view)
-  set(CPACK_DEBIAN_VIEW_PACKAGE_NAME palpate-view)
+  palpate_package(view palpate-view)
   set(CPACK_DEBIAN_VIEW_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
   # Needed for pictures on a machine without a display.
   set(CPACK_DEBIAN_VIEW_PACKAGE_RECOMMENDS "libgl1-mesa-dri, xvfb")
 endif()
 if(PALPATE_PYTHON)
-  list(APPEND CPACK_COMPONENTS_ALL python)
-  set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-palpate)
+  palpate_package(python python3-palpate)
   set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
   # The module works with one version of Python's binary interface.
   math(EXPR next "${Python_VERSION_MINOR} + 1")
@@ -182,6 +199,13 @@ if(PALPATE_PYTHON)
 python3 (<< 3.${next}), python3-numpy")
   set(CPACK_DEBIAN_PYTHON_PACKAGE_RECOMMENDS "palpate-network, python3-vtk9")
 endif()
+if(TARGET palpate_plugin_haply)
+  palpate_package(haply palpate-haply)
+  set(CPACK_DEBIAN_HAPLY_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
+endif()
+palpate_package(doc palpate-doc)
+set(CPACK_DEBIAN_DOC_PACKAGE_SECTION doc)
+set(CPACK_DEBIAN_DOC_PACKAGE_ARCHITECTURE all)
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
 Feels .vdb volumes with a force-feedback arm or a simulated hand. Contains the program, its importer \
 of NIfTI, NRRD, MetaImage and raw values, its manual, and the rules that let a user open an arm.")
@@ -197,4 +221,8 @@ set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\
 Static libraries and headers for find_package(palpate).")
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "\
 Volumes of numpy arrays, scenes and hands for scripts.")
+set(CPACK_COMPONENT_HAPLY_DESCRIPTION "\
+Lets palpate drive Haply's Inverse3 through Haply's Inverse Service.")
+set(CPACK_COMPONENT_DOC_DESCRIPTION "\
+The book of palpate, and the C source of a plug-in for an arm of your own.")
 include(CPack)

@@ -25,6 +25,11 @@ holds libpalpate-dev ./usr/include/palpate/scenes/palpate.h
 holds libpalpate-dev ./usr/include/palpate/scenes/bindings/c/c_api.h
 holds palpate "./usr/lib/.*libpalpate_c.so.0"
 holds libpalpate-dev "./usr/lib/.*libpalpate_c.so"
+for each in *.deb; do
+    name=${each%%_*}
+    holds "$name" "./usr/share/doc/$name/copyright"
+    [ "$(dpkg-deb -c "$each" | awk '{print $2}' | sort -u)" = root/root ] || fail "$each has files of other users"
+done
 for each in palpate*.deb python3*.deb; do
     ! dpkg-deb -f "$each" Depends | grep -- -dev || fail "$each asks for a -dev package"
 done
@@ -33,7 +38,6 @@ done
 ! wants palpate | grep -E "curl|dds|hdf5|mpi|rados" >/dev/null || fail "palpate asks for the library of a module"
 if ls palpate-network_*.deb >/dev/null 2>&1; then
     for module in "$1"/lib/palpate/*.so; do holds palpate-network "./usr/lib/palpate/${module##*/}"; done
-    holds palpate-network ./usr/share/doc/palpate-network/copyright
     wants palpate-network | grep -F "palpate (= " >/dev/null || fail "palpate-network asks for any release of palpate"
 fi
 if ls palpate-import_*.deb >/dev/null 2>&1; then
@@ -43,6 +47,12 @@ if ls palpate-view_*.deb >/dev/null 2>&1; then
     holds palpate-view ./usr/bin/palpate-view
     wants palpate-view | grep -i vtk >/dev/null || fail "palpate-view asks for no VTK"
 fi
+holds palpate ./usr/share/palpate/examples/prepare
+dpkg-deb -c palpate_*.deb | grep "^-rwx.*examples/prepare$" >/dev/null || fail "prepare cannot be run"
+for page in index.md interfaces.md charts/view.png; do holds palpate-doc "./usr/share/doc/palpate/book/$page"; done
+holds palpate-doc ./usr/share/doc/palpate/plugins/sample.c
+[ "$(dpkg-deb -f palpate-doc_*.deb Architecture)" = all ] || fail "palpate-doc is for one architecture"
+if [ -e "$1/plugins/haply.so" ]; then holds palpate-haply ./usr/lib/palpate/plugins/haply.so; fi
 # A member of the group gets the limits that the loop requests, and an administrator's own file is kept.
 dpkg-deb -e palpate_*.deb control
 [ "$(cat control/triggers)" = "activate-noawait ldconfig" ] || fail "no ldconfig"

@@ -59,6 +59,10 @@ for verb in $("$palpate" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*
     grep -qF -- "${says[$verb]}" "said.$verb" || { echo "install: $verb says:"; head "said.$verb"; exit 1; }
 done
 
+# The installed prepare makes an example below the current folder.
+usr/share/palpate/examples/prepare two_bodies >prepared
+"$palpate" check out/examples/two_bodies.json >checked
+
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json

@@ -43,6 +43,15 @@ def sdks(folder):
 
 
 class Page(unittest.TestCase):
+    def test_the_sample_needs_no_file_but_plugin_h(self):
+        block = re.search(r"^```sh\n(gcc .*?)^```$", PAGE, flags=re.S | re.M)[1]
+        with tempfile.TemporaryDirectory() as folder:
+            for name in ("sample.c", "plugin.h"):
+                shutil.copy(SOURCE / "devices" / "plugins" / name, folder)
+            env = {name: value for name, value in os.environ.items() if name != "CPATH"}
+            subprocess.run(["bash", "-euc", block], cwd=folder, env={**env, "HOME": folder}, check=True)
+            self.assertEqual(symbols(Path(folder, "sample.so")), ["palpate_plugin"])
+
     def test_the_commands_of_the_page_build_plugins(self):
         with tempfile.TemporaryDirectory() as folder:
             work = Path(folder, "work")
