@@ -129,7 +129,7 @@ std::vector<RecordedBalance> windowsOf(const std::vector<RecordedBalance>& recor
 
 std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count, std::size_t walks,
                                          std::size_t ticks, std::uint64_t seed) {
-  // In each tick the hand gets a random push and is pulled back gently.
+  // In each tick the hand gets a random push, and a spring pulls it back.
   constexpr double kPush = 1e-5;  // [m], rms per axis
   constexpr double kDamping = 1e-3;
   constexpr double kPull = 2e-3;

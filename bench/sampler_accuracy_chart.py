@@ -119,7 +119,8 @@ def draw(data):
     foot = (f"{where(data['machine']).replace('`', '')}. Times: median of {data['options']['rounds']} "
             "rounds, steps under 0.1 voxel through a ball's narrow band. Red line: average threshold with "
             "congruent vision, Barbagli\net al. 2006 (25.6° without vision); jumps and textures are felt far "
-            "finer. A method's marks stand above each other: its time does not depend on the data.")
+            "finer. A method has one mark for each resolution, all in one column, because its time does not "
+            "depend on the data.")
     figure.text(0.005, -0.004, foot, fontsize=7, color="#666666", va="top")
     return figure
 

@@ -158,7 +158,7 @@ struct Score {
   std::size_t broken = 0;  // answers whose error exceeds their bound
   double spent = 0.0;      // [s]
   int passes = 0;
-  std::vector<double> cold;  // of the first cases, timed under a tick's conditions [ns]
+  std::vector<double> cold;  // times of the first cases under a tick's conditions [ns]
 };
 
 /// Makes one pass over a row. Times single balances, and never solves a problem twice in a row, so

@@ -281,7 +281,7 @@ void measure(const Options& options) {
   const double before = used();
   BuiltScene through = buildScene(spec);
   const BrickWindow& window = *through.windows.at("head");
-  // The coarsest level is also in `volumes`, a second time.
+  // `volumes` holds the coarsest level a second time.
   const double looked_at = static_cast<double>(through.volumes.at("head")->memory());
   const std::vector<PathPoint> slow = wayOf(head, 0.3, 1.8);
   const std::vector<PathPoint> fast = wayOf(head, 2.0, 6.0);

@@ -67,17 +67,17 @@ class Report(unittest.TestCase):
             result = gate.report(self.folder / "minutes", self.folder / "budgets", [self.folder])
         return result, said.getvalue().splitlines()
 
-    def test_a_program_without_case_lines_counts_as_one(self):
+    def test_a_program_without_case_lines_counts_as_one_test(self):
         self.assertEqual(self.report([("a", "passed")])[1][-1], "1 passed, 0 failed")
         self.assertEqual(self.report([("a", "passed")])[0], 0)
 
-    def test_a_failure_ends_red_however_it_is_printed(self):
+    def test_a_failure_fails_the_gate_whatever_ctest_calls_it(self):
         for word in ("failed", "crashed", "unlike"):
             with self.subTest(word):
                 result, lines = self.report([("a", word), ("b", "passed")], status=8)
                 self.assertEqual((result, lines[-1]), (1, "1 passed, 1 failed"))
 
-    def test_a_second_try_counts_and_is_printed(self):
+    def test_a_pass_at_the_second_try_counts_and_is_printed(self):
         result, lines = self.report([("a", "failed"), ("a", "again")])
         self.assertEqual((result, lines[-1]), (0, "1 passed, 0 failed"))
         self.assertIn("passed at its second try: release/host: a: failed, then passed", lines)
@@ -89,13 +89,13 @@ class Report(unittest.TestCase):
         self.assertEqual((result, lines[-1]), (1, "2 passed, 1 failed"))
         self.assertIn("failed: release/host: a three", lines)
 
-    def test_a_process_that_loses_its_last_cases_ends_red(self):
+    def test_a_process_that_prints_too_few_cases_fails_the_gate(self):
         cases = "1/1 Testing: a\npassed     0.100 s  one\n"
         self.assertEqual(self.report([("a", "passed")], cases, counts="1 a\n")[0], 0)
         result, lines = self.report([("a", "passed")], cases, counts="2 a\n")
         self.assertEqual((result, lines[-1]), (1, "1 passed, 1 failed"))
 
-    def test_ctest_that_fails_without_a_failed_test_ends_red(self):
+    def test_ctest_that_fails_without_a_failed_test_fails_the_gate(self):
         self.assertEqual(self.report([("a", "passed")], status=8)[0], 1)
 
     def test_a_skip_fails_where_data_was_given(self):
@@ -109,7 +109,7 @@ class Report(unittest.TestCase):
             if data is not None:
                 os.environ["PALPATE_DATA"] = data
 
-    def test_too_many_minutes_end_red_unless_they_compile(self):
+    def test_too_many_minutes_fail_the_gate_unless_compilers_or_lint_took_them(self):
         many = str(60 * (gate.BUDGET + 1))
         self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\tdev: tests\t\n")[0], 1)
         for step in ("dev: build", "lint"):
@@ -122,7 +122,7 @@ class Report(unittest.TestCase):
 
 
 class Structure(unittest.TestCase):
-    def test_no_include_points_up_or_aside(self):
+    def test_includes_of_a_folder_above_or_beside_are_faults(self):
         fault = structure.fault_of
         self.assertIsNone(fault("engine/tick/step.cpp", "engine/balance/solver.h"))
         self.assertIsNone(fault("scenes/apps/view/window.cpp", "scenes/apps/common/touch.h"))

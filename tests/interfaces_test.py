@@ -122,7 +122,7 @@ class Keys(unittest.TestCase):
         with self.assertRaisesRegex(schema_keys.Refused, "multipleOf: the keyword is not known"):
             schema_keys.kind({**number, "multipleOf": 2}, "scene")
 
-    def test_defaults_are_cells(self):
+    def test_a_default_has_a_cell_of_its_own(self):
         node = {"properties": {"rate": {"type": "number", "description": "Rate [1/s]. The default is 0.5. Or more."}}}
         self.assertEqual(schema_keys.rows(node, "scene"), [("rate", "number", "", "0.5", "Rate [1/s]. Or more.")])
 

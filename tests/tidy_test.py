@@ -74,7 +74,7 @@ class Unit(unittest.TestCase):
         self.assertFalse(passed)
         self.assertIn("invalid case style for struct 'shapeB'", words)
 
-    def test_sources_with_one_using_declaration_are_not_together(self):
+    def test_sources_with_the_same_using_declaration_are_checked_apart(self):
         with tempfile.TemporaryDirectory() as folder:
             sources = []
             for i, line in enumerate(("using std::max;", "int a;", "using std::max;")):

@@ -546,20 +546,21 @@ std::string SelfTest::fitTrouble(const AxisResult& axis) const {
 
 std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes, int axis) {
   const double gone = way.norm();
-  const std::string moved = "a travel to +" + axes.name(axis);
+  const std::string reports =
+      "over " + inWords(length) + " m of ruler along +" + axes.name(axis) + " the arm reports ";
   if (!(std::abs(gone / length - 1.0) <= kRuler)) {  // true for NaN
-    return moved + " by 1 by the ruler is " + inWords(gone / length) +
-           " by the arm: correct the scale of its encoders, its gears or its lengths";
+    return reports + inWords(gone) +
+           " m: correct the scale of its encoders, its gears or its lengths";
   }
   const double straight = way.dot(axes.along.col(axis)) / gone;
   if (straight > kStraight) return {};
   if (straight < -kStraight) {
-    return moved +
-           " went the other way by the arm: change the sign of an encoder's ratio and of its "
+    return reports +
+           "the opposite direction: change the sign of an encoder's ratio and of its "
            "motor's scale, or correct mount";
   }
-  return moved + " went to " + inWords(Vec3(way / gone)) +
-         " by the arm: check whether encoders are exchanged, or correct the mount or the geometry";
+  return reports + "the direction " + inWords(Vec3(way / gone)) +
+         ": check whether encoders are exchanged, or correct the mount or the geometry";
 }
 
 }  // namespace palpate

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <utility>
 
 #include "palpate/engine/error.h"
@@ -16,7 +17,8 @@ constexpr double kStands = 0.01;  // share of a period; a shorter time step coun
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;
-  throw DeviceError(arm.name, "the servo's rate is out of range", "give 10 to 100000 Hz");
+  throw DeviceError(arm.name, std::to_string(rate) + " Hz is not in 10 to 100000 Hz",
+                    "give a rate in this range");
 }
 
 }  // namespace
@@ -30,7 +32,8 @@ Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
   stood_ = passed > kStands * period_ ? 0.0 : stood_ + period_;
   still_ = hand.position == arm_.hand.position ? still_ + passed : 0.0;
   arm_.hand = hand;
-  if (arm_.info().hand) arm_.hand.still = std::max(still_, hand.still);  // also if that is NaN
+  if (arm_.info().hand)
+    arm_.hand.still = std::max(still_, hand.still);  // still_ if hand.still is NaN
   TickTime time;
   time.now = now_;
   time.dt = dt;

@@ -73,8 +73,8 @@ struct OpenedArm {
   ArmIdentity identity;         ///< Key under which its test is stored.
 };
 
-/// Finds an arm by its name, `hid...` (findArm), and opens it. Throws DeviceError, also if the
-/// device's reports differ from the profile's.
+/// Finds an arm by its name, `hid...` (findArm), and opens it. Throws DeviceError, including when
+/// the device's reports differ from the profile's.
 [[nodiscard]] OpenedArm openArm(const std::string& name, const ArmHost& host);
 
 /// Returns the key under which the test of an arm of this profile is stored; `own` is

@@ -22,7 +22,7 @@ Joints jointsAtHome(const HidProfile& profile) {
 double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   constexpr int kSteps = 60;
   const std::size_t n = arm.joints();
-  double damping = 1e-3;  // as a share of the trace of J J^T
+  double damping = 1e-3;  // share of the trace of J J^T
   ArmPose pose = arm.at(joints);
   const auto off_of = [&](const ArmPose& p) {
     return p.reachable ? (place - p.position_D).norm() : std::numeric_limits<double>::infinity();
@@ -53,7 +53,7 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
 /// Returns the projector onto the directions in which the levers can move the tip. `squares` is the
 /// sum of the levers' squares.
 Mat3 within(const Mat3& squares) {
-  constexpr double kNone = 0.01;  // of the longest lever; shorter levers count as zero
+  constexpr double kNone = 0.01;  // share of the longest lever; shorter levers count as zero
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(squares);
   Mat3 onto = Mat3::Zero();
   for (int i = 0; i < 3; ++i) {

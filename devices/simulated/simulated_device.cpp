@@ -59,20 +59,22 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
     : arm_(arm), grip_(grip), target_(std::move(target)), rate_(rate) {
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
   const auto not_negative = [](double v) { return std::isfinite(v) && v >= 0.0; };
-  require(positive(arm.mass), "the mass is not > 0", "give kg, such as 0.1");
-  require(not_negative(arm.viscous), "the arm's viscous friction is negative",
+  require(positive(arm.mass), "the mass is not a finite number above 0", "give kg, such as 0.1");
+  require(not_negative(arm.viscous), "the arm's viscous friction is negative or not finite",
           "give N s/m, such as 0.5");
-  require(not_negative(arm.coulomb), "the arm's Coulomb friction is negative",
+  require(not_negative(arm.coulomb), "the arm's Coulomb friction is negative or not finite",
           "give N, such as 0.02");
-  require(not_negative(arm.encoder), "the encoder's step is negative", "give metres, such as 1e-5");
-  require(not_negative(grip.stiffness), "the grip's stiffness is negative",
+  require(not_negative(arm.encoder), "the encoder's step is negative or not finite",
+          "give metres, such as 1e-5");
+  require(not_negative(grip.stiffness), "the grip's stiffness is negative or not finite",
           "give N/m, such as 300");
-  require(not_negative(grip.damping), "the grip's damping is negative", "give N s/m, such as 5");
+  require(not_negative(grip.damping), "the grip's damping is negative or not finite",
+          "give N s/m, such as 5");
   require(not_negative(arm.delay) && arm.delay <= 0.1, "the delay is not 0 to 0.1 s",
           "give seconds, such as 0.001");
   require(not_negative(arm.lag) && arm.lag <= 0.1, "the amplifiers' lag is not 0 to 0.1 s",
           "give seconds, such as 0.0002");
-  require(positive(rate), "the rate is not > 0", "give Hz, such as 1000");
+  require(positive(rate), "the rate is not a finite number above 0", "give Hz, such as 1000");
   require(target_.at != nullptr && not_negative(target_.seconds), "the hand has no target",
           "give a path");
 

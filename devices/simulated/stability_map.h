@@ -23,7 +23,7 @@ using MapFeel = std::function<Vec3(const Vec3& probe)>;
 struct MapContact {
   Vec3 place = Vec3::Zero();      ///< Contact point [m].
   Vec3 outwards = Vec3::UnitZ();  ///< Direction in which the contact pushes the hand.
-  /// The primitives at rest at the contact, also for a whole scene.
+  /// Primitives at rest at the contact. A whole scene fills them too.
   std::vector<Primitive> primitives;
 };
 
@@ -74,7 +74,7 @@ struct MapCell {
 
 /// Parameters of the arm, the hand and the test.
 struct MapSetting {
-  ArmParams arm;         ///< Without its energy tank.
+  ArmParams arm;         ///< Parameters of the arm; its energy tank is ignored.
   GripParams grip;       ///< Stiffness > 0, because the hand's spring applies `load`.
   double rate = 1000.0;  ///< Rate of the loop [Hz].
   double load = 1.0;     ///< Force with which the hand presses [N].

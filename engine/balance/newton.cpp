@@ -16,8 +16,8 @@ struct Rows {
   std::array<double, 3> way{};
   std::size_t count = 0;
 
-  /// Adds the condition q.step = length [m]. Returns false and adds no row if the earlier rows
-  /// almost span q.
+  /// Adds the condition q.step = length [m]. Returns false and adds no row if at most 2 % of q is
+  /// outside the span of the earlier rows.
   bool add(Vec3 q, double length) noexcept {
     for (std::size_t i = 0; i < count; ++i) {
       const double share = q.dot(direction[i]);

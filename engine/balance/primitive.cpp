@@ -24,7 +24,7 @@ bool isValid(const Primitive& primitive) noexcept {
   if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
   if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
   if (primitive.kind == PrimitiveKind::kPoint) return true;
-  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // also false for NaN
+  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN too
 }
 
 double distanceTo(const Primitive& primitive, const Vec3& x) noexcept {

@@ -68,7 +68,7 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
   const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
   require(positive(info.watch.stale), "the age of a stale position", info.watch.stale);
   require(positive(info.watch.max_speed), "the highest speed", info.watch.max_speed);
-  require(positive(info.watch.late), "what is late", info.watch.late);
+  require(positive(info.watch.late), "the delay of a late tick [s]", info.watch.late);
   require(noLess(info.output_rate), "the rate of its forces", info.output_rate,
           "give Hz, or 0 for any");
   const ForceLimits limits = limitsAt(info, rate);

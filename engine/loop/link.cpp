@@ -153,7 +153,7 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   // acceleration of at most kLinkNimble.
   const double turn = wanted.norm() * kLinkNimble * period * period;
   const double worst = speeds * wanted.dot(way) + turn;
-  double pays = worst > 0.0 ? 0.0 : trust_;  // for a tank in debt
+  double pays = worst > 0.0 ? 0.0 : trust_;  // share of the force that a tank in debt allows
   constexpr double kRounding = 1e-13;        // [J]: a smaller debt is rounding
   if (energy_ >= -kRounding) {
     // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This is convex in s. So the

@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {
 
-[[noreturn]] void refuse(const char* why, const char* remedy = "correct the curve") {
+[[noreturn]] void refuse(const std::string& why, const char* remedy = "correct the curve") {
   throw SceneError("strength", why, remedy);
 }
 
@@ -28,7 +29,7 @@ TransferFunction TransferFunction::window(double level, double width, double max
   if (!std::isfinite(level) || !std::isfinite(width) || !std::isfinite(max)) {
     refuse("a window's level, width and max must be finite");
   }
-  if (width <= 0.0) refuse("a window's width must be > 0");
+  if (width <= 0.0) refuse("a window's width is " + std::to_string(width) + ", not above 0");
   return piecewise({{level - 0.5 * width, 0.0}, {level + 0.5 * width, max}});
 }
 
@@ -39,7 +40,8 @@ TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
       refuse("a curve's points must be finite");
     }
     if (knot.second < 0.0) {
-      refuse("a curve's outputs must be >= 0", "reverse a force with \"sense\"");
+      refuse("a curve has the output " + std::to_string(knot.second) + ", which is negative",
+             "reverse a force with \"sense\"");
     }
   }
   const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };

@@ -58,7 +58,8 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
     (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
     return out;
   }
-  // The limit is slightly below the peak, so that rounding cannot raise the result above the peak.
+  // The limit is 1e-12 of the peak below it, so that rounding cannot raise the result above the
+  // peak.
   const double peak =
       limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
   double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;

@@ -87,7 +87,7 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
 /// it. The ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
 double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobian) noexcept {
   constexpr double kMost = 3.0;
-  // in a rotated groove, the slopes to both sides differ by up to this
+  // largest difference of the slopes to both sides of a rotated groove
   constexpr double kLattice = 0.4;
   const double turn = jacobian.trace() - normal.dot(jacobian * normal);
   if (!(surface.skin->sign * turn < 0.0)) return 1.0;

@@ -425,7 +425,7 @@ Box boundsOfVoxels(const BrickLevel& level, const VoxelAt& lower, const VoxelAt&
 void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& info) {
   const double active = FactsReader::number(statistics.at("active_voxels"));
   if (!(active >= 0.0 && active <= 1e19))
-    throw std::range_error("its number of active voxels is out of range");
+    throw std::range_error("its active_voxels is not in 0 to 1e19");
   info.active_voxels = static_cast<std::uint64_t>(active);
   if (info.active_voxels == 0) {
     info.refusal = "it has no active voxel: write it with its values active";

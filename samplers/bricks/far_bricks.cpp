@@ -190,7 +190,7 @@ BrickArrival FarBricks::State::arrivalOf(const BrickId& id, BrickVerdict verdict
   BrickArrival arrival{id, verdict.status, ""};
   if (verdict.status == BrickStatus::kArrived) return arrival;
   const char* remedy = "copy or write the volume again";
-  if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the pyramid has";
+  if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the volume has";
   if (verdict.status == BrickStatus::kUnreadable) remedy = "check the server and the network";
   arrival.why = url(brickObject(id, manifest->format())) + ": " + verdict.why + ": " + remedy;
   return arrival;
@@ -373,7 +373,7 @@ std::optional<BrickArrival> FarBricks::next(std::span<std::byte> slot,
   const std::unique_ptr<State, decltype(end)> ended(state_.get(), end);
   if (manifest().has(fetch->id)) return state_->decode(*fetch, slot);
   return state_->arrivalOf(fetch->id,
-                           {BrickStatus::kUnknown, "its pyramid does not have this place"});
+                           {BrickStatus::kUnknown, "the volume has no brick at this index"});
 }
 
 bool FarBricks::isThere() {
@@ -390,7 +390,7 @@ bool FarBricks::isThere() {
 BrickArrival FarBricks::read(const BrickId& id, std::span<std::byte> slot) {
   assert(slot.size() == manifest().format().bytes());
   if (!manifest().has(id)) {
-    return state_->arrivalOf(id, {BrickStatus::kUnknown, "its pyramid does not have this place"});
+    return state_->arrivalOf(id, {BrickStatus::kUnknown, "the volume has no brick at this index"});
   }
   State::Fetch fetch;
   fetch.id = id;

@@ -158,7 +158,7 @@ class HttpStore final : public ObjectStore {
     curl_easy_setopt(of, CURLOPT_PROTOCOLS_STR, "http,https");
     curl_easy_setopt(of, CURLOPT_FOLLOWLOCATION, 0L);
     curl_easy_setopt(of, CURLOPT_DISALLOW_USERNAME_IN_URL, 1L);
-    // With HTTP/2 all requests would share one connection, also after it has failed.
+    // With HTTP/2 all requests would share one connection, even after it has failed.
     curl_easy_setopt(of, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
     curl_easy_setopt(of, CURLOPT_NOSIGNAL, 1L);
     curl_easy_setopt(of, CURLOPT_USERAGENT, "palpate");
@@ -170,7 +170,7 @@ class HttpStore final : public ObjectStore {
     curl_easy_setopt(of, CURLOPT_PRIVATE, request.get());
     curl_easy_setopt(of, CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(params_.connect.count()));
 #if LIBCURL_VERSION_NUM >= 0x075700
-    curl_easy_setopt(of, CURLOPT_QUICK_EXIT, 1L);  // also while a name is looked up
+    curl_easy_setopt(of, CURLOPT_QUICK_EXIT, 1L);  // ends even while a name is looked up
 #endif
     return request;
   }

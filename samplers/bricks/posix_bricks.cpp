@@ -63,7 +63,7 @@ struct PosixBricks::State {
   }
 
   BrickVerdict fetch(const BrickId& id, std::span<std::byte> slot) {
-    if (!manifest.has(id)) return {BrickStatus::kUnknown, "its pyramid does not have this place"};
+    if (!manifest.has(id)) return {BrickStatus::kUnknown, "the volume has no brick at this index"};
     const BrickEntry entry = manifest.entry(id);
     if (entry.kind != BrickKind::kStored) {
       fillBrick(manifest.format(), entry, slot);
@@ -112,7 +112,7 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
     }
     id = state_->wishes.begin();
   }
-  // Also runs if there was too little memory to read the brick.
+  // Runs even if there was too little memory to read the brick.
   const auto end = [&](State* state) {
     const std::lock_guard lock(state->mutex);
     state->wishes.end(id);
@@ -146,7 +146,7 @@ BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {
   BrickArrival arrival{id, verdict.status, ""};
   if (verdict.status == BrickStatus::kArrived) return arrival;
   const char* remedy = "copy or write the volume again";
-  if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the pyramid has";
+  if (verdict.status == BrickStatus::kUnknown) remedy = "request a brick that the volume has";
   if (verdict.status == BrickStatus::kUnreadable) remedy = "check the disk and its permissions";
   arrival.why = (state_->held()->path() / brickObject(id, state_->manifest.format())).string() +
                 ": " + verdict.why + ": " + remedy;

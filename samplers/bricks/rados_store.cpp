@@ -298,7 +298,7 @@ void RadosStore::drop(ObjectRequest& request) noexcept {
       completion = read->completion;
     }
   }
-  // Without the lock, which finish() takes.
+  // aio_cancel may call finish(), which takes the lock, so the lock is free here.
   if (completion != nullptr) call_.aio_cancel(pool_, completion);
 }
 

@@ -1,4 +1,4 @@
-/// Objects from a Ceph cluster, by RADOS directly, without a gateway.
+/// Reads bricks from a Ceph cluster through librados, without a gateway.
 #pragma once
 
 #include <memory>

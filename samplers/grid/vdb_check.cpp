@@ -192,7 +192,10 @@ class VdbCheck::Walk {
 
   std::string string(std::uint32_t longest) {
     const auto bytes = take<std::uint32_t>();
-    if (bytes > longest) damaged("a name in it is too long");
+    if (bytes > longest) {
+      damaged("a name has " + std::to_string(bytes) + " bytes, more than " +
+              std::to_string(longest));
+    }
     const unsigned char* data = take(bytes);
     return {reinterpret_cast<const char*>(data), bytes};
   }
@@ -493,7 +496,8 @@ class VdbCheck::Walk {
       if (unpack) data.append(reinterpret_cast<const char*>(header), 16);
       rest -= 16;
     } else if (packed > bytes + bytes / 1000 + 64) {
-      damaged("a compressed part is too large");
+      damaged("a compressed part has " + std::to_string(packed) + " bytes, more than its " +
+              std::to_string(bytes) + " uncompressed bytes allow");
     }
     if (!unpack) {
       skip(rest);
@@ -517,7 +521,9 @@ class VdbCheck::Walk {
   /// Reads the first 16 bytes of a blosc chunk. They contain its compressed and its uncompressed
   /// size, which must equal the given sizes.
   const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes) {
-    if (packed < 16) damaged("a compressed part is too small");
+    if (packed < 16) {
+      damaged("a compressed part has " + std::to_string(packed) + " bytes, fewer than 16");
+    }
     const unsigned char* header = take(16);
     const unsigned flags = header[2];
     const unsigned type = header[3];

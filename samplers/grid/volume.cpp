@@ -236,7 +236,7 @@ class VdbFile {
   /// Returns all names. A vector that is stored as three grids appears once, in place of its first
   /// component.
   [[nodiscard]] std::vector<std::string> listed() const {
-    // for each component, the name listed in its place; empty if none
+    // name that is listed in place of each component; empty if none
     std::unordered_map<std::string, std::string> instead;
     for (const std::string& vector : vectors_) {
       const auto parts = componentsOf(vector);

@@ -69,7 +69,7 @@ class GridWarp final : public Warp {
     for (std::size_t a = 0; a < kAxes; ++a) {
       const double last = size_[a] - 1;
       const double i = index[static_cast<Eigen::Index>(a)];
-      const double within = i > 0.0 ? std::min(i, last) : 0.0;  // also 0 if i is NaN
+      const double within = i > 0.0 ? std::min(i, last) : 0.0;  // 0 if i is NaN
       const int below = static_cast<int>(within);
       middle[a] = within - below < 0.5 ? below : below + 1;
       w[a] = Weights(within - middle[a]);

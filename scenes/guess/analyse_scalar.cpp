@@ -57,8 +57,8 @@ void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   }
 }
 
-/// Sets the range that contains nearly all values, and the value of an image's surroundings. If a
-/// sample touches the surroundings, the range includes their value.
+/// Sets the range between the 0.2th and the 99.8th percentile, and the value of an image's
+/// surroundings. If a sample touches the surroundings, the range includes their value.
 void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& input,
               ScalarAnalysis& scalar) {
   scalar.low = percentile(scalar.values, 0.2);
@@ -85,7 +85,8 @@ double ScalarAnalysis::shareAbove(double value) const {
 }
 
 ScalarAnalysis analyseScalar(const SuggestInput& input) {
-  constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is due to rounding
+  constexpr double kRounding =
+      1e-6;  // share of the largest value; a smaller range is due to rounding
   std::vector<ScalarSample> samples = sampleScalar(input);
   ScalarAnalysis scalar;
   if (samples.empty()) return scalar;

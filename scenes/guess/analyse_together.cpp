@@ -77,10 +77,10 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the fraction of voxels where one of the scalars is nearly 1. The scalar with the index
-  /// `without` is left out.
+  /// Returns the fraction of voxels where one of the scalars is above 0.95. The scalar with the
+  /// index `without` is left out.
   [[nodiscard]] double alone(std::size_t without) const {
-    // a material with a greater fraction of a voxel fills it nearly alone
+    // a material with a greater fraction of a voxel counts as alone in it
     constexpr double kAlone = 0.95;
     std::size_t count = 0;
     for (const std::size_t i : data_) {

@@ -73,7 +73,7 @@ VectorAnalysis analyseVector(const SuggestInput& input) {
   // Voxels below this fraction of the greatest speed are not part of the flow: a flow is often
   // surrounded by noise or zeros.
   constexpr double kStill = 0.01;
-  // of the greatest speed; a smaller difference is due to rounding
+  // share of the greatest speed; a smaller difference is due to rounding
   constexpr double kRounding = 1e-6;
   constexpr float kLengthOne = 2e-3F;  // tolerance for a length of 1
   const GridAxes own = axesOf(*input.grid);

@@ -85,9 +85,10 @@ struct VectorAnalysis {
 
 /// Results of analysing several scalars together.
 struct SumAnalysis {
-  /// True if the scalars are within 0 and 1 and their sum is 1 nearly everywhere,
+  /// True if the scalars, except `other`, are within 0 and 1 and their sum is 1 in 98 % of the
+  /// voxels.
   bool is_one = false;
-  /// except for the scalar with this index, which does not belong to the sum; no value: none.
+  /// Index of the scalar that does not belong to the sum; no value: all belong to it.
   std::optional<std::size_t> other;
   /// True if most voxels contain only one material; false if the materials are mixed.
   bool apart = false;

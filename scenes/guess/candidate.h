@@ -12,7 +12,7 @@ namespace palpate::guess {
 
 /// Kind of a grid. It decides on the rules that make modes for the grid.
 enum class Kind : std::uint8_t {
-  kOther,  ///< Not usable by any mode.
+  kOther,  ///< No mode can use the grid.
   kConstant,
   kLevelSet,
   kHounsfield,

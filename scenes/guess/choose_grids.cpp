@@ -251,7 +251,7 @@ void leaveInnerLabels(const Candidate& c, Draft& draft) {
 /// flow or a scalar that was added before.
 void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
   constexpr std::size_t kMost = 2;
-  constexpr std::size_t kMostModes = 4;  // for one scalar: three surfaces and a drag
+  constexpr std::size_t kMostModes = 4;  // modes of one scalar: three surfaces and a drag
   std::vector<const Candidate*> chosen;
   for (const Candidate* c : scalarsByScore(candidates, draft)) {
     if (chosen.size() == std::min(kMost, draft.freeModes())) {

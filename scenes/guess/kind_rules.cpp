@@ -87,8 +87,8 @@ bool isLabelsStated(const Evidence& e) {
          e.scalar.distinct.size() > 1;
 }
 
-/// Returns true if some values are low enough for air in Hounsfield units. The raw values of
-/// scanners are almost never negative.
+/// Returns true if at least 0.2 % of the values are below -20, as air's are in Hounsfield units.
+/// The raw values of scanners are rarely negative.
 bool hasAir(const ScalarAnalysis& scalar) {
   return scalar.low < -20.0;
 }

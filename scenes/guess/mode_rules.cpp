@@ -26,7 +26,7 @@ constexpr double kInnermost = 3.5;
 /// A part of the body must have more than this fraction of the voxels.
 constexpr double kFewVoxels = 1e-4;
 
-/// Returns true if enough voxels have values above those of lung and fat.
+/// Returns true if more than one voxel in 10,000 has a value above those of lung and fat.
 bool hasFlesh(const ScalarAnalysis& scalar) {
   return scalar.shareAbove(-200.0) > kFewVoxels;
 }

@@ -96,19 +96,19 @@ class FieldComputer {
       throw SceneError(path,
                        "the field has to be computed at load, which is not possible for a sequence",
                        "compute the field for each frame beforehand, or remove the modes that need "
-                       "its gradient");
+                       "the field's gradient");
     }
     if (built_.windows.count(of->from) != 0) {
       throw SceneError(
           path,
           "the field has to be computed at load, which is not possible for a volume in bricks",
-          "compute the field before you write the bricks, or remove the modes that need its "
-          "gradient");
+          "compute the field before you write the bricks, or remove the modes that need the "
+          "field's gradient");
     }
     if (of->axial && kindOf(what).of_volume) {
       throw SceneError(
           path, "the field has to be computed at load, but axial vectors have no derivatives",
-          "remove \"axial\", or remove the modes that need its gradient");
+          "remove \"axial\", or remove the modes that need the field's gradient");
     }
     // The scene may be from another site and contain thousands of fields, so their number is
     // limited.

@@ -172,7 +172,7 @@ struct LiveBlock {
   std::atomic<std::uint64_t> magic{kMagic};
   /// kLayout. With another value, the block has another version.
   std::atomic<std::uint64_t> layout{kLayout};
-  // From the loop.
+  // The loop writes these members.
   Published<LiveTick> tick;    ///< The newest complete tick.
   Published<LiveScene> scene;  ///< Modes of the scene of `tick`.
   /// The row of tick n is at the index n % kLiveRows.
@@ -182,7 +182,7 @@ struct LiveBlock {
   std::atomic<std::uint32_t> over{0};    ///< Not 0 if the run has ended.
   /// LiveWishes::dialled of the last request for gains that the loop has rejected.
   std::atomic<std::uint64_t> refused{0};
-  // From the window.
+  // The window's process writes these members.
   Published<LiveWishes> wishes;  ///< Requests to the loop.
   Published<LiveHand> hand;      ///< Target of the hand from the mouse.
 };

@@ -29,7 +29,7 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
                                                           const Displacements& displacements,
                                                           Placer& placer, SceneCache& cache);
 
-/// Gives the motion of a volume also to volumes that are placed like it and to fields that are
+/// Gives the motion of a volume to volumes that are placed like it and to fields that are
 /// computed from it. All places are already resolved, so that "like" contains neither unknown names
 /// nor circles.
 void joinMotions(const SceneSpec& spec, BuiltScene& built);

@@ -45,13 +45,13 @@ class MotionAccuracy(unittest.TestCase):
         self.assertEqual(len(found), 1, (case, method, setting))
         return found[0]
 
-    def test_says_where_and_how_it_was_measured(self):
+    def test_records_the_machine_and_the_options(self):
         self.assertEqual(list(self.data), ["machine", "options", "surfaces", "streams", "rubbing"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
             self.assertIn(key, self.data["machine"])
         self.assertTrue(self.data["options"]["quick"])
 
-    def test_every_method_is_judged_and_timed(self):
+    def test_every_method_has_errors_and_times_in_every_case(self):
         for kind, names, methods in (("surfaces", SURFACES, ON_SURFACES),
                                      ("streams", STREAMS, ON_STREAMS)):
             judged = [(r["case"], r["method"], r["setting"]) for r in self.data[kind]]
@@ -63,7 +63,7 @@ class MotionAccuracy(unittest.TestCase):
                 self.assertGreater(r["reads"], 0, r)
                 self.assertLessEqual(r["reads"], r["most_reads"])
 
-    def test_the_proxy_is_as_near_to_spheres_as_the_scene_asks(self):
+    def test_the_error_on_spheres_is_at_most_the_tolerance(self):
         for case in SPHERES:
             r = self.row("surfaces", case, "palpate", "0.01")
             self.assertLessEqual(r["off"], 0.01, r)
@@ -71,7 +71,7 @@ class MotionAccuracy(unittest.TestCase):
             if r["floor"]:
                 self.assertLessEqual(r["true"], 1.05 * r["floor"] + r["off"], r)
 
-    def test_a_smaller_tolerance_is_a_smaller_error(self):
+    def test_a_smaller_tolerance_does_not_increase_the_error(self):
         coarse_first = sorted(OURS, key=lambda m: -float(m[1]))
         for case in SPHERES:
             errors = [self.row("surfaces", case, *m)["off"] for m in coarse_first]
@@ -79,7 +79,7 @@ class MotionAccuracy(unittest.TestCase):
             for wide, narrow in zip(errors, errors[1:]):
                 self.assertLessEqual(narrow, 1.05 * wide, case)
 
-    def test_one_step_on_a_plane_is_a_hundred_times_farther_off(self):
+    def test_one_step_on_a_plane_is_a_hundred_times_farther_off_than_palpate(self):
         ours = self.row("surfaces", "sphere, radius 40", "palpate", "0.01")
         one = self.row("surfaces", "sphere, radius 40", "plane", "1")
         self.assertEqual(one["lost"], 0)
@@ -87,14 +87,14 @@ class MotionAccuracy(unittest.TestCase):
         # The engine does not read the field more often than the methods it is compared with.
         self.assertLessEqual(ours["reads"], 1.1 * one["reads"])
 
-    def test_no_number_of_steps_makes_up_for_memory_in_fog(self):
+    def test_in_fog_methods_without_memory_lose_the_surface_or_drift(self):
         case = "sphere in fog, radius 40"
         ours = self.row("surfaces", case, "palpate", "0.01")
         for method in ON_SURFACES - OURS:
             r = self.row("surfaces", case, *method)
             self.assertTrue(r["lost"] > 0 or r["off"] > 100 * ours["off"], r)
 
-    def test_streams_are_followed(self):
+    def test_the_error_on_streams_is_at_most_the_tolerance(self):
         for case in STREAMS:
             r = self.row("streams", case, "palpate", "0.01")
             self.assertLessEqual(r["off"], 0.01, r)

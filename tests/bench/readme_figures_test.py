@@ -78,7 +78,7 @@ class Reading(unittest.TestCase):
 
 
 class Readme(unittest.TestCase):
-    def test_its_table_is_one_that_is_written(self):
+    def test_the_table_of_the_readme_has_the_written_format(self):
         page = figures.Page(ROOT / "README.md")
         self.assertEqual(page.part, figures.part(page.head, page.cells))
         self.assertRegex(page.head, r"^Measured at .* on .*; the numbers name the command under")

@@ -33,35 +33,46 @@ void judge(const Regime& row) {
 
 }  // namespace
 
-TEST_CASE("regime: weak constraints that are not orthogonal", "[stability]") {
+TEST_CASE(
+    "regime: with weak constraints that are not orthogonal the engine holds and another method "
+    "fails",
+    "[stability]") {
   judge(weakConstraints());
 }
 
-TEST_CASE("regime: acute troughs, slots and corners", "[stability]") {
+TEST_CASE("regime: in acute troughs, slots and corners the engine holds and another method fails",
+          "[stability]") {
   judge(acuteWalls());
 }
 
-TEST_CASE("regime: strengths and stiffness of all sizes", "[stability]") {
+TEST_CASE(
+    "regime: with strengths and stiffness of all sizes the engine holds and another method fails",
+    "[stability]") {
   judge(extremeSprings());
 }
 
-TEST_CASE("regime: strikes and jumps", "[stability]") {
+TEST_CASE("regime: at strikes and jumps the engine holds and another method fails", "[stability]") {
   judge(strikesAndJumps());
 }
 
-TEST_CASE("regime: steep and noisy data", "[stability]") {
+TEST_CASE("regime: on steep and noisy data the engine holds and another method fails",
+          "[stability]") {
   judge(steepAndNoisy());
 }
 
-TEST_CASE("regime: stiff, late and coarse", "[stability][release]") {
+TEST_CASE(
+    "regime: if the coupling is stiff, late or coarse the engine holds and another method fails",
+    "[stability][release]") {
   judge(stiffAndLate());
 }
 
-TEST_CASE("regime: scenes that change under the hand", "[stability]") {
+TEST_CASE("regime: in scenes that change under the hand the engine holds and another method fails",
+          "[stability]") {
   judge(scenesThatChange());
 }
 
-TEST_CASE("regime: devices that are broken", "[stability][release]") {
+TEST_CASE("regime: with broken devices the engine holds and another method fails",
+          "[stability][release]") {
   judge(brokenDevices());
 }
 

@@ -46,7 +46,7 @@ class SamplerAccuracy(unittest.TestCase):
         for coarse, half in zip(fine, fine[1:]):
             self.assertGreaterEqual(coarse / half, factor, (method, field, quantity, fine))
 
-    def test_says_where_and_how_it_was_measured(self):
+    def test_records_the_machine_and_the_options(self):
         self.assertEqual(list(self.data),
                          ["machine", "options", "grids", "errors", "scalar", "vector"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
@@ -54,7 +54,7 @@ class SamplerAccuracy(unittest.TestCase):
         self.assertTrue(self.data["options"]["quick"])
         self.assertGreater(self.data["grids"]["scalar"]["active_voxels"], 100000)
 
-    def test_every_method_is_judged_and_timed(self):
+    def test_every_method_has_errors_and_times_for_every_field(self):
         everyone = VALUES | GRADIENTS | self.nano
         judged = [(r["field"], r["voxels"], r["method"]) for r in self.data["errors"]]
         self.assertEqual(len(judged), len(FIELDS) * len(VOXELS) * len(everyone))
@@ -73,21 +73,21 @@ class SamplerAccuracy(unittest.TestCase):
                 self.assertEqual(m[where]["count"], options["first_calls"])
                 self.assertLessEqual(m[where]["p50"], m[where]["p99"])
 
-    def test_values_converge_as_their_order_says(self):
+    def test_values_converge_with_the_order_of_the_interpolation(self):
         for field in FIELDS:
             self.falls("palpate nearest", "value", 1.9, field)
             self.falls("palpate trilinear", "value", 3.5, field)
             self.falls("palpate quadratic", "value", 7.0, field)
             self.falls("palpate cubic", "value", 12.0, field)
 
-    def test_derivatives_converge_as_their_order_says(self):
+    def test_gradients_converge_with_the_order_of_the_method(self):
         for field in FIELDS:
             self.falls("palpate trilinear", "gradient", 3.5, field)
             self.falls("palpate quadratic", "gradient", 3.5, field)
             self.falls("palpate cubic", "gradient", 7.0, field)
             self.falls("BoxStencil", "gradient", 1.9, field)
 
-    def test_all_trilinear_readers_agree(self):
+    def test_all_trilinear_readers_have_equal_errors(self):
         same = {"palpate trilinear", "BoxSampler", "BoxStencil"} | self.nano
         for field in FIELDS:
             for which in ("rms", "max"):
@@ -95,14 +95,14 @@ class SamplerAccuracy(unittest.TestCase):
                 for errors in zip(*rows):
                     self.assertLess(max(errors) / min(errors), 1.001)
 
-    def test_our_gradients_do_not_jump_and_the_cells_own_does(self):
+    def test_palpate_s_gradients_do_not_jump_and_the_cell_gradient_does(self):
         for r in self.data["errors"]:
             if r["method"].startswith("palpate") and "jump" in r:
                 self.assertLess(r["jump"], 1e-5, r)
             if r["method"] in {"BoxStencil"} | self.nano:
                 self.assertGreater(r["jump"], 0.03, r)
 
-    def test_direction_is_right_to_a_hand_where_there_are_eight_voxels(self):
+    def test_a_hand_cannot_feel_the_error_of_a_direction_at_eight_voxels_or_more(self):
         for field in FIELDS:
             for method in ("palpate trilinear", "palpate quadratic", "palpate cubic"):
                 self.assertLess(max(self.errors(field, method, "direction_deg", "max")[1:]), 18.4)

@@ -36,14 +36,14 @@ class SpeedAccuracy(unittest.TestCase):
     def tearDownClass(cls):
         cls.holder.cleanup()
 
-    def test_says_where_and_how_it_was_measured(self):
+    def test_records_the_machine_and_the_options(self):
         self.assertEqual(list(self.data), ["machine", "options", "truth", "results", "ratios",
                                            "figure7", "nonorthogonal"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
             self.assertIn(key, self.data["machine"])
         self.assertEqual(self.data["options"]["problems"], 8)
 
-    def test_true_answers_are_true_and_the_certificate_holds(self):
+    def test_reference_bounds_are_tight_and_certificates_hold(self):
         truth = self.data["truth"]
         self.assertGreater(truth["cases"], 100)
         for r in self.data["results"]:
@@ -53,7 +53,7 @@ class SpeedAccuracy(unittest.TestCase):
                 self.assertEqual(r["certificates_broken"], 0, r)
         self.assertLess(truth["widest_bound_over_reach"], 1e-6)
 
-    def test_every_method_meets_every_family(self):
+    def test_every_method_runs_on_every_family(self):
         seen = {(r["family"], r["method"]) for r in self.data["results"]}
         for family in FAMILIES:
             for method in METHODS:
@@ -70,17 +70,17 @@ class SpeedAccuracy(unittest.TestCase):
             self.assertEqual(r.get("cold_ns", 0) > 0, timed_cold)
             self.assertLessEqual(r["error_m"]["median"], r["error_m"]["worst"])
 
-    def test_our_solver_reaches_the_requested_accuracy(self):
+    def test_palpate_reaches_the_requested_accuracy(self):
         for r in self.data["results"]:
             if r["method"].startswith("palpate") and r["setting"] in r["reached"]:
                 self.assertEqual(r["reached"][r["setting"]], 1.0, r)
 
-    def test_the_constraint_approach_is_right_where_directions_are_orthogonal(self):
+    def test_the_constraint_approach_is_exact_for_orthogonal_directions(self):
         for r in self.data["results"]:
             if r["method"] == "constraint approach" and r["family"] == "orthogonal":
                 self.assertEqual(r["reached"]["1e-6"], 1.0, r)
 
-    def test_ratios_count_the_missed_cases(self):
+    def test_ratios_of_times_use_only_problems_that_both_methods_solve(self):
         self.assertTrue(any(r["other"] == "Euler, adaptive step" for r in self.data["ratios"]))
         for r in self.data["ratios"]:
             self.assertGreaterEqual(r["both"] + r["missed_by_other"] + r["missed_by_ours"],
@@ -103,7 +103,7 @@ class SpeedAccuracy(unittest.TestCase):
             self.assertLessEqual(low, statistics.median(both), solver["method"])
             self.assertLessEqual(statistics.median(both), high, solver["method"])
 
-    def test_only_orthogonal_constraints_make_up_no_force(self):
+    def test_the_constraint_approach_gives_a_spurious_force_unless_constraints_are_orthogonal(self):
         for curve in self.data["nonorthogonal"]["curves"]:
             old = curve["constraint_approach_n"]["worst"]
             self.assertEqual((curve["degrees"][0], curve["degrees"][-1]), (90, 1))

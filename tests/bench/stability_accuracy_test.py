@@ -31,7 +31,7 @@ class StabilityAccuracy(unittest.TestCase):
         return next(r for r in self.data["results"]
                     if r["contact"].startswith(contact) and r["method"] == method)
 
-    def test_the_engine_is_as_stable_as_one_wall_and_exact(self):
+    def test_the_engine_s_force_is_exact_and_its_stable_stiffness_follows_the_wall_formula(self):
         for contact in ("a wall", "two planes"):
             ours = self.of(contact, "palpate")
             self.assertLess(ours["force_error"], 1e-5)
@@ -39,7 +39,7 @@ class StabilityAccuracy(unittest.TestCase):
                 self.assertGreater(at["stiffness"], 0.85 * at["formula"], (contact, at))
                 self.assertLess(at["stiffness"], 1.3 * at["formula"], (contact, at))
 
-    def test_other_methods_fail(self):
+    def test_a_force_function_is_unstable_and_the_constraint_approach_is_wrong_at_two_planes(self):
         for contact in ("a wall", "two planes"):
             none = self.of(contact, "force function")
             self.assertGreater(none["force_error"], 1.0)

@@ -237,7 +237,7 @@ TEST_CASE("publishing a scene in every tick causes no force jump", "[fault]") {
   CHECK(pressed.within);
   CHECK(least > 0.9 * before);
   CHECK(most < 1.1 * before);
-  // If every scene is a new object, the engagement restarts each time, so there is almost no force.
+  // If every scene is a new object, the engagement restarts each time: the force stays below 0.1 N.
   CHECK(pressed.force.norm() < 0.1);
   for (int i = 0; i < 2000; ++i) pressed.tick();
   // The force of the last scene has returned.

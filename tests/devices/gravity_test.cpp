@@ -224,7 +224,7 @@ TEST_CASE("the self-test weighs a heavy arm, and passes with gravity compensatio
   CAPTURE(light.words);
   REQUIRE(light.result.problems.empty());
 
-  // 0.3 N at the tip, which the test's 0.5 N can hold, and 1.5 N, which they cannot hold.
+  // The tip weighs 0.3 N, which the test's 0.5 N can hold, then 1.5 N, which they cannot hold.
   for (const double scale : {1.0, 5.0}) {
     CAPTURE(scale);
     const std::vector<HidMass> masses{{0.02 * scale, std::nullopt, Vec3::Zero()},

@@ -276,7 +276,7 @@ TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hi
   CHECK(hand.handle.buttons == 2);
   CHECK(hand.handle.joints[0] == Approx(0.03));
   CHECK(hand.handle.gripper == Approx(2.0 / 2.0 + 0.25));
-  // Turned about z by the mount and the first joint, then about its own x.
+  // The mount and the first joint turn the handle about z, then it turns about its own x.
   const double half_z = 0.5 * (0.5 * std::acos(-1.0) + 0.03);
   const double half_x = 0.5 * 1.25;
   CHECK(hand.handle.orientation[0] == Approx(std::cos(half_z) * std::cos(half_x)));
@@ -382,7 +382,7 @@ TEST_CASE("forces are scaled, with their direction kept, so that no motor overhe
     last = share;
     if (i == 150) REQUIRE(share == 1.0);
   }
-  CHECK(steepest < 0.02);  // for a motor whose command heats it to six times its limit
+  CHECK(steepest < 0.02);  // the motor's command heats it to six times its limit
   CHECK(2.5 * share == Approx(1.0).epsilon(1e-3));
   CHECK(hottest[0] <= 1.0);
   CHECK(hottest[0] > 0.99);
@@ -475,7 +475,7 @@ TEST_CASE("reports that are too short are counted and ignored", "[hid]") {
   arm.give({std::byte{1}, std::byte{2}, std::byte{3}});
   CHECK(device->read().position.x() == Approx(1e-3));
   CHECK(device->reads().strange == 2);
-  // Of a longer report, only the fields that the profile has are read.
+  // If a report is longer, only the fields that the profile has are read.
   arm.give(std::vector<std::byte>(4096, std::byte{0}));
   CHECK(device->read().position.x() == 0.0);
 }
@@ -661,8 +661,8 @@ TEST_CASE("forces are sent at most at the arm's rate, and the newest one is sent
   await([&] { return arm.driven()[0] == 500; });
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
   CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
-  // A report that takes the force off is sent without waiting for its time, also at the device's
-  // end.
+  // A report that takes the force off is sent without waiting for its time, even when the
+  // device is closed.
   profile.output_rate = 0.01;
   {
     FakeArm cut;
@@ -698,7 +698,7 @@ TEST_CASE("a write that does not return is a fault", "[hid]") {
   await([&] { return device->read().fault == Fault::kNone; });
 }
 
-TEST_CASE("an unsent force is a fault, also while the writer waits for its pace", "[hid][safety]") {
+TEST_CASE("an unsent force is a fault, even while the writer waits for its pace", "[hid][safety]") {
   // The writer waits by the machine's clock, so in the test's virtual time the next force is never
   // due.
   HidProfile profile = slides();
@@ -899,7 +899,7 @@ TEST_CASE("an opening sends its commands, and fails if a wait is not fulfilled",
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
 }
 
-TEST_CASE("the closing sequence runs in order, also after a failed opening", "[hid]") {
+TEST_CASE("the closing sequence runs in order, even after a failed opening", "[hid]") {
   HidProfile profile = slides();
   HidStep pause;
   pause.seconds = 0.15;
@@ -1305,7 +1305,7 @@ TEST_CASE("after homing, counters are taken in the range nearest to home", "[hid
 }
 
 TEST_CASE("the first read trusts the homed flag after any pause", "[hid]") {
-  // The counters are slightly below zero.
+  // The counters are below zero.
   HidProfile profile = narrowSlides();
   HidFlag homed;
   homed.field = {0, 3};

@@ -813,7 +813,7 @@ TEST_CASE("the known arms have limits and sources", "[profile]") {
   }
 }
 
-TEST_CASE("damaged profiles are read or refused without a crash", "[profile]") {
+TEST_CASE("damaged profiles never crash the reader", "[profile]") {
   const std::string good = full().dump();
   // At each byte in turn: replaces the byte, removes it, or ends the text there.
   for (std::size_t i = 0; i < good.size(); ++i) {
@@ -849,7 +849,7 @@ TEST_CASE("a PID profile gives axis travel in metres and forces in newtons", "[p
   REQUIRE(schemaAccepts(good));
   const HidProfile arm = parseHidProfile(good.dump(), "arm.json");
   REQUIRE(arm.pid.size() == 2);
-  CHECK(arm.pid[0].axis == 0);  // in order
+  CHECK(arm.pid[0].axis == 0);  // the axes keep the file's order
   CHECK(arm.pid[0].way == 0.3);
   CHECK(arm.pid[1].force == 8.0);
   CHECK(arm.output_rate == 250.0);  // [forces/s]: one force takes one report per axis

@@ -474,7 +474,7 @@ TEST_CASE("replay is bitwise equal in any floating-point mode of the host", "[re
   const unsigned before = _mm_getcsr();
   constexpr unsigned kFlush = 0x8040;    // treats denormals as zero
   constexpr unsigned kUpwards = 0x4000;  // rounds upwards
-  constexpr unsigned kMasks = 0x0E80;    // for invalid, zero divide, overflow and underflow
+  constexpr unsigned kMasks = 0x0E80;    // masks of invalid, zero divide, overflow and underflow
   for (const unsigned host : {before | kFlush, before | kUpwards, before & ~kMasks}) {
     CAPTURE(host);
     _mm_setcsr(host);

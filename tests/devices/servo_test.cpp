@@ -34,7 +34,7 @@ std::shared_ptr<const Scene> ball() {
   return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
 }
 
-/// Moves the hand to 2 mm below the surface and keeps it there, slightly trembling. Returns the
+/// Moves the hand to 2 mm below the surface and keeps it there, trembling by 1 nm. Returns the
 /// last force.
 Vec3 press(Servo& servo, int ticks = 2000) {
   Vec3 force = Vec3::Zero();
@@ -58,7 +58,7 @@ TEST_CASE("a servo gives force only after a scene is published", "[servo]") {
   CHECK(servo.latest().fault == Fault::kNone);
 }
 
-TEST_CASE("a servo's force engages slowly after a fault", "[servo]") {
+TEST_CASE("a servo's force grows over half a second after a fault", "[servo]") {
   Servo servo(arm(), 1.0 / kDt);
   servo.publish(ball());
   (void)press(servo);

@@ -170,7 +170,7 @@ TEST_CASE("without hand and delay the boundary equals the closed form", "[stabil
     const double expected = fast > 0.0 ? std::min(slow, fast) : slow;
     CAPTURE(m, b, period);
     CHECK(stableStiffness(bare(m, b), kReleased, 1.0 / period) == Approx(expected).epsilon(1e-6));
-    // Without any friction except the coupling's damping.
+    // The only friction is the coupling's damping.
     const double beta = random.uniform(0.01, 0.8);
     const double damping = 2.0 * m * beta / period;
     CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping, 0.0) ==

@@ -112,7 +112,8 @@ TEST_CASE("a point on a face meets its box, and an empty or non-finite box meets
   CHECK(BroadPhase().meeting(boxAt({0, 0, 0}, {1, 1, 1}), {}) == 0);
 }
 
-TEST_CASE("a hand that moves little searches the tree rarely and misses no box", "[broad]") {
+TEST_CASE("a hand at 0.1 m/s searches the tree in less than 2 % of the ticks and misses no box",
+          "[broad]") {
   Random random(2);
   const std::vector<Box> boxes = someBoxes(3000, random);
   const BroadPhase tree(boxes);

@@ -63,7 +63,7 @@ TEST_CASE("a free proxy reads at the first surface and at the new parts that its
       // A second surface: the path is not searched further.
       {{kNo, kNo, kNo, kYes}, Next::kRelease},
       {{kNo, kNo, kYes, kNo}, Next::kRead},
-      {{kNo, kYes, kNo, kNo}, Next::kRead},  // new parts, also after a surface
+      {{kNo, kYes, kNo, kNo}, Next::kRead},  // new parts, even after a surface
       {{kNo, kYes, kNo, kYes}, Next::kRead},
       {{kNo, kYes, kYes, kNo}, Next::kRelease},  // no further choice of parts is allowed
       {{kYes, kNo, kNo, kNo}, Next::kRelease},   // the path reaches the hand

@@ -67,8 +67,8 @@ TEST_CASE("Q and lambda2 agree with the definitions for any Jacobian", "[flow]")
   double worst_lambda2 = 0.0;
   for (int i = 0; i < 100000; ++i) {
     Mat3 J = randomMatrix(random);
-    // Some Jacobians have nearly equal eigenvalues, are nearly singular or are free of divergence;
-    // others have any magnitude.
+    // Some Jacobians have eigenvalues that agree to 1e-8, are singular to 1e-12 or are free of
+    // divergence; others have any magnitude.
     if (i % 5 == 1) J = Mat3::Identity() * random.uniform(-1, 1) + 1e-9 * J;
     if (i % 5 == 2) {
       const Mat3 R = Eigen::AngleAxisd(random.uniform(0, 3), random.direction()).matrix();

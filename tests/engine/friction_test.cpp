@@ -339,8 +339,9 @@ TEST_CASE("several rough planes each obey Coulomb's law, or the error bound cove
   CHECK(limited <= 1e-3 * static_cast<double>(cases));
 }
 
-TEST_CASE("rough walls about a point balance, and a failed search weakens no held friction",
-          "[modes][friction]") {
+TEST_CASE(
+    "rough walls about a point balance, and a failed search keeps the strength of held frictions",
+    "[modes][friction]") {
   // The hand moves from place to place within two to four walls.
   Random random(64);
   const long cases = test::cases(3000);

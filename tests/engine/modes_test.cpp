@@ -251,7 +251,7 @@ std::vector<Primitive> placed(const ModeSpec& mode, const Vec3& p) {
 
 }  // namespace
 
-TEST_CASE("each mode places the primitives of its row", "[modes]") {
+TEST_CASE("each mode places the primitives of its row in the modes table", "[modes]") {
   const Vec3 p(0.02, 0.01, 0.03);
   const auto all = fields();
   FieldCache cache;
@@ -512,8 +512,8 @@ TEST_CASE("a user-defined mode reads its fields, places its primitives and keeps
   CHECK(first.samples == 4);
   CHECK(pulled.samples == 2 * pulled.substeps);
   CHECK(*count - before == 1 + pulled.substeps);
-  // At 5 cm the height of the wave is 2 mm sin(3). The pull is 0.4 N plus k times that height,
-  // slightly changed by where the wave was read.
+  // At 5 cm the height of the wave is 2 mm sin(3). The pull is 0.4 N plus k times that height.
+  // The place of the reading changes it by up to 1e-5 of its size.
   CHECK(pulled.wanted.norm() == Approx(0.4 + 2e-3 * std::sin(3.0)).epsilon(1e-5));
   own.user.place = nullptr;
   CHECK_THROWS_WITH(sceneOf({own}), Catch::Contains("/modes/0"));
@@ -575,7 +575,8 @@ TEST_CASE("pairs and triples of modes balance like the reference solver",
   }
   // There are 455 sets (182 with sanitizers), some of which never have a primitive.
   CHECK(compared > (test::kSanitized ? 150 : 400));
-  // If two planes with friction coincide, the load on each plane is nearly undetermined.
+  // If two planes with friction coincide, only the sum of their loads is determined, except for
+  // rounding.
   CAPTURE(ticks, limited);
   CHECK(limited <= 20);  // measured: 4 of 182,455
 }
@@ -879,7 +880,7 @@ TEST_CASE("unneeded volumes are not read, and orthogonal sets are solved in clos
     return r.samples / r.substeps;
   };
   CHECK(countAt({-0.03, 0, 0.03}) == 3);  // a, wind and the pressure that weights wind
-  CHECK(countAt({0.03, 0, 0.03}) == 4);   // b as well
+  CHECK(countAt({0.03, 0, 0.03}) == 4);   // these, and b
   CHECK(countAt({0.08, 0, 0.03}) == 1);   // b
   CHECK(countAt({1, 0, 0.03}) == 1);      // far
   CHECK(countAt({0.5, 0, 0}) == 0);

@@ -180,9 +180,10 @@ TEST_CASE("Newton's step converges where a yielding surface turns the balance", 
   CHECK(converged >= gave - gave / 50);  // the method fails only where the surface turns over
 }
 
-TEST_CASE("on a ridge the step leads downhill, and fixed primitives leave it unchanged",
-          "[newton]") {
-  // A cylinder of radius 1 mm, with the hand 3 mm deep and slightly to one side. The nearest point
+TEST_CASE(
+    "on a convex edge Newton's step lowers the energy, and without surfaces it equals the residual",
+    "[newton]") {
+  // A cylinder of radius 1 mm, with the hand 3 mm deep and 10 um to one side. The nearest point
   // is on that side.
   Surface edge;
   edge.strength = 10.0;

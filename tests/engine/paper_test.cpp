@@ -129,8 +129,10 @@ TEST_CASE("fig. 1: a tick reads properties on the proxy's path, moves the proxy,
   CHECK(farthest > 1e-3);  // otherwise it would not matter where the field is read
 }
 
-TEST_CASE("eqs 1 and 2: a constraint is a plane along its direction, with no motion across it",
-          "[paper][eq1][eq2]") {
+TEST_CASE(
+    "eqs 1 and 2: a constraint moves the proxy along its direction as a plane does, and not across "
+    "it",
+    "[paper][eq1][eq2]") {
   Random random(31);
   int yielded = 0;
   for (int i = 0; i < 300; ++i) {
@@ -227,7 +229,7 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
     }
     std::cout << strength << " | " << constraint_force << " | " << primitive_force << " | "
               << 3.0 * strength << " | " << reference_force << '\n';
-    // The earlier method fails: it gives newtons although the strengths are almost zero.
+    // The constraint approach fails: its force exceeds 1 N and 100 times the sum of the strengths.
     CHECK(constraint_force > 1.0);
     CHECK(constraint_force > 100.0 * 3.0 * strength);
   }
@@ -255,7 +257,8 @@ TEST_CASE("weak primitives of any kind give at most their summed strength, like 
   }
 }
 
-TEST_CASE("fig. 2 a: orthogonal weak constraints are right in both methods", "[paper][fig2]") {
+TEST_CASE("fig. 2 a: with orthogonal weak constraints both methods give the correct balance",
+          "[paper][fig2]") {
   Random random(3);
   for (int i = 0; i < 100; ++i) {
     const Mat3 R = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
@@ -331,7 +334,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl balance together in e
   CHECK(old_error > 0.5);  // [N]: the error if the constraints are applied one after the other
 }
 
-TEST_CASE("fig. 3: the proxy is where a primitive's printed force balances the spring",
+TEST_CASE("fig. 3: the proxy is where the paper's force of a primitive balances the spring",
           "[paper][fig3][eq8][eq9][eq10][eq11][eq12][eq13]") {
   Random random(34);
   for (int i = 0; i < 1000; ++i) {
@@ -360,7 +363,7 @@ TEST_CASE("fig. 3: the proxy is where a primitive's printed force balances the s
   }
 }
 
-TEST_CASE("eqs 14 and 15: the proxy is where the printed forces and the spring add up to zero",
+TEST_CASE("eqs 14 and 15: at the proxy the paper's forces and the spring add up to zero",
           "[paper][eq14][eq15]") {
   Random random(35);
   for (int i = 0; i < 500; ++i) {

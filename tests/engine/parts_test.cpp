@@ -151,7 +151,7 @@ TEST_CASE("parts give the same forces as volumes that are always read", "[scale]
 }
 
 TEST_CASE("a fast hand follows a part's stream like a volume's", "[scale]") {
-  // At 2 m/s a tick has several moves.
+  // A hand at 2 m/s needs several moves in a tick.
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kFollow;

@@ -88,7 +88,7 @@ TEST_CASE("a curve's slope at a knot is that of the next piece, and zero beyond 
   CHECK(TransferFunction(2.0).slope(1.0) == 0.0);
 }
 
-TEST_CASE("a steeply rising directed force is felt smoothly, with about one reading a tick",
+TEST_CASE("a steeply rising directed force is felt smoothly, with less than 1.1 readings a tick",
           "[modes][eq8]") {
   // The force rises by 2 N over `width`, which is two to eight times as steep as the spring.
   const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
@@ -131,7 +131,7 @@ TEST_CASE("a force towards an axis changes smoothly as the hand passes the axis"
   CHECK(felt.readings < 10.0);
 }
 
-TEST_CASE("the proxy keeps its radius round a vortex and on a front up to a voxel a tick",
+TEST_CASE("the proxy keeps its radius round a vortex and on a front at speeds up to a voxel a tick",
           "[modes]") {
   const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: up to a voxel a tick
   const bool tube = GENERATE(false, true);
@@ -164,7 +164,8 @@ TEST_CASE("the proxy keeps its radius round a vortex and on a front up to a voxe
   CHECK(felt.unfinished == 0);
 }
 
-TEST_CASE("a converged tick is near the balance for any strength curve", "[modes]") {
+TEST_CASE("a converged tick is within a quarter voxel of the balance for any strength curve",
+          "[modes]") {
   // The force grows with depth, so there is only one balance, which bisection finds.
   Random random(63);
   const long cases = test::cases(400);
@@ -228,7 +229,7 @@ TEST_CASE("Newton's step extrapolates a strength that was read beside the proxy"
   CHECK((x - (probe - (0.5 + slope * x.x()) / kStiffness * Vec3::UnitX())).norm() < 1e-15);
 }
 
-TEST_CASE("slopes and Jacobians match differences of the readings, also in moved volumes",
+TEST_CASE("slopes and Jacobians match differences of the readings, including in moved volumes",
           "[modes][graph]") {
   // Values are in units of 3 mm: the magnitude of a vector, its direction, and a product of curves.
   const double unit_size = 3e-3;
@@ -268,7 +269,7 @@ TEST_CASE("slopes and Jacobians match differences of the readings, also in moved
   const BoundGraph graph = reader.bind(*scene);
   Random random(61);
   for (int c = 0; c < 200; ++c) {
-    // Gives p as a volume that moves sees it.
+    // Reads properties at p, in the resting frame of the moving volume.
     std::vector<Body> bodies(moves ? 1 : 0);
     const auto readAt = [&](const Vec3& p, Properties& out) {
       for (Body& body : bodies) {

@@ -53,7 +53,7 @@ vtkSmartPointer<vtkDataArray> byVtk(const Piece& image, double width) {
 
 }  // namespace
 
-TEST_CASE("the importer's Gaussian agrees with VTK's, also at edges and on short axes",
+TEST_CASE("the importer's Gaussian equals VTK's to 2e-4, including at edges and on short axes",
           "[smooth]") {
   const Vec3 spacing(1.0, 0.7, 2.5);
   for (const int components : {1, 3}) {

@@ -225,7 +225,7 @@ TEST_CASE("two hands never gain more than their tanks' initial energy on any net
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    // The time between two readings is known only after a few readings. Until then, a fiftieth of
+    // The time between two readings is known only after several readings. Until then, a fiftieth of
     // the spring's force is present.
     const double slack = session.reads > 1 ? 5e-4 : 1e-12;
     for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);

@@ -112,8 +112,9 @@ TEST_CASE("without a scene the force is zero, and a hand inside a new scene is f
   CHECK(rig.device.sent == rig.loop.latest().report.force);
 }
 
-TEST_CASE("a new scene engages slowly, and an edit acts soon without a force jump",
-          "[loop][safety]") {
+TEST_CASE(
+    "a new scene engages over half a second, and an edit acts within 50 ms without a force jump",
+    "[loop][safety]") {
   const FieldPtr ball = ballField();
   {
     Rig rig;
@@ -204,7 +205,7 @@ TEST_CASE("a fault cuts the force and stays latched until it is cleared", "[loop
     CHECK(rig.device.sent == Vec3::Zero());
     CHECK(rig.loop.latest().fault == cause);
     CHECK(rig.loop.latest().report.status == StepStatus::kFault);
-    // The fault stays if its cause ends, and also if another cause appears.
+    // The fault stays if its cause ends, and if another cause appears.
     mend(rig);
     for (int i = 0; i < 500; ++i) {
       rig.loop.beat();
@@ -454,7 +455,7 @@ TEST_CASE("clear() takes back only the orders given before it", "[loop][safety]"
   CHECK(heart == stood + 1);
 }
 
-TEST_CASE("without a guardian clear() lets no force out", "[loop][safety]") {
+TEST_CASE("without a guardian the force stays off after clear()", "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -561,7 +562,7 @@ TEST_CASE("invalid device limits are refused", "[loop][safety]") {
   }
 }
 
-TEST_CASE("slightly late ticks are counted and keep their force", "[loop][safety]") {
+TEST_CASE("ticks below the late limit are counted as late and keep their force", "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));
@@ -573,8 +574,9 @@ TEST_CASE("slightly late ticks are counted and keep their force", "[loop][safety
   CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
 }
 
-TEST_CASE("an open dead man's switch cuts the force, a closed one engages slowly",
-          "[loop][safety]") {
+TEST_CASE(
+    "an open dead man's switch cuts the force, and a closed one lets it return after a second",
+    "[loop][safety]") {
   Rig rig;
   rig.device.hand.position = kOut;
   rig.loop.publish(ballScene(ballField()));

@@ -71,7 +71,7 @@ TEST_CASE("a position step faster than any hand is a jump fault", "[safety]") {
     CHECK(watch.look(hand, 0.0) == Fault::kNone);
     hand = at({0, 0, std::max(1.1e-3, 5.1 / rate)});
     CHECK(watch.look(hand, 1.0 / rate) == Fault::kJump);
-    // The same path in more time is not a jump.
+    // After forget(), the next position is not a jump, wherever it is.
     watch.forget();
     hand = at({9, 9, 9});
     CHECK(watch.look(hand, 5.0) == Fault::kNone);
@@ -138,7 +138,7 @@ TEST_CASE("any device position gives a fault or a finite velocity", "[safety]") 
   }
 }
 
-TEST_CASE("a force that data remove at once fades gradually", "[safety]") {
+TEST_CASE("a force that data remove at once fades to zero within 100 ms", "[safety]") {
   DataFade fade;
   const Vec3 pull(0.0, 3.0, 0.0);
   const Vec3 none = Vec3::Zero();
@@ -178,7 +178,7 @@ TEST_CASE("a force that data remove at once fades gradually", "[safety]") {
     REQUIRE(out >= 0.0);
     REQUIRE(out <= 8.0);
   }
-  // After forget(), for a tick without duration, and with NaN.
+  // After forget(), and in a tick without duration, the force changes at once.
   (void)fade.pass(pull, kStand, none, kTick);
   fade.forget();
   CHECK(fade.pass(none, kStep, none, kTick) == none);

@@ -15,7 +15,8 @@
 namespace palpate::bench::rubbing_test {
 
 TEST_CASE(
-    "sliding on a scan has little more force ripple than with planes that cannot lift the proxy",
+    "sliding on a scan has at most 1.3 times the force noise of planes that cannot lift the proxy, "
+    "plus 0.5 % of the force",
     "[.][data][motion]") {
   // tests/motion/data_test.sh imports the scan: 64 x 64 x 93 voxels of 3.2 x 3.2 x 1.5 mm.
   const char* folder = std::getenv("PALPATE_IMPORTED");
@@ -68,7 +69,7 @@ TEST_CASE("damping amplifies encoder steps no more in a fast loop than in a slow
 
 TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
   // See docs/decisions/0015-stability.md, "Buzz": seven slices, 4 mm apart, are about 1 cm below
-  // the middle. The proxy clicks where it leaps out of a groove of the skin. The targets hold for
+  // the middle. A click is a jump of the proxy out of a groove of the skin. The targets hold for
   // slices without clicks.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -108,8 +109,8 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
       CHECK(quiet.engine.force / without > 0.3);
       CHECK(gain >= least);
       // The requirement is 6 dB for all cases. On an arm at 20 mm/s, one slice has a groove that is
-      // slightly too shallow for a click. Both methods have so little power there that the groove
-      // dominates: 13 dB more, or 1.2 dB without the groove. If the proxy were released slightly
+      // too shallow for a click. Both methods have so little power there that the groove
+      // dominates: 13 dB more, or 1.2 dB without the groove. If the proxy were released
       // farther behind the groove's edge (kAbove, engine/modes/mode.cpp), the groove would cause a
       // click.
       CHECK(beside >= (hand == BuzzHand::kHeld ? -14.0 : -6.0));

@@ -23,7 +23,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr int kSide = 49;
-const Vec3 kMiddle = Vec3::Constant(24.0);  // of the grids [voxels]
+const Vec3 kMiddle = Vec3::Constant(24.0);  // middle of the grids [voxels]
 
 /// Half of a slab with a flat top through `origin`. Its x and z axes are the first and the last
 /// column of `turn`.

@@ -22,7 +22,7 @@ using palpate::test::Random;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-const Vec3 kCentre(52.3, 51.7, 52.45);  // of the large spheres [voxels]
+const Vec3 kCentre(52.3, 51.7, 52.45);  // centre of the large spheres [voxels]
 constexpr double kRadius = 40.0;
 
 Vec3 axisOf() {
@@ -66,7 +66,7 @@ FieldPtr whirl() {
 
 }  // namespace
 
-TEST_CASE("the proxy stays on a stream and a surface at once, also with friction and drag",
+TEST_CASE("the proxy stays on a stream and a surface at once, with and without friction and drag",
           "[motion]") {
   const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
   const std::map<std::string, FieldPtr> fields{{"ball", ball}, {"flow", whirl()}};
@@ -420,7 +420,9 @@ TEST_CASE("a moving slab pushes the proxy out of a weaker groove, not out of a s
   }
 }
 
-TEST_CASE("at the sub-step cap the rest of the path waits, without one long step", "[motion]") {
+TEST_CASE(
+    "at the sub-step limit the proxy moves at most two voxels, and the rest of the path waits",
+    "[motion]") {
   StepParams step;
   step.max_substeps = 1;
   const SurfaceMotion motion = sphereMotion("level set", 40, 2.56);

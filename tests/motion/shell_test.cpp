@@ -77,7 +77,7 @@ TEST_CASE("solids of one voxel are crossed no more often than their limits", "[m
   const auto of = [&](long in_1000) { return std::max(in_1000 * count / 1000, 2L); };
   struct Case {
     Shell shell;
-    long crossed;  // of 1,000 strokes at load 0.9; at load 0.6 at most five
+    long crossed;  // limit for 1,000 strokes at load 0.9; at load 0.6 the limit is five
     long yielded;
   };
   for (const auto& [shell, crossed, yielded] : {Case{makeShell("level set", 1.0), 25, 30},
@@ -110,7 +110,7 @@ TEST_CASE("the proxy stays out of the walls of an acute groove under a deep hand
         const Stepper tick = engineOn(groove, ModeKind::kIsosurface, {}, 60.0);
         double deepest = 0.0;
         for (int t = 0; t < 3000; ++t) {
-          // The hand moves in, then to and fro along the edge, and slightly to the side.
+          // The hand moves in, then along the edge, and less far to the sides, to and fro.
           const double along = t < 300 ? 0.0 : 6.0 * std::asin(std::sin(0.06 * (t - 300)));
           const double aside = t < 300 ? 0.0 : 1.5 * std::sin(0.013 * (t - 300));
           const Vec3 hand =

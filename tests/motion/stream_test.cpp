@@ -105,7 +105,7 @@ TEST_CASE("a stream beside another mode waits when readings are used up, and rep
   }
 }
 
-TEST_CASE("streams of real flows are followed", "[.][data][motion]") {
+TEST_CASE("streams of real flows are followed within 0.01 voxel", "[.][data][motion]") {
   // tests/motion/data_test.sh imports the flows. Paths end where the data end: 10 to 40 voxels.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -284,7 +284,8 @@ TEST_CASE("a proxy that has converged on a stream is at the place nearest to the
   }
 }
 
-TEST_CASE("a hand beyond a stream's centre of curvature takes the proxy downhill", "[motion]") {
+TEST_CASE("beyond a stream's centre of curvature the proxy moves on to the next nearest place",
+          "[motion]") {
   // The hand crosses random bends, with kappa d up to 3. Where a local minimum of the distance
   // vanishes, the proxy moves on to the next minimum.
   Random random(5);

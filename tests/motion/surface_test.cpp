@@ -223,7 +223,8 @@ TEST_CASE("the work on the hand is at most the counted energy at any speed", "[m
       double way = 0.0;
       Vec3 hand = kVoxel * motion.outside;
       (void)tick(hand);
-      // Work, less the energy that it stored and less the energy that the tick reported.
+      // Largest value, over ticks, of the work on the hand plus the growth of the spring's energy,
+      // less the energy that the tick reported.
       double worst = -1.0;
       double stored = 0.0;
       double work = 0.0;

@@ -30,7 +30,7 @@ using palpate::test::Random;
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-const Vec3 kCentre(52.3, 51.7, 52.45);  // of the ball [voxels]
+const Vec3 kCentre(52.3, 51.7, 52.45);  // centre of the ball [voxels]
 constexpr double kRadius = 40.0;
 
 /// The displacement u(x, t), in metres and seconds.

@@ -1035,7 +1035,7 @@ TEST_CASE("a missing or damaged manifest is refused with one line", "[bricks]") 
   CHECK_THAT(refusal(forged(whole, [&](Json& json) { json["metadata"] = within; })),
              Contains("m: it is damaged"));
 
-  // The same errors for a manifest in a folder.
+  // A manifest in a folder gives the same errors.
   const auto folderSays = [&] { return errorOf([&] { (void)PosixBricks(folder / "b"); }); };
   fs::remove(file);
   CHECK_THAT(folderSays(), Contains("it is unfinished: it has no manifest: run the command"));

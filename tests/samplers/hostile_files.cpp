@@ -166,7 +166,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
         std::max(largest, std::visit([](const auto& grid) { return largestIn(*grid); }, part.data));
     per_index = std::max(per_index, part.linear.inverse().norm());
   }
-  if (volume->grid().parts.size() == 3) largest *= std::sqrt(3.0);  // of each component
+  if (volume->grid().parts.size() == 3) largest *= std::sqrt(3.0);  // length of a vector
   digest.add(largest);
   Placement placement;
   if (volume->info().bounds.size().maxCoeff() > 0.0) {
@@ -219,7 +219,7 @@ void sample(const std::shared_ptr<const Volume>& volume, std::size_t turn, Diges
   }
 }
 
-/// Does with a file all that a user can do.
+/// Describes, loads and samples all grids of a file, as a user would.
 Outcome feel(const fs::path& file, std::size_t turn) {
   Outcome outcome;
   Digest digest;
@@ -379,7 +379,7 @@ struct Victim {
   fs::path path;
   std::string bytes;
   std::vector<std::uint64_t> structure;  ///< Bytes of nodes' masks and headers of values.
-  std::vector<std::uint64_t> borders;    ///< Between the parts.
+  std::vector<std::uint64_t> borders;    ///< Positions between the file's parts [bytes].
   Ended whole;
 };
 

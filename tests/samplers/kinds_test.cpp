@@ -278,7 +278,7 @@ TEST_CASE("smoothing equals OpenVDB's filter and reports how much it changes",
   const auto volume = reload({noise}, "", {NonFinite::kRefuse, width, nullptr});
   const Smoothing said = volume->info().smoothing;
   CHECK(said.width == width);
-  CHECK(said.rms_change > 0.4);  // nearly all of the noise of 0.58 rms
+  CHECK(said.rms_change > 0.4);  // the noise has 0.58 rms
   CHECK(said.largest_change > said.rms_change);
   auto theirs = noise->deepCopy();
   openvdb::tools::Filter<openvdb::FloatGrid>(*theirs).gaussian(width);
@@ -380,7 +380,7 @@ TEST_CASE("a long load reports its progress and can be cancelled", "[samplers][k
         volume->info().mean);
 }
 
-TEST_CASE("inside is the same for every order but the nearest", "[samplers][kinds]") {
+TEST_CASE("the flag inside is equal for all interpolations except nearest", "[samplers][kinds]") {
   const bool level_set = GENERATE(true, false);
   auto grid = makeBall(1.0, 0.1);
   if (!level_set) grid->setGridClass(openvdb::GRID_FOG_VOLUME);

@@ -252,7 +252,7 @@ TEST_CASE("the proxy follows the surface of a ball that shrinks in play, in each
   CHECK(off < 0.05);
 }
 
-TEST_CASE("a jump in play changes the value gradually", "[sequence]") {
+TEST_CASE("a jump in play changes the value over 50 ms or more", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, ramp);
   const bool all = GENERATE(true, false);
@@ -309,7 +309,7 @@ TEST_CASE("a hand on a ball feels no force step while play jumps", "[sequence]")
   CHECK(largest < 0.03);
 }
 
-TEST_CASE("a surface that disappears in play releases the hand gradually", "[sequence]") {
+TEST_CASE("a surface that disappears in play changes the force by at most 2000 N/s", "[sequence]") {
   const TemporaryFolder folder;
   const double apart = GENERATE(5.0, 10.0, 20.0);  // voxels; the bands have three
   const auto frames = framesIn(folder, 2, [&](int i) { return ball(20.0 + apart * i); });

@@ -265,7 +265,7 @@ void checkSplinesThroughVoxels(const openvdb::FloatGrid& grid,
 
 }  // namespace
 
-TEST_CASE("every grid of the data is read as its voxels say, seams and outside included",
+TEST_CASE("a field equals the voxels of every grid of the data, including at seams and outside",
           "[.][data]") {
   const std::filesystem::path folder = std::filesystem::path(std::getenv("PALPATE_DATA")) / "vdb";
   openvdb::initialize();

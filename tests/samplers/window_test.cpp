@@ -238,7 +238,8 @@ TEST_CASE("missing bricks are read coarsely without a step, and become fine grad
   CHECK(excess < 0.0);
 }
 
-TEST_CASE("a reading reported as fine is right even while bricks are evicted", "[bricks][host]") {
+TEST_CASE("a reading not reported as coarse equals the whole volume even while bricks are evicted",
+          "[bricks][host]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
   (void)writeBricks(folder / "bricks", brickInput(volume));
@@ -556,7 +557,9 @@ class SlowBricks final : public BrickSource {
 
 }  // namespace
 
-TEST_CASE("slow bricks are requested farther ahead on a hand's path", "[bricks]") {
+TEST_CASE(
+    "if bricks take a second, they are requested five bricks ahead of the hand instead of two",
+    "[bricks]") {
   const TemporaryFolder folder;
   (void)writeBricks(folder / "bricks",
                     formulaBricks("ramp", {639, 63, 63}, [](const VoxelAt& at) { return at[0]; }));

@@ -172,7 +172,7 @@ TEST_CASE("a gain gives the same forces as a scene with scaled strengths", "[dia
   }
   if (factor == 0.0F) CHECK(most(is) < 1e-6);
   if (factor == 8.0F) CHECK(most(is) > 0.05);
-  // So for a hand, a changed gain is an edit.
+  // A changed gain keeps the scene's shape, so the loop keeps the force on.
   CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
 }
 

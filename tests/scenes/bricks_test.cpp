@@ -217,7 +217,7 @@ TEST_CASE("the force is cut while the folder of bricks is missing, and can retur
   now = go(Vec3(0, 0, 0.055), 200);
   CHECK(now.report.force.z() > 1.0);
   CHECK_FALSE(now.report.coarse);
-  // The same at the opposite side, whose bricks are fetched now.
+  // The opposite side holds the hand too, after its bricks have arrived.
   (void)go(Vec3(0.09, 0, 0.09), 300);
   (void)go(Vec3(0.09, 0, -0.09), 300);
   (void)go(Vec3(0, 0, -0.07), 300);

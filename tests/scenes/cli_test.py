@@ -603,7 +603,7 @@ class Feel(Case):
         self.addCleanup(os.remove, scene)
         return scene
 
-    def test_the_load_of_one_mode_is_the_force(self):
+    def test_the_load_of_a_single_mode_equals_the_force(self):
         into = [c / math.sqrt(6) for c in (1, 2, -1)]
         wall = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3}
         places = [[0.02 + depth * c for c in into] for depth in (-0.002, 0.003, 0.003)]
@@ -1293,7 +1293,7 @@ class Devices(Case):
                      says="the name fits woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers differ")
         self.refused("devices", "polhem", "--test", "hid", says="--test already names an arm")
 
-    def test_the_documented_figures_are_the_program_s(self):
+    def test_the_documented_figures_equal_the_output(self):
         """docs/devices.md: blocks of the program's output, and its table of the shipped profiles."""
         text = (Path(__file__).resolve().parents[2] / "docs/devices.md").read_text(encoding="utf-8")
         blocks = re.findall(r"^    \$ palpate (.*)\n((?:    .*\n)+)", text, flags=re.M)

@@ -172,7 +172,7 @@ TEST_CASE("the exploration path is reproducible, slow, and within the workspace"
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
   const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});
-  // Also if the scene is larger than the arm's reach.
+  // With 0.04 m the scene is larger than the arm's reach.
   const double radius = GENERATE(0.1, 0.04);
   HandTarget a = cli::findingHand(*scene, kBox, radius, 5.0);
   HandTarget b = cli::findingHand(*scene, kBox, radius, 200.0);

@@ -206,7 +206,7 @@ class Pictures(Case):
             self.assertTrue(bright)
             self.assertLess(max(bright), len(values[0]) / 2)
 
-    def test_a_file_without_patient_data_has_no_letters(self):
+    def test_a_picture_without_patient_axes_has_no_orientation_letters(self):
         scene, *hand = self.head("bare", translate=[-0.04, -0.05, -0.06])
         words = texts(self.svg("feel", scene, *hand))
         self.assertFalse([w for w in words if w in tuple("LRPAIS")])

@@ -138,7 +138,7 @@ class Plot(unittest.TestCase):
         self.assertAlmostEqual(a, b, delta=1e-9 * max(1.0, abs(b)))
 
     @suite.smoke
-    def test_its_numbers_equal_those_of_the_traces(self):
+    def test_the_printed_numbers_equal_those_of_the_traces(self):
         told, _ = self.both()
         self.assertEqual([r["name"] for r in told["runs"]], list(STRENGTHS))
         for shown, own, felt in zip(told["runs"], self.numbers, self.felt):

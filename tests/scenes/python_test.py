@@ -50,7 +50,7 @@ def press(ticks=2000):
     return path
 
 
-def test_an_array_stands_where_it_is_put():
+def test_an_array_s_values_are_at_its_origin_and_spacing():
     values = np.arange(4 * 5 * 6, dtype="f8").reshape(4, 5, 6)
     for given in (values, np.asfortranarray(values), values[::-1][::-1], values.astype(">f8")):
         field = palpate.volume(given, spacing=(1, 2, 3), origin=(10, 20, 30)).field()
@@ -62,7 +62,7 @@ def test_an_array_stands_where_it_is_put():
     assert inner["gradient"].tolist() == pytest.approx([30, 3, 1 / 3])
 
 
-def test_integers_become_floats_that_hold_them():
+def test_integers_become_the_smallest_float_type_that_holds_them():
     counts = np.full((4, 4, 4), 7, "u2")
     counts[2, 2, 2] = 60001
     assert palpate.volume(counts).info["type"] == "float"
@@ -72,7 +72,7 @@ def test_integers_become_floats_that_hold_them():
     assert volume.info["type"] == "double" and volume.info["highest"] == 2**30 + 1
 
 
-def test_whole_numbers_that_no_double_holds_are_told_of():
+def test_integers_beyond_a_double_are_reported():
     counts = np.full((4, 4, 4), 7, "i8")
     counts[2, 2, 2] = 2**53
     counts[1, 1, 1] = -2**53
@@ -106,7 +106,7 @@ def test_vectors_have_a_jacobian():
     assert row["jacobian"].ravel().tolist() == pytest.approx([0, -1, 0, 1, 0, 0, 0, 0, 0], abs=1e-9)
 
 
-def test_samples_are_the_programs(bodies, tmp_path):
+def test_a_sample_equals_that_of_palpate_sample(bodies, tmp_path):
     volume = palpate.Volume.load(bodies, "cloud")
     low, high = np.array(volume.info["bounds"])
     points = np.random.default_rng(3).uniform(low, high, (500, 3))
@@ -121,7 +121,7 @@ def test_samples_are_the_programs(bodies, tmp_path):
     assert rows.shape == (500,) and volume.field().sample(points.reshape(50, 10, 3)).shape == (50, 10)
 
 
-def test_a_run_is_the_programs(bodies, tmp_path):
+def test_a_run_equals_that_of_palpate_feel(bodies, tmp_path):
     scene = palpate.Scene.load(bodies)
     path = np.array([(0, 0, 0, 0.06), (0.5, 0.01, 0, 0.02), (1.5, -0.02, 0.01, -0.01), (1.6, 0, 0, 0.05)])
     np.savetxt(tmp_path / "path.csv", path, "%.17g", ",", header="t,x,y,z", comments="")
@@ -141,7 +141,7 @@ def test_a_run_is_the_programs(bodies, tmp_path):
     assert np.abs(rows["force_z"]).max() > 0.3
 
 
-def test_explain_is_the_programs(bodies):
+def test_an_explanation_equals_that_of_palpate_explain(bodies):
     told = json.loads(program("explain", bodies, "--at", "0,0,0.04", "--push", "0.001,0,-0.002", "--json"))
     answer = palpate.Scene.load(bodies).explain((0, 0, 0.04), (0.001, 0, -0.002))
     assert answer == told
@@ -152,7 +152,7 @@ def test_explain_is_the_programs(bodies):
         palpate.Scene.load(bodies).explain(0, (0, 0, 1))
 
 
-def test_steps_are_a_run():
+def test_steps_give_the_forces_of_a_run():
     scene = palpate.Scene.parse(SCENE, {"ball": ball()})
     path = press()
     rows = scene.run(path)
@@ -167,7 +167,7 @@ def test_steps_are_a_run():
     assert np.array([scene.step(*p) for p in path]) == pytest.approx(forces, abs=0)
 
 
-def test_sequences_play_as_the_scene_says(tmp_path):
+def test_sequences_play_from_the_scene_s_time_at_its_speed(tmp_path):
     axis = np.arange(32) - 15.5
     r = np.sqrt(axis[:, None, None]**2 + axis[:, None]**2 + axis**2)
     for i in range(4):
@@ -201,7 +201,7 @@ def test_a_fault_stays_until_it_is_cleared():
     assert hand.fault == "" and hand.report["status"] == "converged"
 
 
-def test_numpys_numbers_may_stand_in_a_scene():
+def test_a_scene_accepts_the_numbers_of_numpy():
     plain = {**SCENE, "volumes": {"ball": {"place": {"scale": 0.05, "translate": [0, 0, 0.01]}}},
              "modes": [{**SKIN, "strength": {"piecewise": [[0, 0], [1, 4]]}}]}
     numpys = {**SCENE, "palpate": np.int64(1),
@@ -258,7 +258,7 @@ def scene():
 """
 
 
-def test_a_run_holds_its_rows_once():
+def test_a_run_takes_less_than_one_and_a_half_times_its_rows_in_memory():
     rows, more = alone("""
 felt = scene().run([(0, 0, 0, 0.05), (1, 0, 0, 0.05)])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -314,7 +314,7 @@ except KeyboardInterrupt:
     "s.fields['ball'].sample(np.zeros((20000000, 3)))",
     "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
 ])
-def test_a_script_may_end_while_a_thread_of_its_computes(work, after):
+def test_a_script_ends_without_an_error_while_its_thread_computes(work, after):
     assert alone(f"""
 s = scene()
 values = np.zeros((112, 112, 112), "f4")
@@ -362,7 +362,7 @@ def test_other_threads_run_during_a_run():
     assert counted[0] > 100
 
 
-def test_scenes_name_their_parts():
+def test_a_scene_gives_its_fields_volumes_bounds_and_notes():
     volume = ball()
     scene = palpate.Scene.parse({**SCENE, "volumes": {"ball": {"place": {"fit": 0.2}}}}, {"ball": volume})
     assert list(scene.fields) == ["ball"] and scene.volumes["ball"].info == volume.info
@@ -386,7 +386,7 @@ def test_to_vtk_has_the_fields_values():
         field.to_vtk(1e-5)
 
 
-def test_solve_is_the_papers_balance():
+def test_a_balance_equals_that_of_palpate_solve():
     planes = [palpate.Primitive("plane", direction=d, strength=2) for d in ((0, 0, 1), (1, 0, 1))]
     answer = palpate.solve(500, (0, 0, -1e-3), planes)
     line = ('{"stiffness":500,"probe":[0,0,-0.001],"primitives":['
@@ -445,7 +445,7 @@ def test_errors_name_their_cause_and_remedy(wrong, kind, what):
     assert type(again) is kind and again.args == error.args
 
 
-def test_the_version_is_the_programs():
+def test_the_version_equals_that_of_the_program():
     assert f"palpate {palpate.__version__} ({palpate.__commit__})" in program("--version")
 
 

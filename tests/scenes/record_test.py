@@ -423,7 +423,7 @@ class OnTime(Case):
             self.dir / "c.rec")
         self.assertTrue(self.compare("a.rec", "c.rec")["identical"])
 
-    def test_a_killed_program_loses_few_ticks(self):
+    def test_a_killed_program_loses_less_than_a_second(self):
         kills = int(os.environ.get("PALPATE_KILLS", "5"))
         chance = random.Random(12)
         worst = 0.0

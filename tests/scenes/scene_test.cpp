@@ -234,7 +234,8 @@ TEST_CASE("the shipped schema equals the generated one", "[scene][schema]") {
   std::ifstream in(sourceDir() + "/scenes/scene.schema.json");
   std::ostringstream shipped;
   shipped << in.rdbuf();
-  // build/release/bin/palpate schema scene > scenes/scene.schema.json
+  // Compares with the output of: build/release/bin/palpate schema scene >
+  // scenes/scene.schema.json
   CHECK(shipped.str() == sceneSchema());
 }
 
@@ -1058,7 +1059,7 @@ TEST_CASE("the inputs of transfer functions do not depend on the size of a scene
   Properties b;
   int inside = 0;
   for (int i = 0; i < 1000; ++i) {
-    // The same place of the data.
+    // p is in the file's space, so both scenes read the same place.
     const Vec3 p = 4.0 * Vec3(std::fmod(0.754877 * i, 1.0), std::fmod(0.569840 * i, 1.0),
                               std::fmod(0.381966 * i, 1.0));
     (void)small_reader.sample(*small.scene, small.placements.at("head")(p), a);

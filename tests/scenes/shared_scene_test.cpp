@@ -329,7 +329,7 @@ TEST_CASE("a local edit changes only the parts that differ in the file", "[site]
     large["modes"][0]["strength"]["piecewise"].push_back({i, i});
   }
   const SharedEdits before = boston.edits();
-  CHECK_THROWS_WITH(boston.edit(large.dump()), Contains("it is too long"));
+  CHECK_THROWS_WITH(boston.edit(large.dump()), Contains("bytes, more than 65536"));
   CHECK(boston.edits() == before);
   CHECK_FALSE(boston.takeTold());
 }
@@ -386,9 +386,10 @@ TEST_CASE("a site with another scene is reported in one line with the difference
   const std::string told = *boston.takeTold();
   const auto lines = uppsala.hear("boston", told);
   REQUIRE(lines.size() == 1);
-  CHECK(lines[0] ==
-        "site boston: its scene differs from the one here: mode \"wall\": copy one file to the "
-        "other site, or edit it again");
+  CHECK(
+      lines[0] ==
+      "site boston: its scene differs from this site's scene: mode \"wall\": copy one file to the "
+      "other site, or edit it again");
   CHECK(uppsala.hear("boston", told).empty());
   // From then on, all sites have the same edited part.
   SharedScene late("late", scene().dump());

@@ -522,7 +522,7 @@ class Edits(Case):
                  self.site("C", 60, "--own-scene", "--watch")]
         for name in "AB":
             self.wait_for(name, "site C: its hand is felt")
-        self.wait_for("B", "site A: its scene differs from the one here: mode \"z\"")
+        self.wait_for("B", "site A: its scene differs from this site's scene: mode \"z\"")
         more = {"tumour": {"file": "A-s.vdb", "grid": "bowl"},
                 "modes": [{"mode": "isosurface", "of": "tumour", "value": 0, "strength": 1,
                            "name": "rim"}]}

@@ -261,7 +261,7 @@ TEST_CASE("CT has skin, soft tissue and bone by Hounsfield's scale", "[guess]") 
   CHECK(*std::max_element(drag.begin(), drag.end()) <= 0.3);
 }
 
-TEST_CASE("CT without bone has no bone", "[guess]") {
+TEST_CASE("a CT without bone gets no bone surface", "[guess]") {
   SuggestInput input = scalar(ball(16.0, 40.0, -1000.0, 10.0));
   input.modality = Modality::kCt;
   input.value_unit = "HU";
@@ -319,7 +319,8 @@ TEST_CASE("noise alone gives no surface", "[guess]") {
   CHECK(modesOf(scene, "isosurface").empty());
 }
 
-TEST_CASE("a constant scalar is rejected by name, a constant vector is followed", "[guess]") {
+TEST_CASE("a constant scalar is rejected by name, a constant vector gets a follow mode",
+          "[guess]") {
   const SuggestInput still = vector([](const Vec3d&) { return Vec3f(0.0F, -15.0F, 0.0F); }, "vel");
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
   CHECK_THROWS_WITH(suggestScene("data.vdb", {same}),
@@ -459,7 +460,7 @@ TEST_CASE("fibres are axial, and their anisotropy sets the strength along them",
   CHECK(alone["volumes"]["tensor_direction"]["axial"] == true);
 }
 
-TEST_CASE("a few of many arrays are used, and the description lists the others", "[guess]") {
+TEST_CASE("of 18 arrays three are used, and the description lists the others", "[guess]") {
   std::vector<SuggestInput> grids;
   const Vector flow = [](const Vec3d& p) {
     return Vec3f(Vec3d(-p.y(), p.x(), 0.3 * p.x() + 2.0 * std::sin(0.3 * p.z())));
@@ -825,7 +826,7 @@ TEST_CASE("labels get surfaces where isovalues can separate them", "[guess]") {
   }
 }
 
-TEST_CASE("labels in tiles without voxels are analysed too", "[guess]") {
+TEST_CASE("labels in tiles without voxels get surfaces", "[guess]") {
   // All labels end at the borders of nodes of 8 voxels, so that pruning leaves only tiles.
   SuggestInput input = scalar(
       [](const Vec3d& p) {
@@ -887,7 +888,7 @@ TEST_CASE("the printed share of a material is its share of the whole volume", "[
       {"data.vdb", "", ""},
       {fraction("steel", [&](const Vec3d& p) { return steel(p) - water(p); }),
        fraction("water", water), fraction("air", [&](const Vec3d& p) { return 1.0 - steel(p); })});
-  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %; the blur adds a little.
+  // 4/3 pi (16^3 - 8^3) of 64^3 is 5.7 %; the blur adds to it.
   const std::string line = guess.made.at(0);
   const std::size_t at = line.find("It is ");
   REQUIRE(at != std::string::npos);

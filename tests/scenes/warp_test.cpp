@@ -76,7 +76,7 @@ TEST_CASE("a procedural heart is felt where its formula has moved the wall", "[s
     REQUIRE(r.status == StepStatus::kConverged);
     if (!(r.wanted.norm() > 0.0)) continue;
     ++held;
-    // In the file's millimetres.
+    // p is in the file's millimetres.
     const Vec3 p = place.rotation.transpose() * (r.proxy - place.translate) / place.scale;
     off = std::max(off, std::abs(made::ventricle(p + made::beat(p, state.time() / 0.8))));
     if (held > 400) {

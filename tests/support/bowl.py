@@ -94,7 +94,7 @@ class Stored:
         self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
-    def test_an_address_is_a_scene_and_is_looked_at(self):
+    def test_info_feel_and_check_accept_an_address(self):
         words = [json.loads(run("info", place, "--json").stdout)["grids"]
                  for place in (self.dir / "bowl", self.address)]
         self.assertEqual(*words)
@@ -179,7 +179,7 @@ class Ended:
                 return
         self.fail(f"it ended without \"{words}\"")
 
-    def test_a_server_that_hesitates_does_not_cut_the_force(self):
+    def test_a_server_that_pauses_for_a_second_does_not_cut_the_force(self):
         def hesitate():
             self.kill(signal.SIGSTOP)
             time.sleep(1.0)

@@ -23,8 +23,8 @@ struct ContactResult {
   /// Number of converged ticks whose proxy is off the interpolated surface by more than the
   /// tolerance.
   long off = 0;
-  double off_most = 0.0;     ///< Largest distance from the interpolated surface,
-  double off_squares = 0.0;  ///< and the sum of squared distances.
+  double off_most = 0.0;     ///< Largest distance from the interpolated surface.
+  double off_squares = 0.0;  ///< Sum of the squared distances from the interpolated surface.
   double deepest = 0.0;      ///< Largest depth behind both the true and the interpolated surface.
   long leaked = 0;           ///< Number of runs in which that depth exceeded a voxel.
   long holds = 0;            ///< Number of holds, 150 ms each, with a still hand.

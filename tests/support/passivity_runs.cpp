@@ -464,7 +464,7 @@ void PassivityTally::add(const PassivityTally& other) {
 
 namespace {
 
-/// Returns a copy of a run with slight changes.
+/// Returns a copy of a run in which about a third of the numbers are changed.
 PassivityRun changed(PassivityRun run, Draw& draw) {
   const auto turn = [&](double& x, double least, double most) {
     if (draw.uniform(0, 1) < 0.3) {
@@ -515,7 +515,7 @@ PassivityTally playSearched(std::uint64_t seed, long plays, bool at_once) {
     if (at_once) run.delay = run.doubt = run.lag = run.reading_jitter = 0.0;
     const PassivityResult result = play(run, Keeper::kTank);
     tally.add(result);
-    // In units of the energy that the largest force can extract in a tick.
+    // Compares runs by the spare energy in units of what the largest force can extract in a tick.
     const double unit = run.peak * run.peak * run.period / (4.0 * run.viscous);
     if (result.spare / unit < least) {
       least = result.spare / unit;

@@ -47,9 +47,9 @@ struct PassivityRun {
   double doubt = 0.0;           ///< The delay of each force varies by plus or minus this time [s].
   double reading_jitter = 0.0;  ///< Positions have a varying age of up to twice this time [s].
   double lag = 0.0;             ///< [s]
-  /// Share of ticks in which the motors give less than they are told.
+  /// Share of ticks in which the motors give less than the sent force.
   double weak = 0.0;
-  bool tells_weak = true;   ///< The tank knows when the motors give less.
+  bool tells_weak = true;   ///< True if the tank gets the share that the motors give.
   double grip = 0.0;        ///< Stiffness of the hand [N/m]; 0: the arm is released.
   double grip_damping = 0;  ///< [N s/m]
   double release = 9.0;     ///< Time at which the hand lets go [s].
@@ -103,21 +103,21 @@ struct PassivityResult {
 /// Sums of many runs.
 struct PassivityTally {
   long runs = 0;
-  long active = 0;      ///< Number of runs in which more energy came out than rounding explains,
-  long large = 0;       ///< number with more than a millijoule,
-  long broken = 0;      ///< number with more than the tank promises.
+  long active = 0;      ///< Number of runs in which more energy came out than rounding explains.
+  long large = 0;       ///< Number of runs in which more than a millijoule came out.
+  long broken = 0;      ///< Number of runs in which more energy came out than the tank promises.
   long indebted = 0;    ///< Number of runs in which the tank had less energy than it needed.
   double worst = 0.0;   ///< Lowest energy [J].
   double margin = 0.0;  ///< Lowest PassivityResult::margin.
   double debt = 0.0;    ///< Largest debt [J].
-  double scaled = 0.0;  ///< Sums over all runs.
-  double lost = 0.0;
+  double scaled = 0.0;  ///< Sum over all runs of PassivityResult::scaled.
+  double lost = 0.0;    ///< Sum over all runs of PassivityResult::lost.
 
   void add(const PassivityResult& r);
   void add(const PassivityTally& other);
 };
 
-/// Searches for the worst run. The search starts from a random run and changes it slightly in each
+/// Searches for the worst run. The search starts from a random run and changes it in each
 /// step, from the run in which the tank had the least to spare. Simulates `plays` runs of 0.2 s.
 /// The search also changes the delay's doubt, lag, jitter and resets of the tank.
 ///

@@ -123,7 +123,7 @@ std::vector<double> changesOf(const std::vector<Vec3>& hands, const Stepper& tic
   return changes;
 }
 
-/// Sums over slides.
+/// Sums over slides: squared force noise, its number of ticks, and energy added to the spring.
 struct Sums {
   double noise = 0.0;
   long noisy = 0;

@@ -77,14 +77,14 @@ struct Largest {
 };
 
 struct Difference {
-  std::int64_t ticks = 0;   ///< Number of ticks that both recordings have.
-  std::int64_t only_a = 0;  ///< Ticks that only the first recording has.
-  std::int64_t only_b = 0;
+  std::int64_t ticks = 0;                  ///< Number of ticks that both recordings have.
+  std::int64_t only_a = 0;                 ///< Ticks that only the first recording has.
+  std::int64_t only_b = 0;                 ///< Ticks that only the second recording has.
   std::int64_t differing = 0;              ///< Number of ticks whose outputs differ.
-  std::optional<RecordedTick> other_hand;  ///< First tick whose inputs differ,
-  const char* given = "";                  ///< and the field in which they differ.
-  std::optional<RecordedTick> first;       ///< First tick whose outputs differ,
-  const char* field = "";                  ///< and the field in which they differ.
+  std::optional<RecordedTick> other_hand;  ///< First tick whose inputs differ.
+  const char* given = "";                  ///< Name of the field in which these inputs differ.
+  std::optional<RecordedTick> first;       ///< First tick whose outputs differ.
+  const char* field = "";                  ///< Name of the field in which these outputs differ.
   Largest force;                           ///< Largest difference of the forces [N].
   Largest proxy;                           ///< Largest difference of the proxies [m].
   std::map<std::string, std::array<std::int64_t, 2>> statuses;

@@ -86,7 +86,7 @@ void printBalance(const OrderedJson& json) {
   say("damper    {} N\n", text(force["damper"]));
   say("limiter   {} (peak {} N, growth {} N a tick)\n",
       limiter["slewed"].get<bool>()   ? "limited the growth"
-      : limiter["peaked"].get<bool>() ? "limited to the peak"
+      : limiter["peaked"].get<bool>() ? "reduced the force to the peak"
                                       : "inactive",
       text(limiter["peak"]), text(limiter["growth"]));
   say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
@@ -101,7 +101,7 @@ void printSteps(const OrderedJson& steps) {
     std::string yields;
     for (const OrderedJson& name : step["yields"]) yields += ", " + text(name) + " yields";
     say("step      {} {}: balance {}{}; {} {}\n",
-        step["foreseen"].get<bool>() ? "remembered at" : "read at", text(step["at"]),
+        step["foreseen"].get<bool>() ? "no reading, at" : "read at", text(step["at"]),
         text(step["balance"]), sentence(yields),
         end == "free"      ? "moved to"
         : end == "voxel"   ? "stopped at the limit of the reading,"

@@ -99,8 +99,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::int64_t touches = 0;
     std::int64_t yields = 0;  ///< Number of times the proxy was pushed through a surface.
     double impulse = 0.0;     ///< Sum over all ticks of the magnitude of the mode's force [N].
-    double held = 0.0;        ///< Largest force of the mode [N],
-    Vec3 at = Vec3::Zero();   ///< and the proxy's position in that tick [m].
+    double held = 0.0;        ///< Largest force of the mode [N].
+    Vec3 at = Vec3::Zero();   ///< Position of the proxy in the tick of that force [m].
   };
   /// Side of each surface on which the proxy was after the last tick, for the modes of one graph.
   struct Contacts {
@@ -111,8 +111,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   struct SceneFelt {
     std::uint64_t id = 0;  ///< Scene::id. The scene itself may be freed.
     std::vector<std::string> names;
-    std::vector<MotionPtr> motions;  ///< Graph::motions of the scene,
-    std::vector<int> motion_of;      ///< and Graph::mode_motions.
+    std::vector<MotionPtr> motions;  ///< Graph::motions of the scene.
+    std::vector<int> motion_of;      ///< Graph::mode_motions of the scene.
     std::size_t volumes = 0;         ///< Number of volumes that are read.
     std::vector<ModeFelt> modes;
     std::size_t own = 0;       ///< Number of modes outside parts; the modes of parts follow them.
@@ -135,8 +135,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Forces of the modes of one tick, while addMode() adds them.
   struct TickForces {
     std::span<const Vec3> left;    ///< Forces of the primitives whose modes were not added yet.
-    double most = 0.0;             ///< Largest force of a mode [N],
-    std::size_t main = 0;          ///< and the mode's index.
+    double most = 0.0;             ///< Largest force of a mode [N].
+    std::size_t main = 0;          ///< Index of the mode with that force.
     Vec3 of_parts = Vec3::Zero();  ///< Sum of the forces of all parts' modes [N].
   };
   /// State of one mode in one tick.
@@ -188,8 +188,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double net_energy_ = 0.0;
   std::int64_t still_ = 0;    ///< Ticks in which the force faded because the arm did not move.
   std::int64_t drained_ = 0;  ///< Ticks in which the energy tank reduced the force.
-  double lost_ = 0.0;         ///< Sum over all ticks of the force that the tank removed [N],
-  double asked_ = 0.0;        ///< and of the force before this reduction [N].
+  double lost_ = 0.0;         ///< Sum over all ticks of the force that the tank removed [N].
+  double asked_ = 0.0;        ///< Sum over all ticks of the force before the tank's reduction [N].
   double least_energy_ = 0.0;
   double debt_ = 0.0;
   double refilled_ = 0.0;

@@ -47,7 +47,7 @@ File scratch() {
   File file(std::tmpfile());
   if (!file) {
     throw Error("temporary files",
-                std::string("none can be created (") + std::strerror(errno) + ")",
+                std::string("no file can be created (") + std::strerror(errno) + ")",
                 "make room in /tmp");
   }
   return file;

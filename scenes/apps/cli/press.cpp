@@ -73,8 +73,8 @@ struct Yield {
 struct ModePressed {
   std::optional<double> touched;  ///< Depth of the hand at which the mode's load begins [m].
   double held = 0.0;              ///< Largest load on both ways [N].
-  bool ready = false;             ///< The mode did not yield in at least one tick,
-  std::optional<Yield> yield;  ///< so that a later yield is a transition from holding to yielding.
+  bool ready = false;             ///< True if the mode held without yielding in at least one tick.
+  std::optional<Yield> yield;     ///< First yield after a tick in which the mode held.
   /// Depth of the hand at which the mode's load ends after the yield [m].
   std::optional<double> let_go;
 };

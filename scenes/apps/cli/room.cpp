@@ -54,7 +54,7 @@ std::string roomWords(const OrderedJson& room) {
   const std::string name = room["device"].get<std::string>();
   const std::string arm = name == "simulated" ? "the simulated arm" : name;
   if (swingsUp(room)) {
-    return fmt::format("stiffness {}: unstable on {}, also while held: use less than {}", asked,
+    return fmt::format("stiffness {}: unstable on {}, even while held: use less than {}", asked,
                        arm, newtons("stable"));
   }
   const auto passive = room["passive"].get<double>();

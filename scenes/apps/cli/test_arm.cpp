@@ -91,7 +91,7 @@ std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   for (int a = 0; a < 3 && from; ++a) {
     if (!axes.has[static_cast<std::size_t>(a)]) continue;
     complain(fmt::format(
-        "devices: from there move the tip along a ruler by {} m to +{}, and press Enter", ruler,
+        "devices: now move the tip {} m along a ruler in direction +{}, then press Enter", ruler,
         axes.name(a)));
     const std::optional<Vec3> to = atEnter(arm);
     if (!to) return std::nullopt;

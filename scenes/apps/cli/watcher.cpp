@@ -205,8 +205,8 @@ void Watcher::startBuild() {
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;
-  // Builds changed gains before an image. If a user reduces a strength, this must not wait for a
-  // client that sends images continuously.
+  // Builds changed gains before it takes over an image. A user who reduces a strength must not wait
+  // for a client that sends images continuously.
   making_image_ = !read_ && !edited_ && image_ != nullptr && wanted_ == felt_;
   if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return;
   const bool still = wanted_ == felt_ || making_image_;

@@ -136,14 +136,14 @@ class Watcher {
   std::vector<const Device*> devices_;
   SceneCache& cache_;
   std::optional<std::filesystem::file_time_type> seen_;
-  Dials wanted_;               ///< Gains that the user wants,
-  Dials tried_;                ///< gains of the scene that is being built,
-  Dials felt_;                 ///< and gains of the present scene.
+  Dials wanted_;               ///< Gains that the user wants.
+  Dials tried_;                ///< Gains of the scene that is being built.
+  Dials felt_;                 ///< Gains of the present scene.
   std::uint64_t request_ = 0;  ///< LiveWishes::dialled of wanted_.
   std::uint64_t trying_ = 0;   ///< LiveWishes::dialled of tried_.
   std::uint64_t refused_ = 0;
-  bool read_ = false;    ///< The thread that builds reads the scene file again,
-  bool edited_ = false;  ///< or takes over edits of other sites.
+  bool read_ = false;    ///< True if the build reads the scene file again.
+  bool edited_ = false;  ///< True if the build takes over edits of other sites.
   std::optional<SharedScene> shared_;
   std::string source_;  ///< The scene file. Differs from `file_` if `file_` is a recording.
   std::set<std::string> refused_edits_;  ///< Rejected edits that were already reported.

@@ -70,7 +70,7 @@ void checkReplaceable(const std::filesystem::path& file);
 class WholeFile {
  public:
   /// Opens the file, so that a path that cannot be written is reported before any work is done.
-  /// Throws Error, also if the path is a pipe, a device or a folder.
+  /// Throws Error, even if the path is a pipe, a device or a folder.
   explicit WholeFile(std::filesystem::path path);
   WholeFile(const WholeFile&) = delete;
   WholeFile& operator=(const WholeFile&) = delete;

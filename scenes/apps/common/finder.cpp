@@ -43,7 +43,7 @@ struct Profile {
 Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<double>& top) {
   // Moves the probe along the ray again, in small steps.
   const int steps = std::max(1, static_cast<int>(std::ceil(ray.length / kFine)));
-  std::vector<std::vector<float>> held;  // for each mode, its force at each step
+  std::vector<std::vector<float>> held;  // force of each mode at each step
   held.resize(top.size());
   Profile profile;
   profile.contact = ray.length;
@@ -58,7 +58,7 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
       held[i].push_back(static_cast<float>(-probe.forces()[i].dot(ray.along)));
     }
   }
-  std::vector<std::pair<double, Stop>> stops;  // with the force of the mode [N]
+  std::vector<std::pair<double, Stop>> stops;  // each with the force of its mode [N]
   for (std::size_t i = 0; i < top.size(); ++i) {
     if (held[i].empty()) continue;
     const float most = *std::max_element(held[i].begin(), held[i].end());

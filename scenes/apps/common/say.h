@@ -61,7 +61,7 @@ class Legible {
   return Legible(text, kLongestLine);
 }
 
-/// Returns JSON as text in valid UTF-8, also if names contain invalid bytes. Characters that
+/// Returns JSON as text in valid UTF-8, even if names contain invalid bytes. Characters that
 /// Legible would escape become JSON escapes.
 [[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
 

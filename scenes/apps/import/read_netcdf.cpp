@@ -70,7 +70,8 @@ class File {
                        nullptr));
       variable.name = name.data();
       for (const int d : variable.dimensions) {
-        if (d < 0 || d >= dimensions) refuse("the dimensions of a variable are invalid");
+        if (d < 0 || d >= dimensions)
+          refuse(fmt::format("the dimensions of the variable {} are invalid", variable.name));
       }
       variables_.push_back(std::move(variable));
     }
@@ -387,7 +388,8 @@ class NetcdfReader final : public Reader {
       for (double& p : axis.at) {
         p *= hectopascals(axis.unit);
         if (!(p > 0.0)) {
-          throw VolumeError(request_.file.string(), "a pressure is not above 0",
+          throw VolumeError(request_.file.string(),
+                            fmt::format("the pressure {:g} hPa is not above 0", p),
                             "correct the coordinates");
         }
       }

@@ -44,8 +44,8 @@ std::string shortened(const std::string& text) {
   return out;
 }
 
-/// Receives messages of VTK, also from readers inside other readers, which have no observer of
-/// their own.
+/// Receives messages of VTK, including those of readers inside other readers, which have no
+/// observer of their own.
 class Ear final : public vtkOutputWindow {
  public:
   static Ear* New() {

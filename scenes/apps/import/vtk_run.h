@@ -10,7 +10,7 @@
 namespace palpate::importer {
 
 /// Calls Update(). If VTK reports an error, throws VolumeError(what, why, remedy) for the first
-/// one, also if a reader inside this one reports it. `why` is VTK's message, shortened.
+/// one, even if a reader inside this one reports it. `why` is VTK's message, shortened.
 void run(
     vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
     const std::string& remedy = "the file may be truncated or damaged: copy or export it again");

@@ -40,7 +40,7 @@ const char* adviceFor(StepStatus status) {
     case StepStatus::kSubstepLimit:
       return "the proxy has not arrived: move the hand slower, or raise max_substeps";
     case StepStatus::kIterationLimit:
-      return "the balance is not exact: its error bound is above";
+      return "the balance is not exact: its error bound is in the line above";
     case StepStatus::kDropped:
       return "the tick has too many primitives: use fewer modes";
   }
@@ -114,7 +114,7 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
   lines.push_back(fmt::format("{}, within {} um", wordFor(tick.status),
                               brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
-  if (tick.limited) lines.emplace_back("limited by the device's limits");
+  if (tick.limited) lines.emplace_back("the device's limits reduced the force");
   if (tick.late_ticks > 0) {
     lines.push_back(fmt::format("{} late tick{}", tick.late_ticks, tick.late_ticks > 1 ? "s" : ""));
   }

@@ -29,7 +29,7 @@ inline constexpr Colour kProxy{0.34, 0.71, 0.91};
 inline constexpr Colour kForce{0.80, 0.47, 0.65};
 
 /// Returns the colour for a position on the colour scale, 0 to 1. Colours become lighter from 0 to
-/// 1, also for people with colour blindness.
+/// 1, so that people with colour blindness can tell them apart.
 [[nodiscard]] Colour onScale(double share);
 
 /// Draws each field as its modes use it: a surface for an isosurface, a cloud for a strength,

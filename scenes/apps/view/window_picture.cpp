@@ -72,7 +72,7 @@ void ViewWindow::resetCamera() {
   const Vec3 centre = box.centre();
   const double size = std::max(1e-6, box.size().norm());
   vtkCamera& camera = *scene_->GetActiveCamera();
-  // Looks at the scene from the front, slightly from the right and from above. z points up.
+  // Looks at the scene from about 20 degrees right of the front and above it. z points up.
   const Vec3 from = centre + 1.65 * size * Vec3(0.35, -0.87, 0.35);
   camera.SetFocalPoint(centre.x(), centre.y(), centre.z());
   camera.SetPosition(from.x(), from.y(), from.z());
@@ -136,7 +136,7 @@ vtkBoundingBox ViewWindow::hand() const {
   for (const auto& box : overlay_->seen()) hand.AddBounds(box.data());
   // VTK does not draw parts that are nearer to the camera than a thousandth of the greatest depth.
   // Therefore limits the bounds.
-  constexpr double kReach = 20.0;  // in sizes of the scene
+  constexpr double kReach = 20.0;  // multiples of the scene's size
   const Box& scene = shapes_->bounds();
   const Vec3 reach = Vec3::Constant(kReach * std::max(1e-6, scene.size().maxCoeff()));
   const Vec3 least = scene.centre() - reach;
@@ -235,8 +235,9 @@ void ViewWindow::fillPanel() {
   }
   content.status = statusOf(tick_, options_.reengage);
   if (stalled_ && !over_) {
-    content.status = {"THE LOOP HAS STOPPED", gone_ ? "its program has ended: read its terminal"
-                                                    : "no tick for 0.5 s: read its terminal"};
+    content.status = {"THE LOOP HAS STOPPED",
+                      gone_ ? "its program has ended: read the terminal of palpate view"
+                            : "no tick for 0.5 s: read the terminal of palpate view"};
   }
   if (over_) content.status = {"the run has ended"};
   content.notes = notes();

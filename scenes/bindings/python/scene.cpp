@@ -39,7 +39,7 @@ std::string jsonOf(const py::object& given) {
     const py::cpp_function plain([](const py::object& one) -> py::object {
       if (py::hasattr(one, "tolist")) {
         py::object list = one.attr("tolist")();
-        // of type long double, which stays itself
+        // tolist() leaves a long double unchanged
         if (py::type::of(list).is(py::type::of(one))) return py::float_(one);
         return list;
       }

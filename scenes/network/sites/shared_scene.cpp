@@ -118,7 +118,11 @@ SharedKey keyFrom(const Json& json) {
   if (!json.is_array()) refuse("the key of a part is not a list");
   SharedKey key;
   for (const Json& word : json) key.push_back(word.is_string() ? word.get<std::string>() : "\n");
-  if (!isTold(key)) refuse("a part is unknown, or its name is too long");
+  if (!std::all_of(key.begin(), key.end(), isName)) {
+    refuse(fmt::format("the key of a part has a word that is not a text of at most {} bytes",
+                       kLongestName));
+  }
+  if (!isTold(key)) refuse("the key of a part is unknown");
   return key;
 }
 
@@ -252,14 +256,16 @@ std::string textOf(const SharedText& told) {
 }
 
 SharedText sharedTextFrom(const std::string& text) {
-  if (text.size() > kMostSceneText) refuse("it is too long");
+  if (text.size() > kMostSceneText) {
+    refuse(fmt::format("it has {} bytes, more than {}", text.size(), kMostSceneText));
+  }
   const Json json = parseJson(text, kSubject, raiseAs<Error>);
   const auto is_list = [](const Json& object, const char* key) {
     return object.is_object() && object.contains(key) && object.at(key).is_array();
   };
   if (!is_list(json, "edits") || !is_list(json, "rest") ||
       json.value("palpate_edits", Json()) != 1) {
-    refuse("its format is not the one of this version");
+    refuse("its format is invalid, or of another version");
   }
   SharedText told;
   for (const Json& one : json.at("edits")) {
@@ -314,7 +320,7 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       return {};
     }
     return {
-        fmt::format("site {}: its scene differs from the one here: {}: copy one file to the "
+        fmt::format("site {}: its scene differs from this site's scene: {}: copy one file to the "
                     "other site, or edit it again",
                     from, wordsFor(differ))};
   } catch (const Error& error) {

@@ -115,8 +115,8 @@ class SharedScene {
   SharedEdits felt_;
   bool news_ = false;
   bool untold_ = true;
-  std::set<std::string> different_;  ///< Sites already reported for another scene,
-  std::set<std::string> unread_;     ///< and those already reported for unusable texts.
+  std::set<std::string> different_;  ///< Sites already reported for another scene.
+  std::set<std::string> unread_;     ///< Sites already reported for unusable texts.
 };
 
 }  // namespace palpate

@@ -33,7 +33,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto kAlone = std::chrono::seconds(3);       ///< Time alone before a message.
 constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Time between two polls.
-constexpr auto kRest = std::chrono::milliseconds(50);  ///< Between two messages of a resting hand.
+constexpr auto kRest = std::chrono::milliseconds(50);  ///< Time between messages of a resting hand.
 constexpr double kSmallWay = 1e-4;         ///< Smaller motion of a proxy is not sent at once [m].
 constexpr double kSmallGift = 1e-5;        ///< Smaller change of an energy is not sent at once [J].
 constexpr std::uint32_t kMostAtOnce = 64;  ///< Messages in one poll.
@@ -208,8 +208,8 @@ class DdsSite final : public Site {
     SiteState state;
     std::size_t slot = kMostLinks;  ///< kMostLinks: it has no slot.
     dds_instance_handle_t writer = 0;
-    std::uint64_t first = 0;   ///< First number received from this writer,
-    std::uint64_t newest = 0;  ///< and the newest; 0: no number yet.
+    std::uint64_t first = 0;   ///< First number received from this writer.
+    std::uint64_t newest = 0;  ///< Newest number received from this writer; 0: none.
     std::uint64_t count = 0;
     Clock::time_point last;
     bool gone = true;  ///< It has left, and this was reported.
@@ -243,7 +243,7 @@ class DdsSite final : public Site {
       dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
       dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
       dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
-      // Limit the received data, for any sender.
+      // Limits the memory for received data from any sender.
       dds_qset_resource_limits(qos, 256, 64, 1);
       reader_ = need(dds_create_reader(participant, topic, qos, nullptr), "the reader of hands");
       writer_ = need(dds_create_writer(participant, topic, qos, nullptr), "the writer of the hand");
@@ -279,7 +279,7 @@ class DdsSite final : public Site {
         wake_.wait_until(lock, due, [this] { return quit_; });
       }
     } catch (const std::exception&) {
-      // Out of memory: this site is silent, and the others' hands let go.
+      // Without memory this site sends nothing more, and the other sites unlink its hand.
       failed_ = true;
     }
   }
@@ -551,8 +551,8 @@ class DdsSite final : public Site {
   bool alone_told_ = false;
   std::vector<std::string> news_;
   std::map<std::string, Other> others_;
-  std::optional<std::string> scene_;           ///< Text to send,
-  std::map<std::string, std::string> scenes_;  ///< and received texts.
+  std::optional<std::string> scene_;           ///< Text to send.
+  std::map<std::string, std::string> scenes_;  ///< Texts received, by site.
 
   // Used by the thread only.
   LinksHeard heard_;
@@ -561,8 +561,8 @@ class DdsSite final : public Site {
   std::uint64_t ticked_ = 0;
   bool told_same_ = false;
   bool told_full_ = false;
-  Clock::time_point said_at_;  ///< Start of the current second,
-  std::size_t said_ = 0;       ///< and the number of its lines.
+  Clock::time_point said_at_;  ///< Start of the current second.
+  std::size_t said_ = 0;       ///< Number of lines printed in this second.
   std::uint64_t messages_ = 0;
   Clock::time_point sent_at_;
   Clock::time_point scene_at_;

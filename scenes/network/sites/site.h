@@ -15,8 +15,8 @@ namespace palpate {
 
 /// Identity of a site, and its peers.
 struct SiteParams {
-  std::string name;               ///< Letters, digits, - and _, at most 31; each site has its own.
-  int domain = 0;                 ///< DDS domain, 0 to 230: sites of different domains do not meet.
+  std::string name;               ///< Unique name: at most 31 letters, digits, - and _.
+  int domain = 0;                 ///< DDS domain, 0 to 230. Sites link only within a domain.
   std::vector<std::string> with;  ///< Numeric addresses of machines; empty: only this machine.
   std::string keys;               ///< Folder of its keys; empty: no keys, all peers are accepted.
   bool scene = false;             ///< Sites also exchange their scenes.

@@ -26,7 +26,8 @@ std::string pluginOf(const char* what) {
       if (fs::exists(folder / name, ignored)) return (folder / name).string();
     }
   }
-  throw Error("--site-keys", fmt::format("this DDS has no security: {} is missing", name),
+  throw Error("--site-keys",
+              fmt::format("the installed Cyclone DDS lacks DDS security: {} is missing", name),
               "install the DDS of Debian 12, or leave out --site-keys");
 }
 

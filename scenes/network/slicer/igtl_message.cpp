@@ -187,7 +187,8 @@ void checkImageHead(const std::string& what, const ImageHead& head) {
            "send scalars, or vectors of three");
   }
   if (head.endian != 1 && head.endian != 2) {
-    refuse(what, fmt::format("its byte order is {}", head.endian), "send 1 (big) or 2 (little)");
+    refuse(what, fmt::format("its byte order {} is unknown", head.endian),
+           "send 1 (big) or 2 (little)");
   }
   if (head.space != 1 && head.space != 2) {
     refuse(what, fmt::format("its coordinates are {}", head.space), "send 1 (RAS) or 2 (LPS)");
@@ -305,8 +306,10 @@ Bytes igtlCapability(std::string_view name, std::int64_t now, std::span<const ch
 ByteView igtlContent(const IgtlHead& head, ByteView body) {
   if (head.version < 2) return body;
   constexpr std::size_t kLeast = 12;
-  if (body.size() < kLeast)
-    refuse(head.type, "its extended header is too short", "send at least 12 bytes");
+  if (body.size() < kLeast) {
+    refuse(head.type, fmt::format("its extended header has {} bytes", body.size()),
+           "send at least 12 bytes");
+  }
   In in(body);
   const std::uint64_t begin = in.take<std::uint16_t>();
   const std::uint64_t about = in.take<std::uint16_t>();
@@ -347,8 +350,9 @@ std::string readIgtlString(ByteView content) {
 IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
   const std::string what = "IMAGE " + head.name;
   const ByteView content = igtlContent(head, body);
-  if (content.size() < kImageHead)
-    refuse(what, "its header is too short", "send at least 72 bytes");
+  if (content.size() < kImageHead) {
+    refuse(what, fmt::format("its header has {} bytes", content.size()), "send at least 72 bytes");
+  }
   const ImageHead sent = readImageHead(content);
   checkImageHead(what, sent);
   const std::uint64_t size = countValues(what, sent) * bytesOf(sent.scalar);

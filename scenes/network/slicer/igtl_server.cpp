@@ -34,8 +34,8 @@ constexpr int kMostAtOnce = 64;  ///< Number of connections that the server acce
 constexpr int kSocketBuffer = 1 << 16;  ///< Data that the system stores for a client [bytes].
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kLook = kSecond / 10;
-constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time in which a message must arrive [ns],
-constexpr std::int64_t kByte = 1000;  ///< and additional time for each byte [ns]: 1 MB/s.
+constexpr std::int64_t kPatience = 5 * kSecond;  ///< Time in which a message must arrive [ns].
+constexpr std::int64_t kByte = 1000;             ///< Additional time for each byte [ns]: 1 MB/s.
 /// If a client has not read for this time, its connection ends [ns].
 constexpr std::int64_t kStuck = 5 * kSecond;
 

@@ -53,7 +53,7 @@ struct IgtlShown {
   std::size_t count = 0;  ///< Number of valid entries in `hands`.
 };
 
-/// Shows a run to a few clients.
+/// Shows a run to at most four clients.
 ///
 /// A client can request what a user at the keyboard can also do: cut the force, replace a volume,
 /// and lead a hand that has no arm. Only a user at the arm can restore the force. A client that

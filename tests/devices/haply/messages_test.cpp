@@ -318,7 +318,7 @@ std::string mutateValues(Random& random, const std::string& text) {
 
 }  // namespace
 
-TEST_CASE("mutated messages are either decoded or refused", "[haply]") {
+TEST_CASE("mutated messages never crash the reader or give invalid values", "[haply]") {
   const std::vector<std::string> seeds{k35Text, k31Text, k30Text};
   Random random(2);
   const long count = cases(20'000);

@@ -56,7 +56,7 @@ struct Told {
   std::string id;
   std::array<double, 3> force{};
   std::int64_t when = 0;  ///< CLOCK_MONOTONIC [ns].
-  int connection = 0;     ///< The first is 1.
+  int connection = 0;     ///< Number of the connection, counted from 1.
 };
 
 /// Counts of received messages.
@@ -64,7 +64,7 @@ struct Heard {
   long messages = 0;
   long unknown = 0;  ///< Messages that are not published, or are of another generation.
   long asked_for_all = 0;
-  long introduced = 0;  ///< With a session profile.
+  long introduced = 0;  ///< Messages with a session profile.
   int connections = 0;
   int ended = 0;
   int cut_off = 0;  ///< Connections that ended while an answer was due.

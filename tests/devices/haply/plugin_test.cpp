@@ -248,7 +248,7 @@ TEST_CASE("both arms are listed with their serial numbers, in either generation"
   CHECK(std::string(found[1].serial) == "04BA");
   CHECK_THAT(std::string(found[0].model), Contains("Inverse3"));
   CHECK(std::string(found[2].serial).empty());
-  // Arms beyond the room are counted, not written.
+  // Arms for which the array has no room are counted, not written.
   found[1].serial[0] = '!';
   CHECK(plugin.arms->find(found.data(), 1) == 2);
   CHECK(found[1].serial[0] == '!');
@@ -316,7 +316,7 @@ TEST_CASE("each of two arms has its own readings and forces, in either generatio
     if (expected.empty() || (told.id != ids[0] && told.id != ids[1])) ++mismatches;
   }
   CHECK(mismatches == 0);
-  // One connection, one introduction; no message that the generation does not know.
+  // The plug-in connected once, introduced itself once, and sent only messages of the generation.
   const Heard heard = service.heard();
   CHECK(heard.connections == 1);
   CHECK(heard.unknown == 0);
@@ -502,7 +502,7 @@ TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plug
   REQUIRE(drives(other, service, "04BA", {0.0, 0.0, 1.0}));
   std::thread([&] { hand.device->stop(hand.device); }).join();
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
-  // Any writes, for as long as the clock stands.
+  // Writes twenty forces while the clock stands.
   const std::size_t from = service.told().size();
   for (int i = 0; i < 20; ++i) {
     hand.write({1.0, 0.1 * i, 0.0});
@@ -513,7 +513,7 @@ TEST_CASE("stop() withholds forces until a zero has been written", "[haply][plug
   CHECK(newest(service, "04BA") == Vec{0.0, 0.0, 1.0});
   hand.write({});
   CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
-  // stop() after a written zero and before the next force.
+  // stop() comes after a written zero and before the next force.
   hand.write({});
   hand.device->stop(hand.device);
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
@@ -614,13 +614,13 @@ TEST_CASE("without valid messages no reading arrives, and the force ends after 3
   while (hand.read() == PALPATE_PLUGIN_OK) {
   }
   const std::int64_t taken = hand.reading.taken;
-  // For a while the plug-in has no news: the force stays.
+  // For 29 ms the plug-in has no news: the force stays.
   clock_ns += 29 * kMs;
   hand.write({1.0, 0.0, 0.0});
   REQUIRE(exchanged(service, 3));
   CHECK(hand.read() == PALPATE_PLUGIN_NOTHING);
   CHECK(newest(service, "049D") == Vec{1.0, 0.0, 0.0});
-  // Then the arm is gone.
+  // One millisecond later the arm counts as gone.
   clock_ns += 1 * kMs;
   REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(hand.read() == PALPATE_PLUGIN_GONE);

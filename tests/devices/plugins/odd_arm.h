@@ -16,12 +16,12 @@ namespace palpate::test {
 struct OddArm {
   /// Environment variable with the file's name.
   static constexpr const char* kFile = "PALPATE_ODD_ARM";
-  std::atomic<double> position[3];       ///< Set by the test [m].
+  std::atomic<double> position[3];       ///< Position, which the test sets [m].
   std::atomic<double> force[3];          ///< Force of the motors [N].
   std::atomic<double> carried;           ///< Share of the weight that is carried.
   std::atomic<double> most;              ///< The largest force so far [N].
   std::atomic<std::int64_t> wrote_at;    ///< [ns]
-  std::atomic<std::int64_t> trouble_at;  ///< When the trouble began [ns].
+  std::atomic<std::int64_t> trouble_at;  ///< Time at which the trouble began [ns].
   std::atomic<std::int64_t> zero_at;     ///< When the force first was zero after that [ns].
   std::atomic<std::uint32_t> reads, writes, stops, opens, closes;
   std::atomic<std::uint32_t> trouble;  ///< Set by the test to start it.

@@ -336,7 +336,8 @@ TEST_CASE("a force that a plug-in's process withheld is reported once as late", 
   CHECK(fake.fresh().fault == Fault::kNone);  // the loop has latched the fault
 }
 
-TEST_CASE("a plug-in's gravity compensation ramps up slowly and ends at once", "[plugin]") {
+TEST_CASE("a plug-in's gravity compensation grows over half a second and ends at once",
+          "[plugin]") {
   Fake fake;
   (void)fake.fresh();
   fake.arm->carry(true);
@@ -403,7 +404,7 @@ TEST_CASE("mutated news of a plug-in gives a finite hand or a fault", "[plugin]"
   CHECK(fuzz.passed() > count / 10);
 }
 
-TEST_CASE("mutated facts of a plug-in give valid limits or are refused", "[plugin]") {
+TEST_CASE("mutated facts of a plug-in never give invalid limits", "[plugin]") {
   const long count = cases(20000);
   Random random(13);
   long taken = 0;
@@ -433,7 +434,7 @@ TEST_CASE("mutated facts of a plug-in give valid limits or are refused", "[plugi
   CHECK(taken > count / 10);
 }
 
-TEST_CASE("mutated messages of a plug-in's process are decoded or refused", "[plugin]") {
+TEST_CASE("mutated messages of a plug-in's process never crash their reader", "[plugin]") {
   const long count = cases(20000);
   Random random(11);
   long taken = 0;

@@ -130,7 +130,7 @@ class Bench {
   }
   void turn(int turns = kTurns) { sdk.gate().turn(turns); }
 
-  /// Returns the motors' force a few turns later.
+  /// Returns the motors' force after kTurns turns of the SDK's thread.
   Vec given() {
     turn();
     return sdk.force_W();
@@ -667,7 +667,7 @@ TEST_CASE("nifalcon: a cycle without data gives no reading and keeps the arm", "
   CHECK(bench.host.read() == PALPATE_PLUGIN_OK);
 }
 
-TEST_CASE("nifalcon: a stop holds also if the kinematics fails", "[plugin]") {
+TEST_CASE("nifalcon: a stop holds even if the kinematics fails", "[plugin]") {
   Bench bench(kNifalcon);
   bench.ready();
   CHECK(bench.host.write(1.0, 0.0, 0.0) == PALPATE_PLUGIN_OK);

@@ -454,7 +454,7 @@ int main(int argc, char** argv) {
   const bool pid = std::strcmp(argv[1], "pid") == 0;
   std::unique_ptr<Wire> wire;
   if (pid) {
-    // each has its own
+    // PID arms make their own wires (runPidArms)
   } else if (std::strcmp(argv[1], "usb") == 0) {
     wire = std::make_unique<Usb>();
   } else {

@@ -367,7 +367,7 @@ struct Felt {
   VolumeSpec ball;
   ball.file = volume;
   ball.place.kind = PlaceSpec::Kind::kMap;
-  ball.place.scale = 0.015;  // of 2 units: 3 cm
+  ball.place.scale = 0.015;  // a ball of 2 units becomes 3 cm
   spec.volumes["ball"] = ball;
   ModeSpec mode;
   mode.kind = ModeKind::kIsosurface;

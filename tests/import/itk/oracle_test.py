@@ -44,12 +44,12 @@ class BesideItk(images_test.Case):
                        capture_output=True)  # GDCM reports the values that it fills in
         return path
 
-    def test_files_that_itk_writes_agree(self):
+    def test_files_that_itk_writes_are_read_as_itk_reads_them(self):
         for name in ("a.nrrd", "a.nhdr", "a.mha", "a.mhd", "a.nii", "a.nii.gz", "dicom"):
             with self.subTest(name):
                 self.agrees(self.itk_writes(name))
 
-    def test_files_that_this_test_writes_agree(self):
+    def test_files_that_this_test_writes_are_read_as_itk_reads_them(self):
         # ITK does not support shear.
         straight = "space directions: (0,3,0) (-2,0,0) (0,0,4)"
         for name, *contents in (
@@ -67,7 +67,7 @@ class BesideItk(images_test.Case):
             with self.subTest(name):
                 self.agrees(self.write(name, *contents))
 
-    def test_dicom_series_that_this_test_writes_agree(self):
+    def test_dicom_series_that_this_test_writes_are_read_as_itk_reads_them(self):
         turn = dicom_test.turned(0.2, -0.15, 0.1)
         axes = [[sum(turn[a][b] * v[b] for b in range(3)) for a in range(3)]
                 for v in ((0, 1, 0), (0, 0, -1))]
@@ -77,7 +77,7 @@ class BesideItk(images_test.Case):
                 self.agrees(volume.write(self.dir / name))
 
     @unittest.skipUnless(HEAD.exists(), "mricron-data is not installed")
-    def test_a_head_agrees_with_itk(self):
+    def test_a_head_is_read_as_itk_reads_it(self):
         self.agrees(HEAD)
 
 
