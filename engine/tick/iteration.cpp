@@ -29,9 +29,9 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   now.voxel = std::numeric_limits<double>::infinity();
   now.follows = false;
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
-    if (&memory == now.rail.of) {
+    if (const RailLine* on = now.rail.lineOf(memory); on != nullptr) {
       memory.emitted = 1;
-      if (!balance.primitives.tryAdd(now.rail.line)) {
+      if (!balance.primitives.tryAdd(on->line())) {
         memory.emitted = 0;
         worsen(tick.report, StepStatus::kDropped);
       }
@@ -169,7 +169,7 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
   }
   // On a rail, the pull that is left along the stream is within the tolerance, and the proxy stays
   // on the curve.
-  const bool on_rail = now.rail.of != nullptr;
+  const bool on_rail = now.rail.count > 0;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
   SolverParams params = tick.scene.solver;
   const int left = tick.scene.step.max_iterations - tick.report.iterations;

@@ -27,7 +27,7 @@ constexpr double kStalls = 0.1;
 /// there, although the hand pulls along it.
 bool stalls(const Tick& tick, const Iteration& now, const Vec3& way) noexcept {
   const double least = kStalls * tick.scene.step.tolerance_voxels * now.voxel;
-  return now.rail.of != nullptr && tick.balance.surfaces == 0 && way.norm() <= least;
+  return now.rail.count > 0 && tick.balance.surfaces == 0 && way.norm() <= least;
 }
 
 /// The outcome of a slice of a tick.
@@ -76,7 +76,7 @@ void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   proxy.beyond = trial.end - now.last_read;
   proxy.offset = trial.complete ? now.to.target_offset : Vec3(trial.end - tick.probe);
   tick.report.waiting = now.rail.waiting;
-  const bool lone = now.rail.of != nullptr && tick.balance.primitives.size() == 1;
+  const bool lone = now.rail.count > 0 && tick.balance.primitives.size() == 1;
   const double work = lone ? 0.5 * (proxy.offset.squaredNorm() - before.squaredNorm())
                            : proxy.offset.dot(proxy.offset - before);
   tick.report.injected += std::max(0.0, tick.balance.stiffness * work);
@@ -101,7 +101,7 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
 /// through.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
-  const bool on_rail = now.rail.of != nullptr;
+  const bool on_rail = now.rail.count > 0;
   if ((b.surfaces > 0) == on_rail) return;  // neither surfaces nor a stream, or both
   const double held = reachOfStrengths(tick);
   const double enough = (1.0 + 1e-9) * held;
@@ -154,7 +154,7 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   }
   const TrustRegion& trust = now.trust;
   const bool best = trust.least < now.to.step.norm();
-  if (!arrived && now.rail.of == nullptr && (best || anchored(tick.balance))) {
+  if (!arrived && now.rail.count == 0 && (best || anchored(tick.balance))) {
     now.read_at = trust.least_at;
     now.to.target = trust.least_target;
     now.to.target_offset = now.to.target - tick.probe;
@@ -233,7 +233,7 @@ Slice follow(Tick& tick, int later) noexcept {
     if (cut) {
       moveTo(tick, now, trial);
       now.trust.forgetLeast();
-      now.rail = {};
+      now.rail.clear();
       if (trial.strays) meetParts(tick);
     }
     if (!balance(tick, now, false, from)) return Slice::kSpoilt;

@@ -58,54 +58,104 @@ Laid traceLine(Tick& tick, const Curve& along, const Felt& felt, const Body* bod
   return laid;
 }
 
-/// Traces the curve of primitive `index`, the line of mode i. Returns true if the proxy moves along
-/// the curve.
-bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, std::size_t i,
-              std::size_t index, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
-  const Primitive line = tick.balance.primitives.items()[index];
+/// The line of a stream in the last balance.
+struct Followed {
+  Curve along;
+  ModeMemory* of = nullptr;
+  const Felt* felt = nullptr;
+  std::size_t mode = 0;   ///< Index of the mode in its graph.
+  std::size_t index = 0;  ///< Index of the line in the balance.
+
+  [[nodiscard]] int motion() const noexcept { return felt->graph().mode_motions[mode]; }
+};
+
+/// Calls `look` with the line of each stream in the last balance.
+template <class Do>
+void eachFollowed(const Tick& tick, Do&& look) noexcept {
+  std::size_t first = 0;
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+    const std::size_t index = first;
+    first += static_cast<std::size_t>(memory.emitted);
+    const Curve along = curveOf(mode, memory);
+    if (along.field < 0 || memory.emitted == 0) return;
+    look(Followed{along, &memory, &felt, i, index});
+  });
+}
+
+/// Returns the entry for a stream's line, which is a new one if its curve was not traced before.
+/// Returns null if there is no room.
+RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
+  for (std::size_t i = 0; i < rail.count; ++i) {
+    if (rail.lines[i].of == &memory) return &rail.lines[i];
+  }
+  return rail.count < Rail::kMost ? &rail.lines[rail.count++] : nullptr;
+}
+
+/// Returns true if a plane or a line that holds fixes the place of the proxy along the line
+/// `index`. The balance is then the place where both meet. Without this check the force of a wall
+/// would count as constant along the curve. But the angle of the stream to the wall changes, and
+/// the constant force would push the proxy off the wall.
+bool fixedAlong(const Tick& tick, std::size_t index) noexcept {
+  constexpr double kAside = 0.02;  // least sine of an angle that counts, as in newton.cpp
+  const auto primitives = tick.balance.primitives.items();
+  const Vec3& along = primitives[index].direction;
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& other = primitives[i];
+    const bool plane = other.kind == PrimitiveKind::kPlane;
+    if (i == index || !(plane || other.kind == PrimitiveKind::kLine)) continue;
+    if (loadOf(other, tick.balance.forces[i]) != Load::kHeld) continue;
+    const double share = std::abs(other.direction.dot(along));
+    if ((plane ? share : std::sqrt(std::max(0.0, 1.0 - share * share))) > kAside) return true;
+  }
+  return false;
+}
+
+/// Traces the curve of a stream. Returns true if the proxy moves along the curve.
+bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
+              Trial& trial) noexcept {
+  const Curve& along = one.along;
+  const Primitive line = tick.balance.primitives.items()[one.index];
   const Vec3 aside = balance - line.position;
-  // [voxels] from the line: if the balance is farther away, the line yields
-  constexpr double kOn = 1e-3;
   constexpr double kStays = 1e-5;  // [voxels] along the line: a proxy with a shorter step rests
-  along.on->holds =
-      (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * along.voxel;
   const double straight = line.direction.dot(trial.end - line.position);
   if (std::abs(straight) < kStays * along.voxel) return false;
-  // If the trial step ends before its target, the curve gets the same length. A complete step leads
-  // to the place nearest to the hand. If the scene has only this stream, the trace itself reads the
-  // stream, so that the reading is valid for longer.
-  const bool alone = tick.felt().size() == 1 && felt.graph().modes.size() == 1;
+  // If the trial step ends before its target, or if a wall fixes the target, the curve gets the
+  // same length. Any other complete step leads to the place nearest to the hand. If the scene has
+  // only this stream, the trace itself reads the stream, so that the reading is valid for longer.
+  const bool alone = tick.felt().size() == 1 && one.felt->graph().modes.size() == 1;
   const double reach =
       alone ? kLongest * along.voxel : std::min(trial.reach, kLongest * along.voxel);
-  const bool uncut = trial.complete || (alone && trial.cut);
+  const bool fixed = !alone && fixedAlong(tick, one.index);
+  const bool uncut = !fixed && (trial.complete || (alone && trial.cut));
   TraceOrder order;
-  order.to_hand = true;
+  order.to_hand = !fixed;
   order.length = uncut ? std::max(reach, std::abs(straight)) : std::abs(straight);
+  if (fixed) order.length = straight;
   // The force that pulls at the line is that of the hand and of all other primitives. The place of
   // the hand is displaced accordingly.
-  order.hand = aside - tick.balance.forces[index] / tick.balance.stiffness - rail.waiting;
-  const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
-  const Laid laid = traceLine(tick, along, felt, body, line, order);
+  order.hand = aside - tick.balance.forces[one.index] / tick.balance.stiffness - rail.waiting;
+  const Body* body = tick.around.bodies.of(one.motion());
+  const Laid laid = traceLine(tick, along, *one.felt, body, line, order);
   const Trace& trace = laid.trace;
   // If the stream or its data end, the rest of the step continues straight, but not beyond the
   // hand.
   const bool ends =
-      !trace.arrived && !trace.capped && laid.gone < order.length - 1e-9 * along.voxel;
+      !trace.arrived && !trace.capped && laid.gone < std::abs(order.length) - 1e-9 * along.voxel;
   Vec3 place = laid.place;
   if (ends) {
     const Vec3 on = std::copysign(1.0, straight) * line.direction;
+    const double rest = std::max(0.0, std::abs(straight) - laid.gone);
     const double left = on.dot(order.hand - (place - line.position));
-    place += std::clamp(left, 0.0, std::max(0.0, std::abs(straight) - laid.gone)) * on;
+    place += (fixed ? rest : std::clamp(left, 0.0, rest)) * on;
   }
   const double pull = laid.ahead.dot(order.hand - (place - line.position));
   // A pull within the tolerance waits, unless the line is too weak to bear it.
   const double most = std::min(tick.scene.step.tolerance_voxels * along.voxel,
                                line.strength / tick.balance.stiffness);
-  const bool near = std::abs(pull) <= most;
-  rail.of = &of;
-  rail.motion = felt.graph().mode_motions[i];
-  rail.along_rest = trace.direction;
-  rail.line = {PrimitiveKind::kLine, place, laid.ahead, line.strength};
+  const bool near = !fixed && std::abs(pull) <= most;
+  RailLine* entry = entryFor(*one.of, rail);
+  if (entry == nullptr) return false;
+  *entry = {one.of, one.motion(), trace.direction, place, laid.ahead, line.strength};
   rail.waiting = near ? Vec3(-pull * laid.ahead) : Vec3(Vec3::Zero());
   trial.end += place - (line.position + straight * line.direction);
   if (uncut && !ends) trial.cut = !trace.arrived;
@@ -114,30 +164,61 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   return true;
 }
 
+/// Traces the curve of a stream that the proxy does not follow, to its place nearest to `end` [m].
+/// If the stream or its data end before, the line is the tangent at their end.
+void layBeside(Tick& tick, const Followed& one, const Vec3& end, Rail& rail) noexcept {
+  const Primitive line = tick.balance.primitives.items()[one.index];
+  RailLine* entry = entryFor(*one.of, rail);
+  if (entry == nullptr) return;
+  TraceOrder order;
+  order.to_hand = true;
+  order.length = kLongest * one.along.voxel;
+  order.hand = end - line.position;
+  const Body* body = tick.around.bodies.of(one.motion());
+  const Laid laid = traceLine(tick, one.along, *one.felt, body, line, order);
+  *entry = {one.of, one.motion(), laid.trace.direction, laid.place, laid.ahead, line.strength};
+}
+
 }  // namespace
 
 void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept {
-  if (rail.of == nullptr || rail.motion < 0) return;
-  const auto motion = static_cast<std::size_t>(rail.motion);
-  if (tick.scene.graph.motions[motion]->warp() == nullptr) return;
-  const Body& body = *tick.around.bodies.of(rail.motion);
-  rail.line.position += body.pose(body.seen + body.swept) - at;
-  rail.line.direction = body.pose.vector(rail.along_rest).normalized();
+  for (std::size_t i = 0; i < rail.count; ++i) {
+    RailLine& one = rail.lines[i];
+    if (one.motion < 0) continue;
+    const auto motion = static_cast<std::size_t>(one.motion);
+    if (tick.scene.graph.motions[motion]->warp() == nullptr) continue;
+    const Body& body = *tick.around.bodies.of(one.motion);
+    one.place += body.pose(body.seen + body.swept) - at;
+    one.ahead = body.pose.vector(one.along_rest).normalized();
+  }
 }
 
 void layRail(Tick& tick, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
   rail.laid = true;
-  std::size_t first = 0;
-  (void)anyMode(tick.felt(),
-                [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
-                  const std::size_t index = first;
-                  first += static_cast<std::size_t>(memory.emitted);
-                  const Curve along = curveOf(mode, memory);
-                  if (along.field < 0 || memory.emitted == 0) return false;
-                  if (rail.of != nullptr && rail.of != &memory) return false;
-                  rail.any = true;
-                  return layAlong(tick, along, memory, felt, i, index, balance, rail, trial);
-                });
+  Followed best;
+  bool best_holds = false;
+  double strength = 0.0;
+  std::size_t count = 0;
+  eachFollowed(tick, [&](const Followed& one) {
+    const Primitive& line = tick.balance.primitives.items()[one.index];
+    const Vec3 aside = balance - line.position;
+    // [voxels] from the line: if the balance is farther away, the line yields
+    constexpr double kOn = 1e-3;
+    const bool holds =
+        (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * one.along.voxel;
+    one.along.on->holds = holds;
+    const bool better = holds == best_holds ? line.strength > strength : holds;
+    if (count++ > 0 && !better) return;
+    best = one;
+    best_holds = holds;
+    strength = line.strength;
+  });
+  if (count == 0) return;
+  rail.any = true;
+  if (!layAlong(tick, best, balance, rail, trial) || count == 1) return;
+  eachFollowed(tick, [&](const Followed& one) {
+    if (one.of != best.of) layBeside(tick, one, trial.end, rail);
+  });
 }
 
 }  // namespace palpate

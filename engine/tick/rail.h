@@ -1,6 +1,9 @@
 /// Streamline tracking: the proxy follows a curve of the stream to the place nearest to the hand.
 #pragma once
 
+#include <array>
+#include <cstddef>
+
 #include "palpate/engine/balance/primitive.h"
 #include "palpate/engine/tick/felt.h"
 #include "palpate/engine/tick/tick.h"
@@ -9,28 +12,61 @@
 
 namespace palpate {
 
-/// The line of a stream after layRail has traced its curve. The balances of the following readings
-/// use it.
-struct Rail {
-  bool laid = false;  ///< True if the curve was traced for the last balance.
-  bool any = false;   ///< True if a stream has a line.
-  /// Memory of the mode that added the line; null if no line holds the proxy.
-  const ModeMemory* of = nullptr;
-  int motion = -1;                  ///< Motion of the line's volume; -1 if the volume stands still.
-  Vec3 along_rest = Vec3::UnitX();  ///< Direction of the line in the resting frame of its volume.
-  Primitive line;                   ///< Tangent at the end of the traced curve.
-  /// Shift of the probe [m] that balances the line at `line.position`. It is the negative of the
-  /// pull that is left along the stream, or zero if that pull exceeds the tolerance.
-  Vec3 waiting = Vec3::Zero();
+/// The line of a stream after its curve was traced. layRail initialises all members.
+struct RailLine {
+  const ModeMemory* of;  ///< Memory of the mode that added the line.
+  int motion;            ///< Motion of the line's volume; -1 if the volume stands still.
+  Vec3 along_rest;       ///< Direction of the line in the resting frame of its volume.
+  Vec3 place;            ///< End of the traced curve [m].
+  Vec3 ahead;            ///< Unit tangent at that end.
+  double strength;       ///< Strength of the line [N].
+
+  /// Returns the line as a primitive.
+  [[nodiscard]] Primitive line() const noexcept {
+    return {PrimitiveKind::kLine, place, ahead, strength};
+  }
 };
 
-/// Re-anchors the line to its material point after a reading at `at` [m] has sampled the warp
-/// again. That point is the end of the curve, in the resting frame. RT: no allocation.
+/// The lines of streams after layRail has traced their curves. The balances of the following
+/// readings use them. Lines of further streams are anchored at the proxy.
+struct Rail {
+  static constexpr std::size_t kMost = 4;  ///< Largest number of lines.
+
+  bool laid = false;      ///< True if the curves were traced for the last balance.
+  bool any = false;       ///< True if a stream has a line.
+  std::size_t count = 0;  ///< Number of lines.
+  std::array<RailLine, kMost> lines;
+  /// Shift of the probe [m] that balances the line that the proxy follows at its place. It is the
+  /// negative of the pull that is left along the stream, or zero if that pull exceeds the
+  /// tolerance.
+  Vec3 waiting = Vec3::Zero();
+
+  /// Returns the line of a mode; null if its curve was not traced.
+  [[nodiscard]] const RailLine* lineOf(const ModeMemory& memory) const noexcept {
+    for (std::size_t i = 0; i < count; ++i) {
+      if (lines[i].of == &memory) return &lines[i];
+    }
+    return nullptr;
+  }
+  /// Forgets all lines.
+  void clear() noexcept {
+    laid = any = false;
+    count = 0;
+    waiting.setZero();
+  }
+};
+
+/// Re-anchors the lines to their material points after a reading at `at` [m] has sampled the warp
+/// again. These points are the ends of the curves, in the resting frame. RT: no allocation.
 void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NONBLOCKING;
 
-/// Traces the curve of the first line and moves the trial step to its end. This is the place
-/// nearest to the hand, as far as the last reading is valid. `balance` [m] is the last balance. See
-/// docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace.
+/// Traces the curve that the proxy follows and moves the trial step to its end. This is the place
+/// nearest to the hand, as far as the last reading is valid. If there are several streams, the
+/// proxy follows the strongest of those that hold it, or the strongest if all yield. Each other
+/// stream is traced to the place of its own curve that is nearest to the end of the trial step. So
+/// a drag points from that place, and streams that are parallel hold together. `balance` [m] is the
+/// last balance. See docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace for each
+/// stream.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 
