@@ -33,6 +33,7 @@ struct Block {
   Mat3 turn = Mat3::Identity();
   Vec3 origin = kMiddle;
   double spacing = 1.0;
+  std::string interpolation = "trilinear";
 
   [[nodiscard]] double distance(const Vec3& p) const {
     const Vec3 at = turn.transpose() * (p - origin);
@@ -42,20 +43,25 @@ struct Block {
   [[nodiscard]] FieldPtr field() const {
     const int n = static_cast<int>(std::ceil((kSide - 1) / spacing)) + 1;
     return scalarGrid(
-        n, [this](const Vec3& p) { return distance(p); }, "trilinear", true, spacing);
+        n, [this](const Vec3& p) { return distance(p); }, interpolation, true, spacing);
   }
 };
 
 std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double friction = 0.0,
-                                    const std::map<std::string, MotionPtr>& motions = {}) {
+                                    const std::map<std::string, MotionPtr>& motions = {},
+                                    ModeKind kind = ModeKind::kIsosurface) {
   std::map<std::string, FieldPtr> fields;
   GraphSpec spec;
   for (std::size_t i = 0; i < of.size(); ++i) {
     ModeSpec mode;
-    mode.kind = ModeKind::kIsosurface;
+    mode.kind = kind;
     mode.of = "solid " + std::to_string(i);
     mode.solid = Solid::kBelow;
     mode.strength = 20.0;
+    // A surface mode holds the proxy wherever it has strength, so it gets none above the top.
+    if (kind == ModeKind::kSurface) {
+      mode.strength = TransferFunction::piecewise({{0.0, 20.0}, {0.1, 0.0}});
+    }
     mode.friction = friction;
     spec.modes.push_back(mode);
     fields[mode.of] = of[i];
@@ -136,6 +142,53 @@ TEST_CASE("a hand slides over a turned seam where the volumes overlap", "[motion
       CHECK(s.back <= 0.2);
       CHECK(s.step <= 0.05);
     }
+  }
+}
+
+TEST_CASE("at a seam of splines, the bump of the spline at the edge holds the hand back",
+          "[motion][seam]") {
+  // Between the voxels a spline overshoots at an edge of the data. So each block has a bump, up to
+  // 0.11 voxel high, on its top. The far slope of the bump meets the top of the other block at 45
+  // degrees, and holds back the hand by its depth, at any overlap. The bump is in the interpolated
+  // surface; a different normal cannot remove it.
+  constexpr double kDepth = 2.0;
+  for (const char* interpolation : {"quadratic", "cubic"}) {
+    for (const double overlap : {2.0, 6.0}) {
+      const Block left{1.0, overlap, Mat3::Identity(), kMiddle, 1.0, interpolation};
+      const Block right{-1.0, overlap, Mat3::Identity(), kMiddle, 1.0, interpolation};
+      const FieldPtr field = left.field();
+      Probed probed(std::get<0>(field));
+      double bump = 0.0;
+      for (double x = 0.0; x < overlap / 2.0; x += 0.1) {
+        double z = 0.2;
+        while (z > 0.0 && probed.value(kMiddle + Vec3(x, 0.2, z)) > 0.0) z -= 1e-3;
+        bump = std::max(bump, z);
+      }
+      const Slide s = slide(*solids({field, right.field()}), kDepth, Mat3::Identity(), kMiddle);
+      CAPTURE(interpolation, overlap, bump, s.back, s.off, s.step, s.capped);
+      CHECK(bump >= 0.05);
+      CHECK(bump <= 0.12);
+      CHECK(s.off <= bump + 0.01);
+      CHECK(s.back <= 1.05 * kDepth);
+      CHECK(s.step <= 0.8);
+      CHECK(s.capped == 0);
+    }
+  }
+}
+
+TEST_CASE("at a seam of surface modes the hand is held back by less than its depth",
+          "[motion][seam]") {
+  // Each surface mode has its own level, that of the place where it began to hold. So two surface
+  // modes do not define a common top, and do not fill each other's samples.
+  for (const double overlap : {3.0, 6.0}) {
+    const auto scene = solids({Block{1.0, overlap}.field(), Block{-1.0, overlap}.field()}, 0.0, {},
+                              ModeKind::kSurface);
+    const Slide s = slide(*scene, 2.0, Mat3::Identity(), kMiddle);
+    CAPTURE(overlap, s.back, s.off, s.step, s.capped);
+    CHECK(s.back <= 1.3);
+    CHECK(s.off <= 0.1);
+    CHECK(s.step <= 0.5);
+    CHECK(s.capped == 0);
   }
 }
 
