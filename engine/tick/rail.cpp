@@ -95,17 +95,27 @@ RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
 /// `index`. The balance is then the place where both meet. Without this check the force of a wall
 /// would count as constant along the curve. But the angle of the stream to the wall changes, and
 /// the constant force would push the proxy off the wall.
-bool fixedAlong(const Tick& tick, std::size_t index) noexcept {
+///
+/// A wall along the stream does not fix the place. There the angle is at most that by which curve
+/// and normal turn over the step. `bend` is the curve's second derivative [1/m], `straight` the
+/// step along the line [m].
+bool fixedAlong(const Tick& tick, std::size_t index, double bend, double straight) noexcept {
   constexpr double kAside = 0.02;  // least sine of an angle that counts, as in newton.cpp
   const auto primitives = tick.balance.primitives.items();
+  const auto varying = tick.balance.primitives.varying();
   const Vec3& along = primitives[index].direction;
+  auto varies = varying.begin();
   for (std::size_t i = 0; i < primitives.size(); ++i) {
+    while (varies != varying.end() && varies->index < i) ++varies;
     const Primitive& other = primitives[i];
     const bool plane = other.kind == PrimitiveKind::kPlane;
     if (i == index || !(plane || other.kind == PrimitiveKind::kLine)) continue;
     if (loadOf(other, tick.balance.forces[i]) != Load::kHeld) continue;
     const double share = std::abs(other.direction.dot(along));
-    if ((plane ? share : std::sqrt(std::max(0.0, 1.0 - share * share))) > kAside) return true;
+    const double angle = plane ? share : std::sqrt(std::max(0.0, 1.0 - share * share));
+    const bool turns = varies != varying.end() && varies->index == i;
+    const double turn = bend + (turns ? (varies->turn * along).norm() : 0.0);
+    if (angle > kAside + turn * std::abs(straight)) return true;
   }
   return false;
 }
@@ -125,7 +135,8 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   const bool alone = tick.felt().size() == 1 && one.felt->graph().modes.size() == 1;
   const double reach =
       alone ? kLongest * along.voxel : std::min(trial.reach, kLongest * along.voxel);
-  const bool fixed = !alone && fixedAlong(tick, one.index);
+  const bool fixed =
+      !alone && fixedAlong(tick, one.index, along.on->bend.norm() / along.voxel, straight);
   const bool uncut = !fixed && (trial.complete || (alone && trial.cut));
   TraceOrder order;
   order.to_hand = !fixed;
