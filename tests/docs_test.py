@@ -168,7 +168,7 @@ class Paper(unittest.TestCase):
         self.assertEqual(self.rows("Equations"), [str(i) for i in range(1, 16)])
         self.assertEqual(self.rows("Figures"), [str(i) for i in range(1, 8)])
 
-    def test_tables_have_as_many_cells_in_every_row(self):
+    def test_all_rows_of_a_table_have_equally_many_cells(self):
         """GitHub drops surplus cells."""
         for table in re.findall(r"(?:^\|.*\n)+", prose(self.text), flags=re.M):
             cells = [len(row.split("|")) for row in table.splitlines()]

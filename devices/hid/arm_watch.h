@@ -19,10 +19,10 @@ namespace palpate {
 /// has home_at_open, the home pose is the pose at the arm's first reports.
 class ArmWatch {
  public:
-  /// Takes a parsed profile. Slow (milliseconds, for factsOf).
+  /// Watches an arm with this profile. Slow (milliseconds), because it calls factsOf().
   explicit ArmWatch(HidProfile profile);
 
-  /// Takes all waiting reports. Returns kGone if the device was unplugged.
+  /// Reads all waiting reports. Returns kGone if the device was unplugged.
   ///
   /// @param now  [ns]
   [[nodiscard]] ReadStatus take(ReportPort& port, std::int64_t now);

@@ -202,7 +202,8 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
     root.child("kinematics").fail("no joint has a motor", "name motors, or remove \"output\"");
   }
   if (!profile.masses.empty() && motors == 0) {
-    root.child("gravity").fail("no joint has a motor to carry it", "remove it");
+    root.child("gravity").fail("no joint has a motor to carry the arm's weight",
+                               "remove \"gravity\"");
   }
   if (!profile.masses.empty() && profile.limits.continuous > 0.0) {
     root.child("gravity").fail(

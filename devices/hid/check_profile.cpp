@@ -91,8 +91,8 @@ HidReportSpec reportOf(const FileReport& file, const Node& node, bool output) {
   return report;
 }
 
-/// Reads the report that drives motors. Its fields must not share a bit, and it must fit into a
-/// guardian's buffer.
+/// Reads the report that drives motors. Its fields must not share a bit, and the report must
+/// fit into a guardian's buffer.
 HidReportSpec outputOf(const FileReport& file, const Node& node) {
   HidReportSpec report = reportOf(file, node, true);
   constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;

@@ -218,7 +218,8 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   if (stop()) {
-    throw DeviceError(name, "the program ended before it was ready", "start the program again");
+    throw DeviceError(name, "the program was stopped before the arm was ready",
+                      "start the program again");
   }
   runSequence(port, input, profile_.home, stop);
 } catch (...) {
@@ -235,7 +236,8 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
   for (const HidStep& step : steps) {
     const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
     if (stop && stop()) {
-      throw DeviceError(name, "the program ended before it was ready", "start the program again");
+      throw DeviceError(name, "the program was stopped before the arm was ready",
+                        "start the program again");
     }
     switch (step.kind) {
       case HidStep::Kind::kSend: {

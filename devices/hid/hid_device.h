@@ -133,7 +133,7 @@ class HidDevice final : public Arm {
   /// time.
   void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                const std::function<bool()>& stop);
-  /// Takes the newest reports and updates the joints. Sets `hand.fault` if the device is absent.
+  /// Reads the newest reports and updates the joints. Sets `hand.fault` if the device is absent.
   void readReports(std::int64_t now, double dt, HandState& hand) noexcept;
   /// Adopts the input of a device that was plugged in again.
   void adoptMended(std::int64_t now) noexcept;

@@ -17,7 +17,7 @@ class HidInput {
  public:
   explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to the profile. Allocates.
 
-  /// Takes all waiting reports. Returns kReport if, since the last kReport, every report with a
+  /// Reads all waiting reports. Returns kReport if, since the last kReport, every report with a
   /// joint's field has come. Returns kNothing if one is missing, or if the kernel's ring had
   /// overflowed, because its reports were old. RT: as ReportPort::read.
   [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
@@ -34,7 +34,7 @@ class HidInput {
 
   /// Returns to the state before the first report, but keeps the counts.
   void forget() noexcept;
-  /// Takes over the values of another input of the same profile. RT: no allocation.
+  /// Copies the values of another input of the same profile. RT: no allocation.
   void adopt(const HidInput& other) noexcept;
 
   /// Numbers of reports since the construction, by their use.

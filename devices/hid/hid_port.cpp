@@ -259,7 +259,7 @@ bool isOpenHere(const std::string& path) {
 
 void claim(int descriptor, const std::string& path, const Say& say) {
   using Clock = std::chrono::steady_clock;
-  // Time that claim() waits for any owner, because it may be a program that is being killed.
+  // Time that claim() waits for any owner, because the owner may be a program that is being killed.
   constexpr auto kDying = std::chrono::milliseconds(50);
   const auto begin = Clock::now();
   for (bool said = false; flock(descriptor, LOCK_EX | LOCK_NB) != 0;) {

@@ -118,8 +118,8 @@ class PidPort final : public ReportPort {
   std::int64_t enabled_ = 0;  ///< Last time the actuators were enabled [ns].
 };
 
-/// Returns the single report, with its number first, that takes the force off a device. Empty if
-/// write() cannot send such a report.
+/// Returns the report that alone stops a device's force; its first byte is the report's number.
+/// Returns an empty vector if write() cannot send this report.
 [[nodiscard]] std::vector<std::byte> stoppingReport(const PidMap& map);
 
 }  // namespace palpate

@@ -158,7 +158,7 @@ int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
   f.stiffness = arm.model->stiffness;
   f.damping = arm.model->damping;
   f.workspace_radius = arm.model->radius;
-  f.rate = 1000.0;  // lower bound: the SDK exchanges up to 4,000 times a second
+  f.rate = 1000.0;  // lower bound: the SDK exchanges data up to 4,000 times a second
   f.watchdog = arm.watched ? kWatchdog * 125e-6 : 0.0;
   f.buttons = 1;
   copy(f.source, arm.model->source);
@@ -320,7 +320,9 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
 int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
-  if (host.say != nullptr) host.say("dhd: this palpate is too old for it; use a newer one");
+  if (host.say != nullptr) {
+    host.say("dhd: this palpate is too old for this plug-in; use a newer one");
+  }
   return -1;
 }
 

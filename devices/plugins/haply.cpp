@@ -26,7 +26,7 @@ constexpr double kRadius = 0.1;       ///< [m]
 constexpr double kResolution = 1e-5;  ///< [m]
 constexpr double kContinuous = 2.0;   ///< [N]; not published, assumed as half of kForce.
 constexpr double kHeating = 10.0;     ///< [s]; not published, assumed.
-constexpr double kRate = 1000.0;      ///< [Hz]; the arm itself can exchange at 4000 Hz.
+constexpr double kRate = 1000.0;      ///< [Hz]; the arm itself can exchange data at 4000 Hz.
 constexpr char kSource[] =
     "4 N in 80 % of the workspace (peak 10 N) and 0.01 mm: Inverse3's data sheet; 0.1 m: Haply's "
     "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; continuous 2 N and 10 s: "

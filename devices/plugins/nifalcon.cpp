@@ -165,7 +165,7 @@ int home(Arm& arm, char* error, std::size_t room) {
   FalconDevice& falcon = arm.falcon;
   auto firmware = falcon.getFalconFirmware();
   // An arm that was without power has lost its firmware. The arm does not always accept the
-  // firmware, so it is sent several times.
+  // firmware, so the firmware is sent several times.
   bool loaded = falcon.isFirmwareLoaded();
   constexpr int kTries = 10;
   for (int i = 0; i < kTries && !loaded; ++i) {
@@ -316,7 +316,9 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
 int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
-  if (host.say != nullptr) host.say("nifalcon: this palpate is too old for it; use a newer one");
+  if (host.say != nullptr) {
+    host.say("nifalcon: this palpate is too old for this plug-in; use a newer one");
+  }
   return -1;
 }
 

@@ -355,7 +355,9 @@ palpate_plugin_device* open(const char* serial, char* error, std::size_t room) {
 int init(const palpate_plugin_host* theirs) {
   host = known(theirs);
   if (host.ends != nullptr && host.now != nullptr) return 0;
-  if (host.say != nullptr) host.say("openhaptics: this palpate is too old for it; use a newer one");
+  if (host.say != nullptr) {
+    host.say("openhaptics: this palpate is too old for this plug-in; use a newer one");
+  }
   return -1;
 }
 

@@ -24,7 +24,7 @@ inline constexpr const char* kPluginProgram = "palpate-plugin";
 class OwnedDescriptor {
  public:
   OwnedDescriptor() = default;
-  /// Takes a descriptor, and moves it above the numbers that a child process gets.
+  /// Owns this descriptor, and moves it above the numbers that a child process gets.
   explicit OwnedDescriptor(int own);
   OwnedDescriptor(OwnedDescriptor&& other) noexcept : own_(std::exchange(other.own_, -1)) {}
   OwnedDescriptor& operator=(OwnedDescriptor&& other) noexcept {

@@ -101,7 +101,8 @@ struct Life {
         });
     if (error) throw *error;
     if (heard == PluginAnswer::kStopped) {
-      throw DeviceError(name, "the program ended before it was ready", "start the program again");
+      throw DeviceError(name, "the program was stopped before the arm was ready",
+                        "start the program again");
     }
     if (heard != PluginAnswer::kAll || !known) {
       throw DeviceError(name, "its process ended before its arm was ready",

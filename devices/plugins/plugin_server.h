@@ -83,7 +83,8 @@ class PluginServer {
   /// each order.
   [[nodiscard]] bool isSound(const PluginOrder& order, std::int64_t now) noexcept;
   void read() noexcept;
-  /// Takes the force off. Called on the haptic thread, so it comes after any order in progress.
+  /// Removes gravity compensation and force, and stops the device. Called on the haptic thread, so
+  /// it comes after any order in progress.
   void takeOff() noexcept;
   [[nodiscard]] std::int64_t nextReading(std::int64_t now) noexcept;
 

@@ -247,7 +247,7 @@ static int init(const palpate_plugin_host* theirs) {
   memcpy(&host, theirs, least(theirs->size, sizeof host));
   /* Every host must have these functions. */
   if (!host.ends || !host.now) {
-    if (host.say) host.say("sample: this palpate is too old for it; use a newer one");
+    if (host.say) host.say("sample: this palpate is too old for this plug-in; use a newer one");
     return -1;
   }
   return 0;

@@ -35,7 +35,7 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 [[nodiscard]] const char* wordFor(Trouble trouble) noexcept;
 /// Returns the trouble of a word; empty if the word is unknown.
 [[nodiscard]] std::optional<Trouble> troubleOf(std::string_view word) noexcept;
-/// Returns true if the trouble can only show with a real clock.
+/// Returns true if the trouble has an effect only in real time.
 [[nodiscard]] bool needsClock(Trouble trouble) noexcept;
 
 /// Adds a trouble to a device from a given time on. Forwards all other calls to that device.

@@ -21,7 +21,8 @@ constexpr double kFar = 0.02;       // [m]: a swing beyond this distance counts 
 constexpr double kMade = 1e-5;      // [J]: energy gain of the hand from which a cell is active
 constexpr std::size_t kCoarse = 8;  // spacing of the cells that are computed first
 constexpr double kLastly = 0.75;    // share of the time after which the final behaviour is judged
-// A swing that falls below this ratio from the third to the last quarter decays.
+// A swing decays if its size in the last quarter of the run is less than this share of its size in
+// the third quarter.
 constexpr double kDying = 0.8;
 
 /// Returns a plane through the origin, which pushes a proxy behind it along its normal.
@@ -142,7 +143,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
   cell.force = force / static_cast<double>(counted);
   cell.swing = 0.5 * lastly.diagonal().norm();
   const double first = 0.5 * early.diagonal().norm();
-  // A swing of about two encoder steps counts as rest, and so does a decaying swing.
+  // A swing of at most 2.5 encoder steps counts as rest, and so does a decaying swing.
   if (cell.swing <= 2.5 * std::max(arm.encoder, 1e-7) || cell.swing < kDying * first) {
     cell.outcome = MapOutcome::kRests;
   } else {

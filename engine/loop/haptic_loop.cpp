@@ -84,16 +84,16 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
     const std::pair<const char*, double> numbers[] = {{"the tank's Coulomb friction", arm.coulomb},
                                                       {"the tank's encoder step", arm.step},
                                                       {"the tank's delay", arm.delay},
-                                                      {"the delay's doubt", arm.doubt},
+                                                      {"the delay's uncertainty", arm.doubt},
                                                       {"the positions' jitter", arm.jitter},
                                                       {"the amplifiers' lag", arm.lag},
                                                       {"the tank's longest period", arm.period},
                                                       {"the tank's refill", limits.tank.refill}};
     for (const auto& [what, x] : numbers) require(noLess(x), what, x, "give zero or more");
-    require(arm.doubt <= arm.delay, "the delay's doubt", arm.doubt,
+    require(arm.doubt <= arm.delay, "the delay's uncertainty", arm.doubt,
             "give at most the delay, because no force comes before its reading");
     require(arm.jitter <= arm.doubt, "the positions' jitter", arm.jitter,
-            "give at most the delay's doubt, which contains it");
+            "give at most the uncertainty of the delay, which contains it");
     const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
       throw DeviceError(info.name,

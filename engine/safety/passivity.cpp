@@ -113,7 +113,7 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   const double viscous = arm.viscous * span_ / (span_ + 2.0 * arm.jitter);
   double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   if (since_.change > 0.0) {
-    // Because of the doubt in the delays, the variation of the force may have been this large.
+    // Because the delays are uncertain, the variation of the force may have been this large.
     const double other = std::sqrt(varies) + std::sqrt(since_.change * since_.most);
     varies = other * other;
     counted_ -= since_.change / span_ * (way + arm.step);
@@ -157,7 +157,7 @@ double Tank::reserve(const Vec3& next, const ArmDissipation& arm) const noexcept
   }
   amplifier.hold(next, arm.period, acted);
   // Finally the output of the amplifier decays with its lag. `next` may begin earlier or later by
-  // the doubt. Forces that were sent before have already paid for their doubt.
+  // `doubt`. Earlier forces have already paid for their uncertainty.
   const double square = next.squaredNorm();
   const double jumps = std::abs(square - sent_[count_ - 1].force.squaredNorm()) + square;
   return (acted.square + arm.lag * amplifier.now.square + arm.doubt * jumps) / (4.0 * arm.viscous);

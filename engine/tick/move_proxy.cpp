@@ -211,7 +211,7 @@ Slice follow(Tick& tick, int later) noexcept {
     state.held = tick.balance.primitives.size() > 0;
     Next next = decide(state);
     // A free proxy moves to the hand even if no readings are left for its path. The rest of the
-    // path is swept only, and properties are read where the sweep reaches a surface.
+    // path is only swept, and properties are read where the sweep reaches a surface.
     const bool free = next == Next::kRelease;
     if (free) {
       trial = advance(tick, now, true);

@@ -57,7 +57,7 @@ void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   }
 }
 
-/// Sets the range between the 0.2th and the 99.8th percentile, and the value of an image's
+/// Sets the range between the 0.2nd and the 99.8th percentile, and the value of an image's
 /// surroundings. If a sample touches the surroundings, the range includes their value.
 void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& input,
               ScalarAnalysis& scalar) {

@@ -32,7 +32,8 @@ struct Boundary {
 /// Results of analysing a scalar grid.
 struct ScalarAnalysis {
   std::vector<float> values;  ///< Sampled values, ascending.
-  /// Nearly all values lie between `low` and `high`, including the value of the surroundings.
+  /// Range of the values: the 0.2nd and 99.8th percentiles. If a sample touches the surroundings of
+  /// an image, the range also includes `outside`.
   double low = 0.0;
   double high = 0.0;
   std::optional<double> outside;  ///< Value of the surroundings of an image; no value for a mesh.

@@ -180,7 +180,7 @@ struct BinRange {
   std::size_t to = 0;
 };
 
-/// Returns the widest range of levels whose isosurfaces are steep over nearly their whole area.
+/// Returns the widest range of levels at which at least kLeastSteep of the isosurface is steep.
 BinRange widestSteepRange(const LevelIntegrals& levels) {
   constexpr double kLeastSteep = 0.7;  // fraction of an isosurface's area
   const Bins area = smoothed(levels.area);

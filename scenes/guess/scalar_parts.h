@@ -58,8 +58,8 @@ struct LevelIntegrals {
                                                    const ScalarAnalysis& scalar, double edge,
                                                    bool image);
 
-/// Returns a front, such as a shock: a value whose isosurface is steep over nearly its whole area.
-/// The values on one side may vary. Returns no value if there is none.
+/// Returns a front, such as a shock: a value whose isosurface is steep over at least 70 % of its
+/// area. The values on one side may vary. Returns no value if there is none.
 [[nodiscard]] std::optional<Boundary> findFront(const LevelIntegrals& levels,
                                                 const ScalarAnalysis& scalar);
 

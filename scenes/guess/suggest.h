@@ -73,11 +73,11 @@ inline constexpr const char* kMetaAxial = "axial";
 ///   between them (Kindlmann and Durkin, IEEE Volume Visualization 1998). The isovalue is the
 ///   middle of the arch. If there is a material on one side only (for example, bone has any values
 ///   up to the highest), the isovalue is where the arch has risen by two thirds. Without an arch,
-///   the isovalue is that of a front, such as a shock, whose isosurface is steep over nearly its
-///   whole area. A smooth field, such as a ramp or a temperature, has no boundary and gets a drag
-///   that depends on its value. Difference to the papers: a level counts where it lies between the
-///   values of a voxel's neighbours, not where a voxel has its value. Therefore sharp steps are
-///   found too, although no voxel has the value in their middle;
+///   the isovalue is that of a front, such as a shock, whose isosurface is steep over at
+///   least 70 % of its area. A smooth field, such as a ramp or a temperature, has no boundary and
+///   gets a drag that depends on its value. Difference to the papers: a level counts where it lies
+///   between the values of a voxel's neighbours, not where a voxel has its value. Therefore sharp
+///   steps are found too, although no voxel has the value in their middle;
 /// - directions, which are vectors whose sign has no meaning, stated by the file's metadata or
 ///   because all have length 1: a mode that follows them. If "..._direction" has a grid
 ///   "..._anisotropy", its strength depends on the anisotropy;

@@ -48,7 +48,8 @@ Placement Placer::placementOf(const std::string& name) {
 Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                           const std::string& path) {
   Placement placed = computeAny(name, place, path);
-  // Also checks a volume that is placed like another one, because it may be larger.
+  // Also checks a volume that is placed like another one, because the first may be larger than the
+  // other.
   const GridInfo& info = *volumes_.at(name);
   const double voxel = placed.scale * info.voxel.minCoeff();
   const double reach = placed.translate.norm() +

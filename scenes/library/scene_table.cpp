@@ -252,7 +252,8 @@ JsonObject<SceneSpec> playRows() {
                "last sequence. If a sequence repeats, the default is no limit."),
            [play](SceneSpec& spec, double to) { play(spec).to = to; })
       .may("repeat",
-           jsonFlag().says("If true, play jumps from one end to the other. The default is false."),
+           jsonFlag().says("If true, play continues at the other end when it reaches an end. The "
+                           "default is false."),
            [play](SceneSpec& spec, bool repeat) { play(spec).repeat = repeat; });
 }
 

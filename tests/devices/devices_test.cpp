@@ -156,8 +156,8 @@ TEST_CASE("a force acts after a delay of whole or fractional ticks", "[simulated
 }
 
 TEST_CASE("a hand's target is evaluated once a tick, in rising time", "[simulated]") {
-  // A target may keep state, because it is called once per tick: here each call moves it by a
-  // millimetre, 1 m/s at 1 kHz.
+  // A target may keep state, because it is called once per tick: here each call moves the target by
+  // a millimetre, 1 m/s at 1 kHz.
   std::vector<double> asked;
   const auto at = [&asked](double t) -> Vec3 {
     asked.push_back(t);

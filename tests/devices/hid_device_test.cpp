@@ -276,7 +276,7 @@ TEST_CASE("buttons, orientation, gripper and joints reach the application", "[hi
   CHECK(hand.handle.buttons == 2);
   CHECK(hand.handle.joints[0] == Approx(0.03));
   CHECK(hand.handle.gripper == Approx(2.0 / 2.0 + 0.25));
-  // The mount and the first joint turn the handle about z, then it turns about its own x.
+  // The mount and the first joint turn the handle about z, then the handle turns about its own x.
   const double half_z = 0.5 * (0.5 * std::acos(-1.0) + 0.03);
   const double half_x = 0.5 * 1.25;
   CHECK(hand.handle.orientation[0] == Approx(std::cos(half_z) * std::cos(half_x)));
@@ -938,7 +938,7 @@ TEST_CASE("the closing sequence runs in order, even after a failed opening", "[h
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
                               {{nullptr, [] { return true; }}}),
-                    Contains("the program ended before it was ready"));
+                    Contains("the program was stopped before the arm was ready"));
   CHECK(closed(silent));
 }
 

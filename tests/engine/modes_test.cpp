@@ -581,7 +581,7 @@ TEST_CASE("pairs and triples of modes balance like the reference solver",
   CHECK(limited <= 20);  // measured: 4 of 182,455
 }
 
-TEST_CASE("a mode of zero strength leaves the result the same bit for bit", "[modes]") {
+TEST_CASE("a mode of zero strength does not change the result, bit for bit", "[modes]") {
   const std::vector<Named> modes = allModes();
   Random random(72);
   const ModeSpec base = modes[9].mode;  // isosurface with friction
@@ -677,13 +677,13 @@ TEST_CASE("a hand that moves with its scene has the same forces as at rest", "[m
       worst = std::max(worst, (pose.linear * force - other).norm());
       largest = std::max(largest, force.norm());
     }
-    // If two planes coincide, the share of each is determined only to the tolerance, and it decides
-    // the friction.
+    // With friction, the force is only as precise as the balance, which decides how the planes
+    // share the load.
     CHECK(worst <= (rough ? 1e-8 : 1e-9) * largest);
   }
 }
 
-TEST_CASE("a motion that stands still leaves the result the same bit for bit", "[modes][moving]") {
+TEST_CASE("a motion that stands still does not change the result, bit for bit", "[modes][moving]") {
   const MotionPtr rest = std::make_shared<const Motion>(std::vector<Keyframe>(1));
   for (const Named& mode : allModes()) {
     CAPTURE(mode.name);

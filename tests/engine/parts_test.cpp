@@ -317,7 +317,7 @@ TEST_CASE("a moving body pushes the proxy against a part, not through it", "[sca
   CHECK(off < 1e-6);
 }
 
-TEST_CASE("if there are more parts than the limit, the strongest are felt", "[scale]") {
+TEST_CASE("if there are more parts than the limit, the strongest are evaluated", "[scale]") {
   // Seventy balls are near one place. One graph contains thirty of them, and forty parts the
   // others.
   Random random(5);

@@ -325,7 +325,7 @@ TEST_CASE("weak motors give no energy if the tank knows the weakness", "[passivi
     CHECK(told.debt == 0.0);
   }
   // If the tank does not know that motors give less, it counts work that was not done when a hand
-  // moves against the force. An adversary moves with the force, so it is not used here.
+  // moves against the force. An adversary moves with the force, so no adversary is used here.
   const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
     run.weak = 0.3;
     run.tells_weak = false;

@@ -71,7 +71,7 @@ TEST_CASE("point, line and plane hold the proxy within s/k and follow it beyond"
   }
 }
 
-TEST_CASE("a plane pushes only from behind", "[solver][eq12]") {
+TEST_CASE("a plane does not push a proxy in front of it", "[solver][eq12]") {
   const std::vector<Primitive> set{plane(Vec3::Zero(), Vec3::UnitX(), 3.0)};
   const Vec3 probe(1e-3, 5e-3, 0);
   CHECK(solveProxy(probe, kStiffness, set, probe).offset.norm() == 0.0);
@@ -175,7 +175,7 @@ TEST_CASE("the error bound covers rounding for a plane and a nearly parallel pla
     const double tilt = random.logUniform(1e-12, 1e-3);
     const Vec3 other = (q + tilt * random.inCube(1.0)).normalized();
     std::vector<Primitive> set{plane(at, q, 1.0), plane(at, other, 1.0)};
-    // The line is in the plane, or nearly in it.
+    // The line is tilted out of the plane by an angle of the order of `tilt`.
     if (i % 2 == 0) {
       set[1].kind = PrimitiveKind::kLine;
       set[1].direction = (q.unitOrthogonal() + tilt * random.inCube(1.0)).normalized();

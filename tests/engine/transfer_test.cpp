@@ -9,7 +9,7 @@
 
 namespace palpate::transfer_test {
 
-TEST_CASE("a number is the same strength for every input", "[transfer]") {
+TEST_CASE("a number gives one strength for all inputs", "[transfer]") {
   const TransferFunction f = 1.5;
   CHECK(f.isConstant());
   CHECK(f(-1e300) == 1.5);

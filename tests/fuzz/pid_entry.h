@@ -39,8 +39,8 @@ class SayingPort final : public ReportPort {
   }
 
  private:
-  /// Takes the next report. The first byte is its length. In most cases the report gets a valid
-  /// number.
+  /// Reads the next report from the fuzzer's bytes. Their first byte gives its length. In most
+  /// cases the report gets a valid number.
   std::size_t take(std::span<std::byte> to) noexcept {
     std::size_t size = std::to_integer<std::size_t>(says_[0]) % 48;
     says_ = says_.subspan(1);

@@ -220,7 +220,7 @@ class Nrrd(Case):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                        lambda i, j, k: scalar(i, j, k) % 100)
 
-    def test_axis_bounds_are_voxel_faces_unless_nodes(self):
+    def test_axis_bounds_are_voxel_faces_unless_centers_are_node(self):
         mins = ("axis mins: 10 20 30", "axis maxs: 18 25 42")
         path = self.write("a.nrrd", nrrd(*mins), "\n", SHORTS)
         self.holds(self.convert(path), "density", ((2, 0, 0), (0, 1, 0), (0, 0, 2)), (11, 20.5, 31),
@@ -379,7 +379,7 @@ class Nrrd(Case):
             "kinds: space space space time", sizes="4 5 6 2"), "\n", more)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
-    def test_ignores_spacings_beside_directions(self):
+    def test_ignores_spacings_if_directions_are_given(self):
         path = self.write("a.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, "spacings: 7 7 7",
                                          'units: "mm" "mm" "mm"'), "\n", SHORTS)
         self.holds(self.convert(path), "density", COLUMNS, AT, scalar)

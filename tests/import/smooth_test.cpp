@@ -76,7 +76,10 @@ TEST_CASE("the importer's Gaussian equals VTK's to 2e-4, including at edges and 
   }
 }
 
-TEST_CASE("a constant image stays constant, and the rms change is that of the values", "[smooth]") {
+TEST_CASE(
+    "a constant image stays constant, and the reported rms change equals that computed from the "
+    "values",
+    "[smooth]") {
   Piece image = noise(1, Vec3::Ones());
   Piece flat = noise(1, Vec3::Ones());
   for (std::size_t i = 0; i < 4301; ++i) flat.arrays[0].values.as<float>()[i] = 3.0F;

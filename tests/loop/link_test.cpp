@@ -400,7 +400,8 @@ TEST_CASE("invalid messages are ignored, and a false energy sum has a bounded ef
   CHECK(link.energy() == before);
   CHECK(link.pull(Vec3::Zero(), {}, 1.0, kDt).x() > 1.9);
   link.pulled(1.0);
-  // If a peer lies about its sum, the hand gets at most the energy that the spring holds.
+  // If a peer sends a false sum of energy, the energy in the tank is at most `start` plus the
+  // energy of the spring.
   said({7, 5, 2002, {0.1, 0, 0}, 1e9});
   CHECK(link.energy() < 0.2);
 }

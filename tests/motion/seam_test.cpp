@@ -58,7 +58,8 @@ std::unique_ptr<const Scene> solids(const std::vector<FieldPtr>& of, double fric
     mode.of = "solid " + std::to_string(i);
     mode.solid = Solid::kBelow;
     mode.strength = 20.0;
-    // A surface mode holds the proxy wherever it has strength, so it gets none above the top.
+    // A surface mode holds the proxy wherever the mode has strength, so its strength is 0 above
+    // the top.
     if (kind == ModeKind::kSurface) {
       mode.strength = TransferFunction::piecewise({{0.0, 20.0}, {0.1, 0.0}});
     }
@@ -216,7 +217,7 @@ TEST_CASE("a seam of two volumes that move together feels as at rest", "[motion]
   CHECK(moved.back <= 0.01);
 }
 
-TEST_CASE("a solid 3.2 voxels from the proxy leaves its path the same bit for bit",
+TEST_CASE("a solid 3.2 voxels from the proxy does not change its path, bit for bit",
           "[motion][seam]") {
   const Block ground{1.0, 100.0};
   // A wall is 3.2 voxels above the proxy's path, and has no effect.

@@ -64,7 +64,7 @@ TEST_CASE("after 100 laps the proxy is still on its surface", "[motion][release]
   }
 }
 
-TEST_CASE("a surface mode stays on the value where it began to hold", "[motion][release]") {
+TEST_CASE("a surface mode stays on the value at which it began to hold", "[motion][release]") {
   // The reference is the value in the first tick that held. The test keeps it, not the engine.
   for (const SurfaceMotion& motion :
        {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),

@@ -48,7 +48,7 @@ OpenCells reference(const openvdb::FloatGrid& grid, double level, Solid solid) {
 
 }  // namespace
 
-TEST_CASE("the cells where a surface leaves its data are counted, with the first place",
+TEST_CASE("the cells where a surface leaves its data are counted, and the first one is located",
           "[samplers]") {
   const auto ball = makeBall(kRadius, 1.0);
   CHECK(find(*ball, 0.0, Solid::kBelow).count == 0);

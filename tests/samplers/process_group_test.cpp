@@ -145,7 +145,7 @@ TEST_CASE("a process group gathers values and lists in the order of its ranks", 
         }) == 0);
 }
 
-TEST_CASE("bricks have the same bytes for any number of ranks",
+TEST_CASE("bricks of any number of ranks match those of a single process",
           "[bricks][process_group][release]") {
   const TemporaryFolder folder;
   const BrickReport alone = writeBricks(folder / "alone", ball());

@@ -485,7 +485,8 @@ TEST_CASE("a frame that a reader holds stays, however little memory there is", "
   CHECK(of->hold(1));
 }
 
-TEST_CASE("readers that wait for frames read the same values with a small budget", "[sequence]") {
+TEST_CASE("readers that wait read the same values with a small budget as with all frames in memory",
+          "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);
   SequenceParams little = budgetOf(frames, 5.5);
@@ -601,7 +602,7 @@ TEST_CASE("the memory budget holds for frames of different sizes", "[sequence]")
   CHECK(of->state().slots == 6);
 }
 
-TEST_CASE("a reader that waits reads the same each time, despite gaps and other readers",
+TEST_CASE("a reader that waits reads the same values in every run, despite gaps and other readers",
           "[sequence][release]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 16, ramp);

@@ -457,7 +457,7 @@ TEST_CASE("inside is reported in a level set's band and up to a fog's edge", "[s
   CHECK_FALSE(edge.scalar({8.5, 4, 4}).inside);
 }
 
-TEST_CASE("far away and NaN positions give the background and are outside", "[samplers]") {
+TEST_CASE("distant and non-finite positions give the background and are outside", "[samplers]") {
   Probe probe(fieldOf(roughGrid()));
   for (const double x : {1e10, -1e300, std::nan(""), HUGE_VAL}) {
     const ScalarSample s = probe.scalar({0.0, x, 0.0});

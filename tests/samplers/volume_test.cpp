@@ -165,7 +165,7 @@ TEST_CASE("a file cut anywhere is refused", "[volume]") {
   CHECK_THAT(refusal(folder / "cut.vdb", "second"), Contains("truncated"));
 }
 
-TEST_CASE("the cost of many grids grows linearly with their number", "[volume][release]") {
+TEST_CASE("the time to describe grids grows linearly with their number", "[volume][release]") {
   const TemporaryFolder folder;
   openvdb::initialize();
   const auto cost = [&](int count, bool one_name) {  // [s] of processor time

@@ -178,7 +178,7 @@ class Others(Case):
 
 
 class Broken(Case):
-    def test_a_killed_run_resumes_to_the_same_bytes(self):
+    def test_a_killed_run_resumes_to_the_bytes_of_one_run(self):
         """kill -9 at many points: in the end the bytes equal those of one run."""
         run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.3)
         words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
@@ -270,7 +270,7 @@ class Verbs(Case):
         self.assertEqual(again["written"], 0)
 
     @suite.smoke
-    def test_half_precision_is_smaller_and_reported(self):
+    def test_half_precision_bricks_are_smaller_than_single_and_reported(self):
         whole, made = self.brick("single", "bodies.vdb", "--grid", "cloud")
         half, less = self.brick("halved", "bodies.vdb", "--grid", "cloud", "--half")
         self.assertLess(less["bytes"], 0.8 * made["bytes"])

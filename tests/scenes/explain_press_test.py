@@ -555,7 +555,7 @@ class NearParts(Touch):
         self.assertEqual([mode["name"] for mode in out["modes"]], ["skin 5"])
         self.assertEqual(out["modes"][0]["primitives"][0]["state"], "holds")
 
-    def test_refuses_no_parts_and_too_many_parts_near_the_hand(self):
+    def test_refuses_a_hand_near_no_part_or_too_many_parts(self):
         balls = {"b": {"file": "ball.vdb", "instances": [self.place(i) for i in range(5)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         far = self.scene(skin, volumes=balls)

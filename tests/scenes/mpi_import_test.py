@@ -118,13 +118,13 @@ class Case(unittest.TestCase):
 
 
 class Bytes(Case):
-    def test_smoothing_gives_the_same_bytes(self):
+    def test_smoothing_matches_a_single_process(self):
         self.check([1, 2, 3, 5], self.raw, *self.layout, "--smooth", "2.5")
 
-    def test_a_tolerance_gives_the_same_bytes(self):
+    def test_a_tolerance_matches_a_single_process(self):
         self.check([2], self.raw, *self.layout, "--tolerance", "3")
 
-    def test_data_in_one_slab_give_the_same_bytes(self):
+    def test_data_in_one_slab_match_a_single_process(self):
         # Only the third slab is active, so its rank has no active neighbours.
         values = array.array("f", self.values)
         slab = SIZE[0] * SIZE[1] * 64
@@ -134,7 +134,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([3], file, *self.layout)
 
-    def test_distant_holes_give_the_same_bytes(self):
+    def test_distant_holes_match_a_single_process(self):
         values = array.array("f", self.values)
         values[len(values) * 3 // 4] = math.nan
         values[len(values) // 2] = 1e39  # too large for a float
@@ -142,7 +142,7 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([2], file, *self.layout)
 
-    def test_a_last_value_beyond_a_float_gives_the_same_bytes(self):
+    def test_a_last_value_beyond_a_float_matches_a_single_process(self):
         values = array.array("i", map(int, self.values))
         values[len(values) - 5] = 2 ** 25 + 1
         file = self.dir / "large.raw"
@@ -150,7 +150,7 @@ class Bytes(Case):
         layout = json.dumps({"size": SIZE, "type": "int32"})
         self.check([2], file, "--raw", layout)
 
-    def test_a_big_endian_nrrd_gives_the_same_bytes(self):
+    def test_a_big_endian_nrrd_matches_a_single_process(self):
         file = self.dir / "blob.nrrd"
         header = ("NRRD0004\ntype: short\ndimension: 3\nsizes: %d %d %d\nendian: big\n"
                   "encoding: raw\nspace: right-anterior-superior\n"
@@ -158,7 +158,7 @@ class Bytes(Case):
         file.write_bytes(header.encode() + turned(array.array("h", map(int, self.values))))
         self.check([3], file, "--smooth", "1")
 
-    def test_a_metaimage_of_many_files_gives_the_same_bytes(self):
+    def test_a_metaimage_of_many_files_matches_a_single_process(self):
         folder = self.dir / "meta"
         folder.mkdir()
         slices = [self.values[n:n + 10 * SIZE[0] * SIZE[1]]
@@ -173,7 +173,7 @@ class Bytes(Case):
                         f"ElementDataFile = LIST\n{names}\n")
         self.check([3], file, "--smooth", "2")
 
-    def test_packed_nifti_and_vectors_give_the_same_bytes(self):
+    def test_packed_nifti_and_vectors_match_a_single_process(self):
         points = len(self.values)
         header = bytearray(352)
         struct.pack_into("<i", header, 0, 348)
@@ -192,7 +192,7 @@ class Bytes(Case):
         packed.write_bytes(gzip.compress(data, 1))
         self.check([3], packed)
 
-    def test_a_smoothed_vtk_file_gives_the_same_bytes(self):
+    def test_a_smoothed_vtk_file_matches_a_single_process(self):
         file = self.dir / "blob.vtk"
         file.write_bytes(b"# vtk DataFile Version 3.0\nblob\nBINARY\nDATASET STRUCTURED_POINTS\n" +
                          b"DIMENSIONS %d %d %d\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA %d\n"
@@ -203,7 +203,7 @@ class Bytes(Case):
             self.skipTest("built without VTK")
         self.check([3], file, "--smooth", "1")
 
-    def test_iso_and_voxel_give_the_same_bytes(self):
+    def test_iso_and_voxel_imports_match_a_single_process(self):
         self.check([2], self.raw, *self.layout, "--iso", "30")
         self.check([3], self.raw, *self.layout, "--voxel", "1.3")
 

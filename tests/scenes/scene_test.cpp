@@ -893,7 +893,7 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   CHECK_THROWS_WITH(openScene(folder / "none.vdb"), Contains("no such file"));
 }
 
-TEST_CASE("a scene built in C++ passes the same checks", "[scene]") {
+TEST_CASE("a scene built in C++ passes the same checks as a scene file", "[scene]") {
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
   ModeSpec skin;

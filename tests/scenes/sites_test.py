@@ -197,7 +197,7 @@ class OneMachine(Case):
         status = [one.wait(timeout=30) for one in both]
         self.assertEqual(status, [0, 0], self.said("A") + self.said("B"))
         for name, other, sign in (("A", "B", 1), ("B", "A", -1)):
-            self.assertIn(f"site {other}: its hand is felt", self.said(name))
+            self.assertIn(f"site {other}: its hand is connected", self.said(name))
             rows = rows_of(self.dir / f"{name}.rec")
             # 200 N/m at 10 mm, which is the largest force; a ramp before.
             force = pulled(rows)[:, 0] * sign
@@ -221,13 +221,13 @@ class OneMachine(Case):
     def test_a_second_site_of_a_name_waits_until_the_first_is_released(self):
         alone = self.start("A", self.path("A", None), 60)
         killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 60)
-        self.wait_for("A", "site B: its hand is felt")
+        self.wait_for("A", "site B: its hand is connected")
         another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 60, site="B")
         self.wait_for("C", "another site has the same name")
         time.sleep(0.5)
-        before = self.said("A").count("site B: its hand is felt")
+        before = self.said("A").count("site B: its hand is connected")
         killed.send_signal(signal.SIGKILL)
-        self.wait_for("A", "site B: its hand is felt", times=before + 1)
+        self.wait_for("A", "site B: its hand is connected", times=before + 1)
         time.sleep(1.0)
         for one in (alone, another):
             one.send_signal(signal.SIGINT)
@@ -244,7 +244,7 @@ class OneMachine(Case):
         his = self.path("B", lambda t: (0.205, 0, 0))
         alone = self.start("A", mine, 60)
         killed = self.start("B", his, 60)
-        self.wait_for("A", "site B: its hand is felt")
+        self.wait_for("A", "site B: its hand is connected")
         time.sleep(1.0)
         killed.send_signal(signal.SIGKILL)
         gone = time.monotonic()
@@ -322,8 +322,8 @@ class OneMachine(Case):
         keys = {"A": "ours/A", "B": "ours/B", "C": "theirs/C"}
         with Wire() as wire:
             secured = [self.start(name, hands[name], 60, "--site-keys", self.dir / keys[name]) for name in keys]
-            self.wait_for("A", "site B: its hand is felt")
-            self.wait_for("B", "site A: its hand is felt")
+            self.wait_for("A", "site B: its hand is connected")
+            self.wait_for("B", "site A: its hand is connected")
             time.sleep(1.0)
             secret = wire.heard()
             for one in [self.start(name, hands[name], 2) for name in "DE"]:
@@ -376,7 +376,7 @@ class OneMachine(Case):
         alone.send_signal(signal.SIGINT)
         alone.wait(timeout=30)
         for first, count in ((0, 7), (10, 9), (100, 40), (200, 40)):
-            felt = sum(f"site Z{n}: its hand is felt" in self.said("A") for n in range(first, first + count))
+            felt = sum(f"site Z{n}: its hand is connected" in self.said("A") for n in range(first, first + count))
             self.assertEqual(felt, 7, f"{first}: {self.said('A')}")
         self.assertEqual(self.said("A").count(full), 1)
         self.assertLessEqual(len(json.loads((self.dir / "A.json").read_text())["sites"]), 4 * 7)
@@ -464,8 +464,8 @@ class Edits(Case):
     def test_an_edit_reaches_others_and_late_joiners_after_its_author_is_gone(self):
         killed = self.site("A", 60, "--watch")
         other = self.site("B", 60)
-        self.wait_for("B", "site A: its hand is felt")
-        self.wait_for("A", "site B: its hand is felt")
+        self.wait_for("B", "site A: its hand is connected")
+        self.wait_for("A", "site B: its hand is connected")
         self.write("A", (2, 1, 1))
         begin = time.monotonic()
         self.wait_for("A", "has changed: the new scene is active")
@@ -500,8 +500,8 @@ class Edits(Case):
 
     def test_simultaneous_edits_converge(self):
         both = [self.site(name, 60, "--watch") for name in "AB"]
-        self.wait_for("A", "site B: its hand is felt")
-        self.wait_for("B", "site A: its hand is felt")
+        self.wait_for("A", "site B: its hand is connected")
+        self.wait_for("B", "site A: its hand is connected")
         # Each site edits one mode of its own; both edit one mode.
         self.write("A", (2, 1, 1.5))
         self.write("B", (1, 2, 2.5))
@@ -521,7 +521,7 @@ class Edits(Case):
         sites = [self.site("A", 60, "--watch", strengths=(1, 1, 2)), self.site("B", 60),
                  self.site("C", 60, "--own-scene", "--watch")]
         for name in "AB":
-            self.wait_for(name, "site C: its hand is felt")
+            self.wait_for(name, "site C: its hand is connected")
         self.wait_for("B", "site A: its scene differs from this site's scene: mode \"z\"")
         more = {"tumour": {"file": "A-s.vdb", "grid": "bowl"},
                 "modes": [{"mode": "isosurface", "of": "tumour", "value": 0, "strength": 1,
@@ -608,7 +608,7 @@ class Far(Case):
         self.addCleanup(relay.kill)
         if act:
             # Without networks of its own the relay ends at once.
-            while relay.poll() is None and self.said("relay").count(": its hand is felt") < 2:
+            while relay.poll() is None and self.said("relay").count(": its hand is connected") < 2:
                 time.sleep(0.01)
             act(relay)
         relay.wait(timeout=100)
@@ -654,7 +654,7 @@ class Far(Case):
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
         said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch"),
                             self.words("B", hands[1], 6, "--with", "10.77.0.1"), act=act)
-        self.assertIn("site A: its hand is felt", said)
+        self.assertIn("site A: its hand is connected", said)
         self.assertIn("has changed: the new scene is active", said)
         self.assertNotIn("its edit", said)
 

@@ -159,7 +159,7 @@ TEST_CASE("a dark ball gets a surface that is solid below its value", "[guess]")
   CHECK(mode["solid"] == "below");
 }
 
-TEST_CASE("a blurred ball has the same surface", "[guess]") {
+TEST_CASE("a blurred ball's isovalue stays halfway between inside and outside", "[guess]") {
   const double width = GENERATE(0.5, 1.0, 2.0);
   CAPTURE(width);
   const Json scene = suggested({scalar([width](const Vec3d& p) {
@@ -426,7 +426,8 @@ TEST_CASE("only a flow with vorticity gets a viscosity by its curl", "[guess]") 
   CHECK(modesOf(straining, "viscosity").empty());
 }
 
-TEST_CASE("a flow of one speed has no force only where it stands still", "[guess]") {
+TEST_CASE("a flow of one speed has no force where it stands still, and a force where it moves",
+          "[guess]") {
   const Json follow = only(suggested({vector([](const Vec3d& p) {
                              if (p.z() > 8.0) return Vec3f(0.0F);
                              const Vec3d v(-p.y(), p.x(), 0.0);

@@ -383,7 +383,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     if (tank.energy() > 0.0) {
       result.spare = std::min(result.spare, energy + tank.debt() - tank.energy());
     }
-    // Without doubt in the delay no number is drawn, so that runs are the same in all versions.
+    // If the delay is certain, no number is drawn, so that runs are the same in all versions.
     double off = 0.0;
     if (run.doubt > 0.0) {
       off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);

@@ -40,7 +40,7 @@ struct PassivityRun {
   int away = 0;           ///< up to this many ticks later; until the reset, zero is sent.
   int every = 1;          ///< A new position comes once in this number of ticks.
   bool tells_age = true;  ///< In all other ticks, the position is reported as old.
-  /// The tank knows the doubt in the delay and the jitter of the readings.
+  /// The tank knows the uncertainty of the delay and the jitter of the readings.
   bool tells_doubt = true;
   double late = 0.0;            ///< Share of ticks that come late, by up to ten periods.
   double delay = 0.0;           ///< [s]
@@ -75,8 +75,8 @@ struct PassivityRun {
 
 /// Gives the run an amplifier whose lag is 0.03 to 3 periods.
 void letLag(PassivityRun& run);
-/// Gives the run a delay with a doubt of 0.03 to 3 periods. Half of the runs also get amplifiers
-/// with a lag.
+/// Gives the run a delay that is uncertain by plus or minus 0.03 to 3 periods. In half of the runs
+/// the amplifiers also lag by 0.2 periods.
 void doubtDelay(PassivityRun& run);
 /// Gives the run positions that are up to a period old.
 void shakeReadings(PassivityRun& run);
@@ -119,7 +119,7 @@ struct PassivityTally {
 
 /// Searches for the worst run. The search starts from a random run and changes it in each
 /// step, from the run in which the tank had the least to spare. Simulates `plays` runs of 0.2 s.
-/// The search also changes the delay's doubt, lag, jitter and resets of the tank.
+/// The search also changes the delay's uncertainty, lag, jitter and resets of the tank.
 ///
 /// @param at_once  Keeps delay, doubt, lag and the readings' jitter at 0: a position is then known
 ///                 as soon as it was read.

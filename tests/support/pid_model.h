@@ -55,7 +55,7 @@ class PidModel {
   [[nodiscard]] const std::vector<std::byte>& descriptor() const { return descriptor_; }
   [[nodiscard]] int full() const { return shape_.rhino ? 4096 : 32767; }
 
-  /// Takes an output report, with its number first.
+  /// Processes an output report; its first byte is the report's number.
   void output(std::span<const std::byte> report, double now) {
     if (report.empty()) return;
     ++outputs_;

@@ -272,7 +272,7 @@ class Way {
   long overtaken_ = 0;
 };
 
-/// Takes over all packets that have come.
+/// Moves all waiting packets from `tun` to `way`.
 void drain(int tun, Way& way, Clock::time_point now) {
   std::array<char, 1U << 16U> packet{};
   while (true) {

@@ -158,7 +158,7 @@ using Hands = std::vector<std::unique_ptr<Hand>>;
 /// Data that are loaded during a run: bricks near the hands, and frames ahead of the playback.
 class Fetched {
  public:
-  /// Takes the brick windows and the sequences of a new scene.
+  /// Stores the brick windows and the sequences of a new scene.
   void now(const BuiltScene& built) {
     windows_ = built.windows;
     sequences_ = built.sequences;

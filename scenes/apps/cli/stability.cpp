@@ -123,8 +123,8 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   return setup;
 }
 
-/// Takes the parameters of an arm that has passed `palpate devices --test`. Options that the user
-/// has given take precedence.
+/// Copies to `options` the parameters of an arm that has passed `palpate devices --test`. Options
+/// that the user has given take precedence.
 void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {

@@ -57,7 +57,7 @@ class Watcher {
     shared_.emplace(site, text);
     source_ = file;
   }
-  /// Takes an edit from another site. Call share() before.
+  /// Merges the scene text of another site, and prints the lines for the user. Call share() before.
   void hear(const std::string& site, const std::string& text);
   /// Returns the text of the scene for other sites, once after each change; otherwise no value.
   [[nodiscard]] std::optional<std::string> takeTold() {
@@ -143,7 +143,7 @@ class Watcher {
   std::uint64_t trying_ = 0;   ///< LiveWishes::dialled of tried_.
   std::uint64_t refused_ = 0;
   bool read_ = false;    ///< True if the build reads the scene file again.
-  bool edited_ = false;  ///< True if the build takes over edits of other sites.
+  bool edited_ = false;  ///< True if the build includes edits of other sites.
   std::optional<SharedScene> shared_;
   std::string source_;  ///< The scene file. Differs from `file_` if `file_` is a recording.
   std::set<std::string> refused_edits_;  ///< Rejected edits that were already reported.

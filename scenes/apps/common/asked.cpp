@@ -9,7 +9,7 @@ namespace {
 constexpr double kFarthest = 10.0;  ///< Greatest magnitude of a coordinate of the hand [m].
 constexpr double kFollow = 0.02;    ///< Time constant with which the hand follows the mouse [s].
 /// Greatest speed of the hand that follows the mouse [m/s]. The simulated arm moves up to a third
-/// faster than its hand, so it stays below 3 m/s, above which the loop brakes an arm.
+/// faster than its hand, so the arm stays below 3 m/s, above which the loop brakes an arm.
 constexpr double kFastest = 2.0;
 
 }  // namespace

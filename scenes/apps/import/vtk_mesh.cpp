@@ -446,7 +446,8 @@ class MeshResampler {
     }
     grid->setTransform(transform_->copy());
     takeRange(*grid, one.made);
-    // Beside voxels without data, interpolation reads the background, so it gets a typical value.
+    // Interpolation beside voxels without data reads the background, so the background gets a
+    // typical value.
     if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
       one.made.background = edgeValue(*grid);
       openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));

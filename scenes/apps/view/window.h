@@ -85,12 +85,14 @@ class ViewWindow {
   void fillPanel();
   /// Returns the notes for the panel: about the picture, or a message.
   [[nodiscard]] std::vector<std::string> notes() const;
-  void layOut();                        ///< Divides the window into picture and panel.
-  void furnish();                       ///< Adds all shapes to their renderers.
-  void follow(const LiveScene& modes);  ///< Takes the modes of a new scene of the loop.
-  void drawSlices();                    ///< Draws slices and streamlines through the proxy.
-  void slice();  ///< Selects the next volume for the slices; after the last one, none.
-  void wish();   ///< Sends the user's requests to the loop.
+  void layOut();   ///< Divides the window into picture and panel.
+  void furnish();  ///< Adds all shapes to their renderers.
+  /// Shows the modes of the loop's new scene; keeps the requested gains of modes that both scenes
+  /// have.
+  void follow(const LiveScene& modes);
+  void drawSlices();  ///< Draws slices and streamlines through the proxy.
+  void slice();       ///< Selects the next volume for the slices; clears them after the last one.
+  void wish();        ///< Sends the user's requests to the loop.
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;

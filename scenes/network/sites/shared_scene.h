@@ -79,10 +79,11 @@ class SharedScene {
 
   /// Merges the text of another site; returns lines for the user.
   [[nodiscard]] std::vector<std::string> hear(const std::string& from, const std::string& text);
-  /// Takes the file's new text. Its differences are an edit of this site, later than all known
-  /// edits. Throws Error if the edit cannot be sent, and then leaves this object unchanged.
+  /// Compares the file's new text with the last one. The differences are an edit of this site,
+  /// later than all known edits. Throws Error if the edit cannot be sent, and then leaves this
+  /// object unchanged.
   void edit(const std::string& text);
-  /// Takes the state of a copy of this object, and keeps edits that arrived since the copy.
+  /// Adopts the state of `copy`, but keeps edits that arrived since it was made.
   void settle(const SharedScene& copy);
   /// Returns true, once, if edits arrived that felt() does not include yet.
   [[nodiscard]] bool takeNews() noexcept { return std::exchange(news_, false); }

@@ -181,7 +181,7 @@ class DdsSite final : public Site {
   std::vector<std::string> takeNews() override {
     const std::lock_guard lock(mutex_);
     if (std::exchange(failed_, false)) {
-      news_.emplace_back("site: it stopped for lack of memory: hands of other sites let go");
+      news_.emplace_back("site: the connection to other sites ended for lack of memory");
     }
     if (const std::string line = Complaints::take(); !line.empty()) {
       news_.push_back(fmt::format("site: DDS: {}; further messages of DDS are not shown", line));
@@ -343,8 +343,8 @@ class DdsSite final : public Site {
       const std::chrono::duration<double> since(now - other.last);
       if (!other.state.here || since.count() < kLinkSilence) continue;
       other.state.here = false;
-      say(fmt::format("site {}: no message for {} s: its hand lets go until the next message", name,
-                      kLinkSilence));
+      say(fmt::format("site {}: no message for {} s: its spring fades out until the next message",
+                      name, kLinkSilence));
     }
     if (count > 0) links_.hear(heard_);
   }
@@ -390,9 +390,9 @@ class DdsSite final : public Site {
     if (others_.find(name) == others_.end() && !makeRoom()) return;
     Other& other = others_[name];
     SiteState& state = other.state;
-    // Another program with this name is a new site, for any message numbers. It is accepted once
-    // the previous program is silent and its link has let go; until then it is ignored. The same is
-    // true for a program that DDS has lost and found again.
+    // Another program with this name is a new site, for any message numbers. The new site is
+    // accepted once the previous program is silent and its spring has faded out; until then its
+    // messages are ignored. The same is true for a program that DDS has lost and found again.
     if (other.slot != kMostLinks && writer != other.writer) {
       if (state.here || state.presence > 0.0) return;
       letGo(other);
@@ -414,7 +414,7 @@ class DdsSite final : public Site {
     other.gone = false;
     if (!state.here) {
       state.here = true;
-      say(fmt::format("site {}: its hand is felt", name));
+      say(fmt::format("site {}: its hand is connected", name));
     }
     LinkWord word;
     word.number = hand.number;
