@@ -61,6 +61,7 @@ class BrickLevelSource {
 
     [[nodiscard]] const Rows<float, 4>& rows() const noexcept { return rows_; }
     [[nodiscard]] std::uint64_t active() const noexcept { return cell_.active; }
+    [[nodiscard]] std::uint64_t allActive() const noexcept { return cell_.active; }
 
    private:
     BrickWindow::Cell cell_;
@@ -68,9 +69,17 @@ class BrickLevelSource {
   };
 
   BrickLevelSource(const BrickWindow& window, std::int32_t level)
-      : window_(&window), level_(level) {}
+      : window_(&window), level_(level) {
+    // Voxel I of a level consists of the voxels 2 I and 2 I + 1 of the finer level.
+    const auto& [lower, upper] = window.manifest().extent();
+    for (std::size_t a = 0; a < 3; ++a) {
+      ends_.lower[a] = lower[a] >> level;
+      ends_.upper[a] = upper[a] >> level;
+    }
+  }
 
   [[nodiscard]] static Cache cache() noexcept { return {}; }
+  [[nodiscard]] const DataEnds& ends() const noexcept { return ends_; }
   [[nodiscard]] double background(int c) const noexcept {
     return window_->manifest().background()[static_cast<std::size_t>(c)];
   }
@@ -78,6 +87,7 @@ class BrickLevelSource {
  private:
   const BrickWindow* window_;
   std::int32_t level_;
+  DataEnds ends_;
 };
 
 FieldFrame frameOf(const BrickManifest& manifest, const Placement& placement, double slope_reach) {

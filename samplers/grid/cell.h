@@ -131,7 +131,8 @@ class Trilinear {
 };
 
 /// Kernel for vectors with C components. The value is trilinear; the derivatives are trilinearly
-/// interpolated central differences, and continuous.
+/// interpolated central differences, and continuous. At the end of the data (loadKnown), the
+/// difference of a voxel is one-sided; the derivatives of voxels without data are zero.
 template <int C>
 class TrilinearKernel {
  public:
@@ -167,6 +168,41 @@ class TrilinearKernel {
           at[kC + c][n + k] = half(rows(i - 1, j)[m], rows(i + 1, j)[m]);
           at[2 * kC + c][n + k] = half(rows(i, j - 1)[m], rows(i, j + 1)[m]);
           at[3 * kC + c][n + k] = half(rows(i, j)[m - kC], rows(i, j)[m + kC]);
+        }
+      }
+    }
+    turn(at);
+    rows_.load(at);
+  }
+
+  /// Like load(), but takes differences only between voxels with data. `known` has their bits.
+  template <class Number, class Turn>
+  [[gnu::noinline]] void loadKnown(const Rows<Number, kWidth>& rows, std::uint64_t known,
+                                   Turn turn) noexcept {
+    using Voxel = std::array<int, 3>;
+    const auto isKnown = [known](const Voxel& v) {
+      return (known >> bitOf<kWidth>(v[0], v[1], v[2]) & 1U) != 0;
+    };
+    const auto numberAt = [&rows](const Voxel& v, std::size_t c) {
+      const Number* row = rows(static_cast<std::size_t>(v[0]), static_cast<std::size_t>(v[1]));
+      return static_cast<double>(row[static_cast<std::size_t>(v[2]) * kC + c]);
+    };
+    std::array<std::array<double, 8>, 4 * kC> at;
+    for (std::size_t n = 0; n < 8; ++n) {
+      const auto bits = static_cast<int>(n);
+      const Voxel here{1 + bits / 4, 1 + bits / 2 % 2, 1 + bits % 2};
+      for (std::size_t c = 0; c < kC; ++c) at[c][n] = numberAt(here, c);
+      for (std::size_t a = 0; a < 3; ++a) {
+        Voxel low = here;
+        Voxel high = here;
+        --low[a];
+        ++high[a];
+        if (!isKnown(low)) low = here;
+        if (!isKnown(high)) high = here;
+        const int steps = isKnown(here) ? high[a] - low[a] : 0;
+        const double scale = steps == 0 ? 0.0 : 1.0 / steps;
+        for (std::size_t c = 0; c < kC; ++c) {
+          at[(1 + a) * kC + c][n] = scale * (numberAt(high, c) - numberAt(low, c));
         }
       }
     }

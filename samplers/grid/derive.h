@@ -14,8 +14,10 @@ namespace palpate {
 ///
 /// Derivatives are central differences at the voxels, mapped by the grid's transform, per unit of
 /// the file. makeVdbField interpolates the same differences. Active states are kept. Inactive
-/// voxels and the background are 0. Neighbours are read as they are stored, so at the border of the
-/// active voxels a derivative is a difference to the background. Active tiles stay tiles, except
+/// voxels and the background are 0. Neighbours are read as they are stored. Where the data of a
+/// vector end (data_ends.h), its derivative is a one-sided difference: the data do not say what is
+/// beyond. The gradient of a scalar is a difference to the background there. Active tiles stay
+/// tiles, except
 /// that voxels at their faces become leaves. For tiles of more than 128 voxels along an edge, the
 /// derivative at their own faces is left out. The interpolated result differs from a property that
 /// is derived from interpolated values; docs/decisions/0017 states by how much.

@@ -81,19 +81,22 @@ Value derived(Derivation what, const Vec3& v, const Mat3& J) noexcept {
 }
 
 /// A leaf of a tree, and its six neighbours across its faces. A tile may be in place of a
-/// neighbour.
+/// neighbour. Differences are taken between voxels with data only.
 template <class TreeT>
 class Neighbourhood {
   using Leaf = typename TreeT::LeafNodeType;
   using Value = typename TreeT::ValueType;
 
  public:
-  Neighbourhood(const TreeT& tree, const Coord& origin) {
+  Neighbourhood(const TreeT& tree, const Coord& origin, const DataEnds& ends = {})
+      : origin_(origin), ends_(ends) {
     openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
     const auto look = [&](const Coord& at) -> Place {
       const Leaf* leaf = accessor.probeConstLeaf(at);
-      if (leaf != nullptr) return {leaf->buffer().data(), Value()};
-      return {nullptr, accessor.getValue(at)};
+      if (leaf != nullptr) return {leaf->buffer().data(), leaf, Value(), false};
+      Place tile;
+      tile.tile_active = accessor.probeValue(at, tile.tile);
+      return tile;
     };
     own_ = look(origin);
     for (int axis = 0; axis < 3; ++axis) {
@@ -109,17 +112,24 @@ class Neighbourhood {
   /// Returns the value of voxel n of the leaf.
   [[nodiscard]] Value value(int n) const noexcept { return own_.value(n); }
 
-  /// Returns half the difference of the two neighbours of voxel n along an axis. This is the
-  /// central difference, a derivative by index.
+  /// Returns the derivative at voxel n by the index along an axis. It is half the difference of the
+  /// two neighbours, the difference to one of them where the other has no data, or 0.
   [[nodiscard]] auto slope(int n, int axis) const noexcept {
     const int shift = 6 - 3 * axis;
     const int step = 1 << shift;
     const int at = (n >> shift) & (kSize - 1);
     const auto a = static_cast<std::size_t>(axis);
-    const Value low = at > 0 ? own_.value(n - step) : below_[a].value(n + 7 * step);
-    const Value high = at < 7 ? own_.value(n + step) : above_[a].value(n - 7 * step);
-    using Number = decltype(toEngine(low));
-    return Number(0.5 * (toEngine(high) - toEngine(low)));
+    const Place& below = at > 0 ? own_ : below_[a];
+    const Place& above = at < 7 ? own_ : above_[a];
+    const int n_below = at > 0 ? n - step : n + 7 * step;
+    const int n_above = at < 7 ? n + step : n - 7 * step;
+    const int here = origin_[axis] + at;
+    const bool low = here > ends_.lower[a] && (!ends_.active_only || below.active(n_below));
+    const bool high = here < ends_.upper[a] && (!ends_.active_only || above.active(n_above));
+    using Number = decltype(toEngine(Value()));
+    const Number from = toEngine(low ? below.value(n_below) : own_.value(n));
+    const Number to = toEngine(high ? above.value(n_above) : own_.value(n));
+    return Number((low && high ? 0.5 : 1.0) * (to - from));
   }
 
  private:
@@ -128,9 +138,16 @@ class Neighbourhood {
 
   struct Place {
     const Value* data = nullptr;
+    const Leaf* leaf = nullptr;
     Value tile{};
+    bool tile_active = false;
     [[nodiscard]] Value value(int n) const noexcept { return data != nullptr ? data[n] : tile; }
+    [[nodiscard]] bool active(int n) const noexcept {
+      return leaf != nullptr ? leaf->isValueOn(static_cast<openvdb::Index>(n)) : tile_active;
+    }
   };
+  Coord origin_;
+  DataEnds ends_;
   Place own_;
   std::array<Place, 3> below_;
   std::array<Place, 3> above_;
@@ -159,11 +176,12 @@ typename OutGrid::Ptr sameVoxels(const InGrid& in, Tiles tiles, Rule rule) {
 
 /// Derives a property of a vector grid whose vectors are in the file's world space.
 template <class OutGrid, class InGrid>
-typename OutGrid::Ptr ofVector(const InGrid& in, const Mat3& index_from_file, Derivation what) {
+typename OutGrid::Ptr ofVector(const InGrid& in, const Volume::Grid::Part& part, Derivation what) {
+  const Mat3 index_from_file = part.linear.inverse();
   using Out = typename OutGrid::ValueType;
   const bool slopes = kindOf(what).of_volume;
   auto out = sameVoxels<OutGrid>(in, slopes ? Tiles::kOpened : Tiles::kKept, [&](auto& leaf) {
-    const Neighbourhood<typename InGrid::TreeType> about(in.tree(), leaf.origin());
+    const Neighbourhood<typename InGrid::TreeType> about(in.tree(), leaf.origin(), part.ends);
     for (auto voxel = leaf.beginValueOn(); voxel; ++voxel) {
       const int n = static_cast<int>(voxel.pos());
       Mat3 J = Mat3::Zero();
@@ -232,12 +250,11 @@ openvdb::GridBase::Ptr derivedGrid(const std::shared_ptr<const Volume>& volume, 
   using Scalars = ScalarGrid<Real>;
   using Vectors = VectorGrid<Real>;
   const Volume::Grid::Part& part = volume->grid().parts.front();
-  const Mat3 index_from_file = part.linear.inverse();
   if constexpr (kIsVector<Value>) {
-    if (kindOf(what).vector) return ofVector<Vectors>(grid, index_from_file, what);
-    return ofVector<Scalars>(grid, index_from_file, what);
+    if (kindOf(what).vector) return ofVector<Vectors>(grid, part, what);
+    return ofVector<Scalars>(grid, part, what);
   } else {
-    if (!volume->info().vector) return gradientOf<Vectors>(grid, index_from_file);
+    if (!volume->info().vector) return gradientOf<Vectors>(grid, part.linear.inverse());
     if (kindOf(what).vector) return ofComponents<Vectors>(volume, grid, part, what);
     return ofComponents<Scalars>(volume, grid, part, what);
   }

@@ -121,16 +121,30 @@ class LeafBlock {
     std::uint64_t bits = 0;
     forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
       if (W == 4 && (atRim(i) || atRim(j))) return;
-      const std::size_t n = leafOf(i, j);
-      const std::size_t row = rowOf(i, j);
-      const std::uint64_t here = leaves_[n].active(row) | leaves_[n + two_].active(row) << 8;
-      bits |= (here >> z_ & ((1U << W) - 1)) << (i * kW + j) * kW;
+      bits |= activeRow(i, j);
+    });
+    return bits;
+  }
+  /// Returns the active states of all voxels. If Edges is false, omits rows at the rim of the block
+  /// along two axes.
+  [[nodiscard]] std::uint64_t allActive() const noexcept {
+    std::uint64_t bits = 0;
+    forRows([&](std::size_t i, std::size_t j) {
+      if (Edges || !atRim(i) || !atRim(j)) bits |= activeRow(i, j);
     });
     return bits;
   }
 
  private:
   static constexpr std::size_t kW = W;
+  /// Returns the active states of a row's voxels, as bits of the block's mask.
+  [[nodiscard, gnu::always_inline]] std::uint64_t activeRow(std::size_t i,
+                                                            std::size_t j) const noexcept {
+    const std::size_t n = leafOf(i, j);
+    const std::size_t row = rowOf(i, j);
+    const std::uint64_t here = leaves_[n].active(row) | leaves_[n + two_].active(row) << 8;
+    return (here >> z_ & ((1U << W) - 1)) << (i * kW + j) * kW;
+  }
   /// Calls f(i, j) for each row. The calls are unrolled here, because the compiler would keep a
   /// loop, which takes a tenth more time.
   template <class F>
@@ -186,12 +200,14 @@ class GridSource {
   };
 
   GridSource(const Volume& volume, std::size_t part, Interpolation interpolation)
-      : grid_(std::get<typename GridT::ConstPtr>(gridFor(volume, part, interpolation))) {}
+      : grid_(std::get<typename GridT::ConstPtr>(gridFor(volume, part, interpolation))),
+        ends_(volume.grid().parts[part].ends) {}
 
   [[nodiscard]] Cache cache() const noexcept { return {Accessor(grid_->tree())}; }
   [[nodiscard]] double background(int c) const noexcept {
     return componentOf(grid_->background(), c);
   }
+  [[nodiscard]] const DataEnds& ends() const noexcept { return ends_; }
   [[nodiscard]] GridData data() const { return grid_; }
 
  private:
@@ -203,6 +219,7 @@ class GridSource {
   }
 
   typename GridT::ConstPtr grid_;
+  DataEnds ends_;
 };
 
 /// Reads one part of a volume through a kernel.
@@ -361,6 +378,15 @@ class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
       const bool inside = this->readers()[c].read(p_W, caches[c], row);
       const auto r = static_cast<Eigen::Index>(c);
       v[r] = row[0];
+      if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
+        // Where the data end, the derivative is that of the nearest place among them.
+        Vec3 q_W = p_W;
+        const double weight = this->readers()[c].towardData(q_W);
+        if (q_W != p_W) {
+          (void)this->readers()[c].read(q_W, caches[c], row);
+          for (std::size_t a = 1; a < 4; ++a) row[a] *= weight;
+        }
+      }
       for (Eigen::Index a = 0; a < 3; ++a) J(r, a) = row[static_cast<std::size_t>(a) + 1];
       out.inside = out.inside && inside;
     }

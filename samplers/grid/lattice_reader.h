@@ -18,7 +18,9 @@
 #include <Eigen/LU>
 
 #include "palpate/engine/field/trace_cells.h"
+#include "palpate/samplers/grid/band_cell.h"
 #include "palpate/samplers/grid/cell.h"
+#include "palpate/samplers/grid/data_ends.h"
 #include "palpate/samplers/grid/free_map.h"
 #include "palpate/samplers/grid/vdb_field.h"
 
@@ -129,12 +131,15 @@ struct IndexMap {
 ///
 /// A Source provides the voxels. `Source::Cache` is the state that its readings change.
 /// `Source::Block<W, Edges>` is constructed from a Source, its cache and the lowest corner. Its
-/// functions rows() and active() return the W^3 voxels. `Source::cache()` returns an empty cache,
-/// and `Source::background(c)` the background of component c.
+/// functions rows() and active() return the W^3 voxels, and allActive() also the active states of
+/// voxels that cannot be corners. `Source::cache()` returns an empty cache, `Source::background(c)`
+/// the background of component c, and `Source::ends()` the voxels with data.
 template <class Source, class Kernel>
 class LatticeReader {
   static constexpr int kComponents = static_cast<int>(std::tuple_size_v<typename Kernel::Row>) / 4;
   static constexpr int kWidth = Kernel::kWidth;
+  /// True if the derivatives regard where the data end.
+  static constexpr bool kEnds = std::is_same_v<Kernel, TrilinearKernel<3>>;
 
  public:
   using Row = typename Kernel::Row;
@@ -149,7 +154,8 @@ class LatticeReader {
     explicit Cache(typename Source::Cache of) : source(std::move(of)) {}
   };
 
-  /// @param all_corners  If true, a cell has data if all its corners are active. This is for level
+  /// @param all_corners  If true, a cell has data if all its corners are active, or if one is
+  ///                     active and the cell holds the surface (band_cell.h). This is for level
   ///                     sets, whose values are distances only within the band. If false, one
   ///                     active corner is enough.
   /// @param reach  Reach of the slopes of a trilinear scalar, see Sampling::slope_reach.
@@ -157,6 +163,7 @@ class LatticeReader {
                 bool all_corners, bool axial, double reach)
       : source_(std::move(source)),
         map_(map),
+        ends_(source_.ends()),
         free_(std::move(free)),
         voxel_(1.0 / map_.index_from_world.rowwise().norm().maxCoeff()),
         reach_(reach),
@@ -184,6 +191,25 @@ class LatticeReader {
     }
     if constexpr (!Kernel::kBlendsRows) turn(row);
     return insideAt(t, cache.active);
+  }
+
+  /// Moves p_W to the nearest place at which the slope of a trilinear scalar uses only voxels with
+  /// data. Returns the weight of that slope: 1 among the voxels with data, falling to 0 at a
+  /// distance of one voxel from the last of them, where the value reaches the background.
+  [[nodiscard]] double towardData(Vec3& p_W) const noexcept {
+    const Vec3 p_I = map_(p_W);
+    Vec3 to = p_I;
+    double weight = 1.0;
+    for (Eigen::Index a = 0; a < 3; ++a) {
+      const double lower = ends_.lower[static_cast<std::size_t>(a)];
+      const double upper = ends_.upper[static_cast<std::size_t>(a)];
+      const double middle = 0.5 * (lower + upper);
+      to[a] =
+          std::clamp(p_I[a], std::min(lower + reach_, middle), std::max(upper - reach_, middle));
+      weight *= std::clamp(1.0 - std::max(lower - p_I[a], p_I[a] - upper), 0.0, 1.0);
+    }
+    if (to != p_I) p_W = times(map_.world_from_index, to - map_.origin_I);
+    return weight;
   }
 
   /// See ScalarField::freeWithin.
@@ -426,8 +452,15 @@ class LatticeReader {
     const typename Source::template Block<kWidth, Kernel::kNeedsEdges> block(
         source_, cache.source, {i - kBefore, j - kBefore, k - kBefore});
     const auto take = [&](const auto& rows) __attribute__((always_inline)) {
-      cache.kernel.load(
-          rows, [&](auto& corners) __attribute__((always_inline)) { turn(corners); });
+      const auto turned = [&](auto& corners) __attribute__((always_inline)) {
+        turn(corners);
+      };
+      if constexpr (kEnds) {
+        const bool within = !ends_.active_only && ends_.contains({i, j, k}, 2);
+        const std::uint64_t known = within ? kAll : knownAbout({i, j, k}, block);
+        if (known != kAll) return cache.kernel.loadKnown(rows, known, turned);
+      }
+      cache.kernel.load(rows, turned);
     };
     if (!axial_) {
       take(block.rows());
@@ -435,11 +468,48 @@ class LatticeReader {
       take(Aligned(block.rows()).rows());  // no other kernel is axial
     }
     cache.active = block.active();
+    if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
+      constexpr std::uint64_t kCell = cellBits<kWidth>() << bitOf<kWidth>(1, 1, 1);
+      const std::uint64_t here = cache.active & kCell;
+      if (all_corners_ && here != kCell && here != 0 && surfaceIn(block.rows())) {
+        cache.active |= kCell;
+      }
+    }
     cache.cell = {i, j, k};
   }
 
-  /// Returns true if the cell at t has data. In a level set all eight voxels must be active, in
-  /// other grids at least one.
+  static constexpr std::uint64_t kAll = ~std::uint64_t{0};
+
+  /// Returns the bits of the voxels with data in the block around a cell. Voxels at the block's
+  /// edges, which no difference reads, count as voxels with data.
+  template <class Block>
+  [[nodiscard, gnu::noinline]] std::uint64_t knownAbout(const std::array<int, 3>& cell,
+                                                        const Block& block) const noexcept {
+    std::uint64_t bits = ends_.active_only ? block.allActive() : kAll;
+    for (int n = 0; n < 64; ++n) {
+      const std::array<int, 3> at{n / 16, n / 4 % 4, n % 4};
+      const auto rim = std::count_if(at.begin(), at.end(), [](int i) { return i % 3 == 0; });
+      const std::array<int, 3> voxel{cell[0] + at[0] - 1, cell[1] + at[1] - 1, cell[2] + at[2] - 1};
+      if (rim > 1) {
+        bits |= std::uint64_t{1} << n;
+      } else if (!ends_.contains(voxel)) {
+        bits &= ~(std::uint64_t{1} << n);
+      }
+    }
+    return bits;
+  }
+
+  /// Returns true if the cell in the middle of a block holds the surface of a level set. Few cells
+  /// need this test: those at the edge of the band.
+  template <class Number>
+  [[nodiscard, gnu::noinline]] bool surfaceIn(const Rows<Number, 4>& rows) const noexcept {
+    std::array<Number, 8> at;
+    for (std::size_t n = 0; n < 8; ++n) at[n] = rows(1 + n / 4, 1 + n / 2 % 2)[1 + n % 2];
+    return holdsSurface(at, background_[0]);
+  }
+
+  /// Returns true if the cell at t has data: if all eight voxels of a level set are active, or at
+  /// least one of another grid. load() marks all voxels of a cell that holds a surface.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
                                                   std::uint64_t active) const noexcept {
     if constexpr (kWidth == 1) {
@@ -459,6 +529,7 @@ class LatticeReader {
 
   Source source_;
   IndexMap map_;
+  DataEnds ends_;
   std::shared_ptr<const FreeMap> free_;
   /// Length below which a path is shorter than one step along every index axis [m].
   double voxel_;

@@ -1,5 +1,7 @@
 #include "palpate/samplers/grid/open_cells.h"
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <type_traits>
 #include <variant>
@@ -9,6 +11,8 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
+#include "palpate/samplers/grid/band_cell.h"
+#include "palpate/samplers/grid/cells_at.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/tile_blocks.h"
 #include "palpate/samplers/grid/volume_grid.h"
@@ -20,9 +24,10 @@ using openvdb::Coord;
 
 constexpr int kLeaf = 8;
 
-/// The number of open cells found, and the first of them. The result does not depend on the order
-/// of threads.
+/// The numbers of surface cells and of open cells found, and the first open cell. The result does
+/// not depend on the order of threads.
 struct Tally {
+  std::uint64_t surface = 0;
   std::uint64_t count = 0;
   Coord first;
 
@@ -43,44 +48,71 @@ std::vector<Coord> blocksOf(const TreeT& tree) {
   return out;
 }
 
-/// Returns the offset of corner n of a cell from the cell's lowest corner.
-inline Coord corner(int n) noexcept {
-  return {n >> 2, (n >> 1) & 1, n & 1};
-}
-
-/// Finds open cells. Each thread has its own object.
+/// Finds surface cells and open cells. Each thread has its own object.
 template <class TreeT>
 class Finder {
  public:
   Finder(const TreeT& tree, double level, double sign)
-      : accessor_(tree), level_(level), sign_(sign) {}
+      : accessor_(tree), background_(tree.background()), level_(level), sign_(sign) {}
 
-  /// Counts the open cells of which this voxel is the first active corner. So each open cell is
-  /// counted once.
-  void countAt(const Coord& voxel, Tally& tally) const noexcept {
+  /// Counts the surface cells of which this voxel is the first active corner, and the open cells
+  /// into which the surface goes on from them.
+  void countAt(const Coord& voxel, Tally& tally) const {
     if (!accessor_.isValueOn(voxel)) return;
-    for (int n = 0; n < 8; ++n) {
-      const Coord low = voxel - corner(n);
-      if (isOpen(low, n)) tally.add(low, 1);
-    }
+    detail::eachCellAt(accessor_, voxel, [&](const Coord& low, const Values& values, int active) {
+      if (!crosses(values)) return;
+      ++tally.surface;
+      if (active == 8) return;
+      if (!detail::holdsSurface(values, background_)) return tally.add(low, 1);
+      // Beyond this cell, there may be cells with the surface and without an active corner.
+      for (int n = 0; n < kAround; ++n) {
+        const Coord beyond = low + aside(n);
+        const Cell cell = cellAt(beyond);
+        if (cell.active > 0 || !crosses(cell.values) || firstBeside(beyond) != low) continue;
+        ++tally.surface;
+        tally.add(beyond, 1);
+      }
+    });
   }
 
  private:
-  /// Returns true if the cell is open and none of its corners before `first` is active.
-  [[nodiscard]] bool isOpen(const Coord& low, int first) const noexcept {
+  using Values = std::array<typename TreeT::ValueType, 8>;
+  struct Cell {
+    Values values{};
     int active = 0;
-    int free = 0;
+  };
+  /// Number of cells that share a corner with a cell, with the cell itself.
+  static constexpr int kAround = 27;
+
+  [[nodiscard]] static Coord aside(int n) noexcept { return {n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1}; }
+
+  [[nodiscard]] bool crosses(const Values& values) const noexcept {
+    const auto free = std::count_if(values.begin(), values.end(), [&](const auto& value) {
+      return sign_ * (static_cast<double>(value) - level_) >= 0.0;
+    });
+    return free > 0 && free < 8;
+  }
+  [[nodiscard]] Cell cellAt(const Coord& low) const noexcept {
+    Cell cell;
     for (int n = 0; n < 8; ++n) {
-      typename TreeT::ValueType value{};
-      const bool on = accessor_.probeValue(low + corner(n), value);
-      if (on && n < first) return false;
-      active += static_cast<int>(on);
-      free += static_cast<int>(sign_ * (static_cast<double>(value) - level_) >= 0.0);
+      auto& value = cell.values[static_cast<std::size_t>(n)];
+      cell.active += static_cast<int>(accessor_.probeValue(low + detail::cornerOf(n), value));
     }
-    return active < 8 && free > 0 && free < 8;
+    return cell;
+  }
+  /// Returns the first cell beside a cell from which countAt() reaches it.
+  [[nodiscard]] Coord firstBeside(const Coord& low) const noexcept {
+    for (int n = 0; n < kAround; ++n) {
+      const Cell cell = cellAt(low + aside(n));
+      const bool felt = cell.active > 0 && cell.active < 8 && crosses(cell.values) &&
+                        detail::holdsSurface(cell.values, background_);
+      if (felt) return low + aside(n);
+    }
+    return low;
   }
 
   openvdb::tree::ValueAccessor<const TreeT, false> accessor_;
+  double background_;
   double level_;
   double sign_;  ///< Factor that makes the gradient point outward: 1 or -1.
 };
@@ -99,6 +131,7 @@ Tally countIn(const TreeT& tree, double level, double sign) {
   };
   const auto join = [](Tally a, const Tally& b) {
     a.add(b.first, b.count);
+    a.surface += b.surface;
     return a;
   };
   return tbb::parallel_reduce(tbb::blocked_range<std::size_t>(0, blocks.size(), 16), Tally(), count,
@@ -122,6 +155,7 @@ std::optional<OpenCells> findOpenCells(const Volume& volume, const Sampling& sam
           const Tally found = countIn(grid->tree(), level, solid == Solid::kAbove ? -1.0 : 1.0);
           const Coord& low = found.first;
           out.count = found.count;
+          out.surface = found.surface;
           if (out.count > 0) out.first_F = part.toFile(Vec3(low.x(), low.y(), low.z()));
         }
       },

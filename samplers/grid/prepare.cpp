@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <type_traits>
 #include <utility>
 
@@ -51,6 +52,35 @@ GridClass classOf(const openvdb::GridBase& grid) {
   }
 }
 
+/// Writes the range and the mean of the active values of a grid of type GridT. Returns false if the
+/// grid has another type.
+template <class GridT>
+bool describeValues(const openvdb::GridBase& base, GridInfo& info) {
+  if (!base.isType<GridT>()) return false;
+  const auto& grid = static_cast<const GridT&>(base);
+  Range range;
+  for (auto value = grid.cbeginValueOn(); value; ++value) {
+    range.add(static_cast<double>(*value), true, static_cast<double>(value.getVoxelCount()));
+  }
+  info.background = static_cast<double>(grid.background());
+  if (range.count > 0.0) {
+    info.lowest = range.lowest;
+    info.highest = range.highest;
+    info.mean = range.sum / range.count;
+  }
+  return true;
+}
+
+/// Describes the values of a grid that a hand cannot feel. They are NaN if they are unknown.
+void describeOther(const openvdb::GridBase& base, GridInfo& info) {
+  info.lowest = info.highest = info.mean = info.background =
+      std::numeric_limits<double>::quiet_NaN();
+  (void)(describeValues<openvdb::Int32Grid>(base, info) ||
+         describeValues<openvdb::Int64Grid>(base, info) ||
+         describeValues<openvdb::BoolGrid>(base, info) ||
+         describeValues<openvdb::MaskGrid>(base, info));
+}
+
 /// Copies the statistics from the metadata of a grid whose tree was not read.
 void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::CoordBBox& active) {
   using openvdb::GridBase;
@@ -72,6 +102,18 @@ Box boundsOf(const openvdb::CoordBBox& active, const Volume::Grid::Part& part) {
   const auto vec3 = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
   return boxAbout({vec3(active.min()), vec3(active.max())},
                   [&](const Vec3& p_I) { return part.toFile(p_I); });
+}
+
+/// Returns the voxels with data, which lie in the box `active`.
+DataEnds endsOf(const openvdb::GridBase& grid, const openvdb::CoordBBox& active) {
+  DataEnds ends;
+  if (active.empty()) return ends;
+  for (int a = 0; a < 3; ++a) {
+    ends.lower[static_cast<std::size_t>(a)] = active.min()[a];
+    ends.upper[static_cast<std::size_t>(a)] = active.max()[a];
+  }
+  ends.active_only = detail::isFromMesh(grid);
+  return ends;
 }
 
 /// Returns "reason: remedy" if the grid is not usable, else an empty string.
@@ -162,12 +204,14 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
   info.half = base->saveFloatAsHalf();
   Volume::Grid::Part part;
   const bool affine = affineMap(*base, part.linear, part.origin);
+  openvdb::CoordBBox active;
 
   std::vector<Volume::Grid::Part> parts;
   const auto take = [&](const auto& grid) {
     if (!grid) return;
     using GridT = typename std::decay_t<decltype(grid)>::element_type;
-    detail::prepareValues(*grid, options, affine, info);
+    active = detail::prepareValues(*grid, options, affine, info);
+    part.ends = endsOf(*grid, active);
     if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
       if (info.grid_class == GridClass::kStaggered) {
         using Scalars = ScalarGrid<typename GridT::ValueType::ValueType>;
@@ -192,8 +236,11 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
 
   info.active_voxels = base->activeVoxelCount();
   info.memory = base->memUsage();
-  openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
-  if (parts.empty()) takeStatistics(*base, info, active);
+  if (parts.empty()) {
+    active = base->evalActiveVoxelBoundingBox();
+    describeOther(*base, info);
+    takeStatistics(*base, info, active);
+  }
   if (parts.size() == 3) info.memory = memoryOfAll(parts);
   if (affine) {
     info.voxel = part.linear.colwise().norm().transpose();

@@ -2,6 +2,7 @@
 
 namespace palpate::detail {
 
-template void prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool, GridInfo&);
+template openvdb::CoordBBox prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool,
+                                          GridInfo&);
 
 }  // namespace palpate::detail

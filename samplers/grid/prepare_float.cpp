@@ -2,6 +2,6 @@
 
 namespace palpate::detail {
 
-template void prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
+template openvdb::CoordBBox prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
 
 }  // namespace palpate::detail

@@ -214,9 +214,18 @@ void turnVectors(GridT& grid) {
                                    /*updateChildNodes=*/false);
 }
 
-/// Checks, fills, smooths and transforms the values of a grid of a supported type.
+/// Returns true if the importer has made a grid from a mesh. It writes "imported_from". The
+/// inactive voxels of such a grid lie outside of the mesh and have no data.
+[[nodiscard]] inline bool isFromMesh(const openvdb::GridBase& grid) {
+  const auto from = grid.getMetadata<openvdb::StringMetadata>("imported_from");
+  return from != nullptr && from->value() == "mesh";
+}
+
+/// Checks, fills, smooths and transforms the values of a grid of a supported type. Returns the box
+/// of the active voxels.
 template <class GridT>
-void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInfo& info) {
+openvdb::CoordBBox prepareValues(GridT& grid, const LoadOptions& options, bool affine,
+                                 GridInfo& info) {
   Range range = rangeOf(grid, options.progress);
   const auto fill = [&] {
     if (range.unusable == 0 || options.non_finite == NonFinite::kRefuse) return;
@@ -252,13 +261,18 @@ void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInf
     info.highest = range.highest;
     info.mean = range.sum / range.count;
   }
+  return grid.evalActiveVoxelBoundingBox();
 }
 
 // The instances are in prepare_float.cpp, prepare_double.cpp, prepare_vec3s.cpp and
 // prepare_vec3d.cpp.
-extern template void prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool, GridInfo&);
-extern template void prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool, GridInfo&);
-extern template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
-extern template void prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
+extern template openvdb::CoordBBox prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool,
+                                                 GridInfo&);
+extern template openvdb::CoordBBox prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool,
+                                                 GridInfo&);
+extern template openvdb::CoordBBox prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool,
+                                                 GridInfo&);
+extern template openvdb::CoordBBox prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool,
+                                                 GridInfo&);
 
 }  // namespace palpate::detail

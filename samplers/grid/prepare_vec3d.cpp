@@ -2,7 +2,7 @@
 
 namespace palpate::detail {
 
-template void prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
+template openvdb::CoordBBox prepareValues(openvdb::Vec3DGrid&, const LoadOptions&, bool, GridInfo&);
 template openvdb::DoubleGrid::Ptr componentGrid(const openvdb::Vec3DGrid&, int);
 
 }  // namespace palpate::detail

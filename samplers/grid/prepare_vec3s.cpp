@@ -2,7 +2,7 @@
 
 namespace palpate::detail {
 
-template void prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
+template openvdb::CoordBBox prepareValues(openvdb::Vec3SGrid&, const LoadOptions&, bool, GridInfo&);
 template openvdb::FloatGrid::Ptr componentGrid(const openvdb::Vec3SGrid&, int);
 
 }  // namespace palpate::detail

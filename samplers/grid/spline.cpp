@@ -11,6 +11,8 @@
 #include <openvdb/tree/ValueAccessor.h>
 #include <tbb/task_arena.h>
 
+#include "palpate/samplers/grid/band_cell.h"
+#include "palpate/samplers/grid/cells_at.h"
 #include "palpate/samplers/parallel.h"
 
 namespace palpate {
@@ -178,11 +180,33 @@ void filterAlong(TreeT& tree, int axis, double pole) {
   });
 }
 
+/// Makes all corners active in the cells of a level set that hold its surface (band_cell.h). The
+/// coefficients are not values, so a reader of coefficients cannot find these cells.
+template <class GridT>
+void completeSurface(const GridT& values, typename GridT::TreeType& coefficients) {
+  const openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor(values.tree());
+  const double background = values.background();
+  for (auto leaf = values.tree().cbeginLeaf(); leaf; ++leaf) {
+    for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
+      detail::eachCellAt(accessor, voxel.getCoord(),
+                         [&](const Coord& low, const auto& at, int active) {
+                           if (active == 8 || !detail::holdsSurface(at, background)) return;
+                           for (int n = 0; n < 8; ++n) {
+                             coefficients.setActiveState(low + detail::cornerOf(n), true);
+                           }
+                         });
+    }
+  }
+}
+
 template <class GridT>
 typename GridT::Ptr coefficientsOf(const GridT& grid, int degree) {
   typename GridT::Ptr coefficients = grid.deepCopy();
   auto& tree = coefficients->tree();
   addLeavesAround(tree);
+  if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
+    if (grid.getGridClass() == openvdb::GRID_LEVEL_SET) completeSurface(grid, tree);
+  }
   for (int axis = 0; axis < 3; ++axis) filterAlong(tree, axis, poleOf(degree));
   return coefficients;
 }

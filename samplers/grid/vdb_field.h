@@ -61,22 +61,22 @@ struct Sampling {
   [[nodiscard]] bool operator==(const Sampling&) const = default;
 };
 
-/// Makes a field over a volume: a scalar field or a vector field, as the type of the volume
-/// requires.
+/// Makes a field over a volume: a scalar or a vector field, as the type of the volume requires.
 ///
 /// By default the value V is trilinear. Let r = Sampling::slope_reach, and e_a a step along axis a
 /// of the lattice. The gradient of a scalar is g_a(x) = (V(x + r e_a) - V(x - r e_a)) / 2r. The
-/// Jacobian of a vector consists of trilinearly interpolated central differences. Both are
-/// continuous. They depend on the cell of the value and on its neighbours, and are per unit of the
-/// file, with directions rotated into W. cellGradient() is the gradient of the trilinear polynomial
-/// itself.
+/// Jacobian of a vector consists of trilinearly interpolated central differences, one-sided where
+/// the data end (data_ends.h). The gradient of a scalar is a difference to the background there,
+/// because the surroundings of an image belong to it. Both are continuous, use the cell and its
+/// neighbours, and are per unit of the file, rotated into W. cellGradient() is the gradient of the
+/// trilinear polynomial itself.
 ///
 /// Meaning of `inside`: In a level set, all eight voxels of the cell are active, because the value
-/// beyond its band is not a distance. In other grids at least one is active, because the border of
-/// a fog is part of the data. For the nearest voxel, that voxel is active. For a vector of three
-/// grids, all three are inside. Values are always the stored ones, also in inactive voxels and in
-/// the background. Beyond 1e9 voxels from the origin, the value is the background, with zero
-/// derivatives.
+/// beyond its band is not a distance; or the cell holds the surface (band_cell.h), so a band of one
+/// voxel is enough. In other grids at least one is active, because the border of a fog is part of
+/// the data. For the nearest voxel, that voxel is active. For a vector of three grids, all three
+/// are inside. Values are always the stored ones, also in inactive voxels and in the background.
+/// Beyond 1e9 voxels from the origin, the value is the background, with zero derivatives.
 ///
 /// In a staggered grid, and in three scalars that are read as one vector, each component is read at
 /// its own position. This costs about as much as reading three scalars.

@@ -10,6 +10,7 @@
 
 #include <Eigen/LU>
 
+#include "palpate/samplers/grid/data_ends.h"
 #include "palpate/samplers/grid/free_map.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
@@ -50,6 +51,7 @@ struct Volume::Grid {
     GridData data;
     Mat3 linear = Mat3::Identity();
     Vec3 origin = Vec3::Zero();
+    DataEnds ends;  ///< Voxels with data, for the derivatives of vectors.
 
     /// Maps a point of index space to the file's world space.
     [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }

@@ -1,5 +1,6 @@
 #include "palpate/samplers/grid/derive.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -211,11 +212,76 @@ TEST_CASE("a vector of three grids is derived where all have data", "[samplers][
   CHECK((curls.vector(p).value - curl(source.vector(p).jacobian)).norm() < 1e-4);
 }
 
+TEST_CASE("at the end of the data a vector's derivatives are those of the data",
+          "[samplers][derive]") {
+  // A flow with curl 2 and divergence 2, far from zero.
+  const auto flow = [](const Vec3d& p) { return Vec3f(20.0 - p.y(), 5.0 + p.x(), 2.0 * p.z()); };
+  const auto transform = Transform::createLinearTransform(0.5);
+  const auto grid = makeGrid<openvdb::Vec3SGrid>(9, transform, flow, "flow");
+  const bool staggered = GENERATE(false, true);
+  if (staggered) grid->setGridClass(openvdb::GRID_STAGGERED);
+  const auto volume = load({grid}, "flow");
+  Probe source(volume);
+  Probe curls(deriveVolume(volume, Derivation::kCurl));
+  Random random(7);
+  Box in = volume->info().bounds;
+  // The last face of a staggered component is half a voxel below the last centre.
+  const Box centres = in;
+  if (staggered) in.upper -= Vec3::Constant(0.25);
+  double worst = 0.0;
+  double lost = 0.0;
+  for (int i = 0; i < 500; ++i) {
+    Vec3 p;
+    for (int a = 0; a < 3; ++a) {
+      // Many of the places are on the faces.
+      p[a] = std::clamp(random.uniform(in.lower[a] - 1.0, in.upper[a] + 1.0), in.lower[a],
+                        in.upper[a]);
+    }
+    const VectorSample s = source.vector(p);
+    worst = std::max(worst, (curl(s.jacobian) - Vec3(0, 0, 2)).norm());
+    worst = std::max(worst, std::abs(divergence(s.jacobian) - 2.0));
+    lost = std::max(lost, (curls.vector(p).value - Vec3(0, 0, 2)).norm());
+  }
+  CHECK(worst < 1e-4);
+  if (!staggered) CHECK(lost < 1e-4);
+  // Beyond the last voxel the derivatives fade to zero within a voxel.
+  const Vec3 out(0.0, 0.0, 0.5);
+  const Vec3 middle(2.0, 2.0, centres.upper.z());
+  CHECK(curl(source.vector(middle + 0.5 * out).jacobian).z() == Approx(1.0).epsilon(0.01));
+  CHECK(curl(source.vector(middle + 1.01 * out).jacobian).norm() < 0.05);
+}
+
+TEST_CASE("a voxel at rest is data, except outside of a mesh", "[samplers][derive]") {
+  // A vortex about the axis of the block. Its axis is at rest, so it equals the background.
+  const auto transform = Transform::createLinearTransform(1.0);
+  const auto grid = makeGrid<openvdb::Vec3SGrid>(
+      9, transform, [](const Vec3d& p) { return Vec3f(4.0 - p.y(), p.x() - 4.0, 0.0); }, "flow");
+  for (int k = 0; k < 9; ++k) grid->tree().setValueOff(Coord(4, 4, k), Vec3f(0.0F));
+  const Vec3 axis(4, 4, 4);
+  const Vec3 beside(4, 3, 4);
+  {
+    Probe image(load({grid}, "flow"));
+    CHECK(curl(image.vector(axis).jacobian).z() == Approx(2.0));
+    CHECK(curl(image.vector(beside).jacobian).z() == Approx(2.0));
+  }
+  // In a mesh, a voxel without data lies outside of all cells.
+  grid->insertMeta("imported_from", openvdb::StringMetadata("mesh"));
+  for (int k = 0; k < 9; ++k) grid->tree().setValueOff(Coord(4, 4, k), Vec3f(1e6F));
+  const auto volume = load({grid}, "flow");
+  Probe mesh(volume);
+  Probe curls(deriveVolume(volume, Derivation::kCurl));
+  CHECK(curl(mesh.vector(axis).jacobian).norm() == 0.0);
+  CHECK(curl(mesh.vector(beside).jacobian).z() == Approx(2.0));
+  CHECK(curls.vector(beside).value.z() == Approx(2.0));
+  CHECK(curl(mesh.vector({3, 3, 4}).jacobian).z() == Approx(2.0));
+}
+
 TEST_CASE("an impossible derivation is refused in one line", "[samplers][derive]") {
   const auto transform = Transform::createLinearTransform(1.0);
   const auto vectors =
       load({makeGrid<openvdb::Vec3SGrid>(
-               4, transform, [](const Vec3d& p) { return Vec3f(1e30 * p.y(), 0, 0); }, "flow")},
+               4, transform, [](const Vec3d& p) { return Vec3f(1e30 * p.y(), 1e30 * p.x(), 0); },
+               "flow")},
            "flow");
   CHECK_THROWS_WITH(deriveVolume(vectors, Derivation::kGradient),
                     "grid \"flow\": it is a vector: for gradient give a scalar grid");

@@ -1,7 +1,11 @@
 #include "palpate/samplers/grid/open_cells.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <numbers>
+#include <variant>
 
 #include <catch2/catch.hpp>
 
@@ -26,27 +30,121 @@ OpenCells find(const openvdb::GridBase& grid, double level, Solid solid) {
   return *found;
 }
 
+/// Returns true if values between -band and band at a cell's corners can be clipped distances.
+bool areDistances(const std::array<double, 8>& values, double band) {
+  const auto [least, most] = std::minmax_element(values.begin(), values.end());
+  bool out = *least <= 0.0 && *most >= 0.0 && *least < *most;
+  for (std::size_t a = 0; a < 8; ++a) {
+    for (std::size_t b = 0; b < 8; ++b) {
+      const std::size_t apart = a ^ b;
+      const bool edge = apart == 1 || apart == 2 || apart == 4;
+      if (edge && std::abs(values[a] - values[b]) > 1.05 * band) out = false;
+    }
+  }
+  return out;
+}
+
+/// A cell of a grid, and what the hand finds there.
+struct CellState {
+  int active = 0;
+  bool crosses = false;
+  bool distances = false;
+};
+
+CellState stateOf(const openvdb::FloatGrid::ConstAccessor& grid, const Coord& low, double level,
+                  Solid solid) {
+  CellState out;
+  int free = 0;
+  std::array<double, 8> values{};
+  for (int n = 0; n < 8; ++n) {
+    const Coord at = low.offsetBy(n >> 2, (n >> 1) & 1, n & 1);
+    double& value = values[static_cast<std::size_t>(n)];
+    value = grid.getValue(at);
+    const double height = value - level;
+    out.active += static_cast<int>(grid.isValueOn(at));
+    free += static_cast<int>(solid == Solid::kAbove ? height <= 0.0 : height >= 0.0);
+  }
+  out.crosses = free > 0 && free < 8;
+  out.distances = out.crosses && areDistances(values, grid.tree().background());
+  return out;
+}
+
 /// Finds a grid's open cells by checking each cell. The grid's transform is the identity.
 OpenCells reference(const openvdb::FloatGrid& grid, double level, Solid solid) {
   const openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const auto accessor = grid.getConstAccessor();
   OpenCells out;
-  for (auto low = openvdb::CoordBBox(box.min().offsetBy(-1), box.max()).begin(); low; ++low) {
-    int active = 0;
-    int free = 0;
-    for (int n = 0; n < 8; ++n) {
-      const Coord at = (*low).offsetBy(n >> 2, (n >> 1) & 1, n & 1);
-      const double height = accessor.getValue(at) - level;
-      active += static_cast<int>(accessor.isValueOn(at));
-      free += static_cast<int>(solid == Solid::kAbove ? height <= 0.0 : height >= 0.0);
+  for (auto low = openvdb::CoordBBox(box.min().offsetBy(-2), box.max().offsetBy(1)).begin(); low;
+       ++low) {
+    const CellState here = stateOf(accessor, *low, level, solid);
+    if (!here.crosses) continue;
+    bool beside = false;  // a cell beside this one has data
+    for (int n = 0; n < 27 && here.active == 0 && !beside; ++n) {
+      const Coord other = (*low).offsetBy(n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1);
+      const CellState next = stateOf(accessor, other, level, solid);
+      beside = next.active > 0 && next.active < 8 && next.crosses && next.distances;
     }
-    if (active == 0 || active == 8 || free == 0 || free == 8) continue;
+    if (here.active == 0 && !beside) continue;
+    ++out.surface;
+    if (here.active == 8 || (here.active > 0 && here.distances)) continue;
     if (out.count++ == 0) out.first_F = Vec3((*low).x(), (*low).y(), (*low).z());
   }
   return out;
 }
 
+/// Returns a ball of 20 voxels with the band that OpenVDB makes from a mesh: values are clipped at
+/// `outside` and `inside` voxels, and clipped voxels are inactive.
+openvdb::FloatGrid::Ptr makeBanded(float outside, float inside) {
+  openvdb::initialize();
+  auto grid = openvdb::FloatGrid::create(outside);
+  grid->setGridClass(openvdb::GRID_LEVEL_SET);
+  const int side = static_cast<int>(kRadius) + 6;
+  for (auto voxel = openvdb::CoordBBox(Coord(-side), Coord(side)).begin(); voxel; ++voxel) {
+    const Coord& c = *voxel;
+    const auto v = static_cast<float>(c.asVec3d().length() - kRadius);
+    if (v > -inside && v < outside) {
+      grid->tree().setValueOn(c, v);
+    } else {
+      grid->tree().setValueOff(c, v > 0.0F ? outside : -inside);
+    }
+  }
+  return grid;
+}
+
 }  // namespace
+
+TEST_CASE("a level set with a band of one voxel is felt all around", "[samplers]") {
+  const auto [outside, inside] =
+      GENERATE(table<float, float>({{3, 3}, {1.5, 1.5}, {3, 1}, {1, 3}, {1, 1}}));
+  CAPTURE(outside, inside);
+  const auto volume = makeVolume(*makeBanded(outside, inside));
+  const OpenCells found = *findOpenCells(*volume, {}, 0.0, Solid::kBelow);
+  CHECK(found.count == 0);
+  CHECK(found.surface > 5000);
+  Random random(5);
+  for (const Interpolation by :
+       {Interpolation::kTrilinear, Interpolation::kQuadratic, Interpolation::kCubic}) {
+    const auto field = std::get<0>(makeVdbField(volume, {}, {by}));
+    FieldCache cache;
+    field->reset(cache);
+    int missing = 0;
+    double farthest = 0.0;
+    for (int i = 0; i < 100; ++i) {
+      const Vec3 out = random.direction();
+      // Finds the zero of the value along the ray.
+      double low = kRadius - 2.0;
+      double high = kRadius + 2.0;
+      while (high - low > 1e-9) {
+        const double middle = 0.5 * (low + high);
+        (field->sample(middle * out, cache).value < 0.0 ? low : high) = middle;
+      }
+      if (!field->sample(high * out, cache).inside) ++missing;
+      farthest = std::max(farthest, std::abs(high - kRadius));
+    }
+    CHECK(missing == 0);
+    CHECK(farthest < 0.15);  // the splines, near the clipped values
+  }
+}
 
 TEST_CASE("the cells where a surface leaves its data are counted, and the first one is located",
           "[samplers]") {
@@ -63,14 +161,36 @@ TEST_CASE("the cells where a surface leaves its data are counted, and the first 
   CAPTURE(found.count, around);
   CHECK(static_cast<double>(found.count) > 0.8 * around);
   CHECK(static_cast<double>(found.count) < 1.6 * around);
-  CHECK(found.first_F.x() == 3.0);
-  CHECK(std::abs(Vec3(3.0, found.first_F.y(), found.first_F.z()).norm() - kRadius) < 2.0);
+  // The inactive values are right, so the surface is felt in one more cell.
+  CHECK(found.first_F.x() == 4.0);
+  CHECK(std::abs(Vec3(4.0, found.first_F.y(), found.first_F.z()).norm() - kRadius) < 2.0);
   // The place is given in the file's space.
   cut->setTransform(Transform::createLinearTransform(0.5));
   CHECK(find(*cut, 0.0, Solid::kBelow).first_F == 0.5 * found.first_F);
   // The values of a fog are valid up to the end of its data.
   cut->setGridClass(openvdb::GRID_FOG_VOLUME);
   CHECK(find(*cut, 0.0, Solid::kBelow).count == 0);
+}
+
+TEST_CASE("a level set that was cut off is not felt along the cut", "[samplers]") {
+  const auto cut = makeBall(kRadius, 1.0);
+  for (auto voxel = cut->beginValueOn(); voxel; ++voxel) {
+    if (voxel.getCoord().x() <= 3) continue;
+    voxel.setValue(cut->background());
+    voxel.setValueOff();
+  }
+  const auto volume = makeVolume(*cut);
+  const OpenCells found = *findOpenCells(*volume, {}, 0.0, Solid::kBelow);
+  CHECK(found.count > 200);
+  CHECK(found.count < found.surface / 4);
+  const auto field = std::get<0>(makeVdbField(volume, {}));
+  FieldCache cache;
+  field->reset(cache);
+  for (const double depth : {0.5, 1.0, 2.5, 4.0}) {
+    const ScalarSample s =
+        field->sample({3.5, 0.0, std::sqrt(kRadius * kRadius - 9.0) - depth}, cache);
+    CHECK_FALSE(s.inside);
+  }
 }
 
 TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][release]") {
@@ -107,6 +227,7 @@ TEST_CASE("each open cell is counted once, in leaves and in tiles", "[samplers][
     const OpenCells found = find(*grid, 0.1, solid);
     const OpenCells expected = reference(*grid, 0.1, solid);
     CHECK(found.count == expected.count);
+    CHECK(found.surface == expected.surface);
     CHECK(found.count > 0);
     CHECK(found.first_F == expected.first_F);
   }

@@ -438,12 +438,15 @@ class Check(Case):
             return told, data["modes"][0]["edge"], data["volumes"]["it"]
 
         told, found, volume = edge()
-        self.assertEqual((told, found), ([], {"open_cells": 0, "open_at": None}))
+        self.assertEqual((told, found["open_cells"], found["open_at"]), ([], 0, None))
+        self.assertGreater(found["surface_cells"], 1000)
         # The band ends three voxels outside the surface.
         mode["value"] = 2.9 * volume["voxel"] / volume["metres_per_unit"]
         (line,), found, _ = edge()
-        self.assertRegex(line, r"^edge      tip: the surface leaves its data in \d+ cells, first at \(.*\): there the "
-                               r"force drops to zero within one tick: use a wider band or a larger volume$")
+        share = f"{100 * found['open_cells'] / found['surface_cells']:.2g}"
+        self.assertRegex(line, r"^edge      tip: the surface leaves its data in \d+ cells \(" + share + r" % of the "
+                               r"surface is not felt\), first at \(.*\): there the force drops to zero within one "
+                               r"tick: use a wider band or a larger volume$")
         self.assertIn(f" {found['open_cells']} cells", line)
         self.assertGreater(found["open_cells"], 1000)
         # The ball has a radius of 2 units, and its band ends at 2.3.

@@ -105,7 +105,8 @@ OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene
   const auto found =
       findOpenCells(*volume->second, spec.volumes.at(source).sampling, mode.value, mode.solid);
   if (!found) return nullptr;
-  OrderedJson json = {{"open_cells", found->count}, {"open_at", nullptr}};
+  OrderedJson json = {
+      {"open_cells", found->count}, {"surface_cells", found->surface}, {"open_at", nullptr}};
   if (found->count > 0) json["open_at"] = toJson(built.placements.at(mode.of)(found->first_F));
   return json;
 }
@@ -262,10 +263,12 @@ std::string placeText(const OrderedJson& at) {
 /// Returns a warning if a surface meets missing data; otherwise an empty text.
 std::string edgeRemark(const OrderedJson& edge) {
   if (edge.is_null() || edge["open_cells"] == 0) return "";
+  const auto open = edge["open_cells"].get<std::uint64_t>();
+  const double share = static_cast<double>(open) / edge["surface_cells"].get<double>();
   return fmt::format(
-      "the surface leaves its data in {} cells, first at {}: there the force drops to zero within "
-      "one tick: use a wider band or a larger volume",
-      edge["open_cells"].get<std::uint64_t>(), placeText(edge["open_at"]));
+      "the surface leaves its data in {} cells ({:.2g} % of the surface is not felt), first at {}: "
+      "there the force drops to zero within one tick: use a wider band or a larger volume",
+      open, 100.0 * share, placeText(edge["open_at"]));
 }
 
 void saySceneLines(const OrderedJson& json, bool verbose) {

@@ -1,0 +1,43 @@
+/// Private to samplers: the cells at the edge of a level set's band in which its values are still
+/// distances.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+namespace palpate::detail {
+
+/// Returns true if the values at a cell's eight corners describe the surface of a level set, also
+/// if some corners are inactive.
+///
+/// A distance changes by at most the length of an edge between the edge's ends, and so does a
+/// distance that is clipped at the width of the band. The background is that width, and a band is
+/// at least one voxel wide. So in a cell that contains the surface, the values change by at most
+/// the background along each edge. Where data are missing instead, a corner has the value of the
+/// background itself. Its difference to a negative neighbour exceeds the background.
+///
+/// kSlack is the share by which a difference may exceed the background, for rounding and for
+/// distances that are not exact. It admits a corner without data only beside a neighbour within
+/// kSlack times the background of the surface. There the surface moves by less than kSlack voxels.
+///
+/// @param at  Values of the corners; the last index varies fastest.
+/// @param background  Background of the grid, in the unit of the values.
+template <class Number>
+[[nodiscard]] bool holdsSurface(const std::array<Number, 8>& at, double background) noexcept {
+  constexpr double kSlack = 0.05;
+  const auto [least, most] = std::minmax_element(at.begin(), at.end());
+  if (!(*least <= Number(0) && *most >= Number(0) && *least < *most)) return false;
+  double steepest = 0.0;
+  for (std::size_t n = 0; n < 8; ++n) {
+    for (const std::size_t axis : {1U, 2U, 4U}) {
+      if ((n & axis) != 0) continue;
+      steepest = std::max(steepest,
+                          std::abs(static_cast<double>(at[n | axis]) - static_cast<double>(at[n])));
+    }
+  }
+  return steepest <= (1.0 + kSlack) * std::abs(background);
+}
+
+}  // namespace palpate::detail

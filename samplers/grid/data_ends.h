@@ -1,0 +1,34 @@
+/// Private to samplers: the voxels of a lattice that have data, for differences of vectors.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <limits>
+
+namespace palpate {
+
+/// The voxels whose values are data. A difference to any other voxel is not a derivative of the
+/// data.
+///
+/// Voxels outside of the box of active voxels have no data. In a grid that was resampled from a
+/// mesh, inactive voxels in the box have no data either. In other grids, an inactive voxel in the
+/// box has a value that equals the background: the centre of a vortex is at rest.
+struct DataEnds {
+  std::array<int, 3> lower{kLeast, kLeast, kLeast};  ///< First voxel of the box.
+  std::array<int, 3> upper{kMost, kMost, kMost};     ///< Last voxel of the box.
+  bool active_only = false;  ///< True if inactive voxels in the box have no data.
+
+  /// Returns true if a voxel is in the box. With a `margin`, the voxels around it are too.
+  [[nodiscard]] bool contains(const std::array<int, 3>& voxel, int margin = 0) const noexcept {
+    for (std::size_t a = 0; a < 3; ++a) {
+      if (voxel[a] < lower[a] + margin || voxel[a] > upper[a] - margin) return false;
+    }
+    return true;
+  }
+
+ private:
+  static constexpr int kMost = std::numeric_limits<int>::max() / 2;
+  static constexpr int kLeast = -kMost;
+};
+
+}  // namespace palpate
