@@ -9,9 +9,10 @@
 
 namespace palpate {
 
-/// Returns true if trees of this type are supported. `tree_type` is OpenVDB's name of the type.
-/// Trees of other types are not checked, and therefore never read.
-[[nodiscard]] bool isFeltType(const std::string& tree_type);
+/// Returns true if trees of this type can be read: floats, doubles and vectors of these, for a
+/// hand; whole numbers, bools and masks, for their description. `tree_type` is OpenVDB's name of
+/// the type. Trees of other types are not checked, and therefore never read.
+[[nodiscard]] bool isReadType(const std::string& tree_type);
 
 /// Reads the structure of a file as OpenVDB would, without building a tree. Every count, size and
 /// position must fit, and every node must end where the next one begins. OpenVDB itself does not

@@ -26,6 +26,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/grid/make_volume.h"
+#include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/samplers/grid/prepare.h"
 #include "palpate/samplers/grid/vdb_check.h"
 #include "palpate/samplers/grid/volume_grid.h"
@@ -165,7 +166,11 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
   const std::string& why = prepared.info.refusal;
   if (!why.empty()) {
     const auto colon = why.find(": ");
-    throw VolumeError(name, why.substr(0, colon), why.substr(colon + 2));
+    const std::string reason = why.substr(0, colon);
+    const std::string remedy = why.substr(colon + 2);
+    const bool empty = prepared.info.active_voxels == 0 && !prepared.grid->parts.empty();
+    if (empty) throw NoDataError(name, reason, remedy);
+    throw VolumeError(name, reason, remedy);
   }
   return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
 }
@@ -313,12 +318,14 @@ class VdbFile {
     // to read another grid.
     tbb::this_task_arena::isolate([&] {
       const std::lock_guard lock(reading_);
-      if (!isFeltType(typeOf(name))) {
+      const std::string type = typeOf(name);
+      if (!isReadType(type)) {
         grid = reader_->has(name) ? reader_->readMetadata(name) : file_->readGridMetadata(name);
         return;
       }
       const std::uint64_t bytes = check_->tree(name);
-      if (reader_->has(name) && (bytes < kSmallGrid || !reader_->plain(name))) {
+      if (reader_->has(name) &&
+          (bytes < kSmallGrid || !reader_->plain(name) || !isNumberType(type))) {
         grid = reader_->read(name);
         return;
       }
@@ -333,6 +340,12 @@ class VdbFile {
   /// Returns OpenVDB's name of the type of the grid's tree.
   [[nodiscard]] std::string typeOf(const std::string& name) const {
     return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
+  }
+
+  /// Returns true if a hand can feel grids of this type. Their leaves are read in parallel.
+  [[nodiscard]] static bool isNumberType(const std::string& type) {
+    return type == openvdb::FloatGrid::gridType() || type == openvdb::DoubleGrid::gridType() ||
+           type == openvdb::Vec3SGrid::gridType() || type == openvdb::Vec3DGrid::gridType();
   }
 
   void findVectors() {
@@ -360,7 +373,7 @@ class VdbFile {
       throw VolumeError(path_.string(), "it has more than one grid", "name one of " + all);
     }
     const std::string near = nearestName(wanted, names);
-    throw VolumeError(path_.string(), "there is no grid \"" + wanted + "\"",
+    throw NoDataError(path_.string(), "there is no grid \"" + wanted + "\"",
                       near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
   }
 

@@ -1,5 +1,7 @@
 #include "palpate/samplers/grid/volume.h"
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -13,6 +15,7 @@
 #include <set>
 #include <sys/resource.h>
 #include <thread>
+#include <type_traits>
 #include <unistd.h>
 
 #include <catch2/catch.hpp>
@@ -30,6 +33,7 @@
 namespace palpate::volume_test {
 using namespace palpate::test;
 using Catch::Contains;
+using openvdb::Coord;
 using openvdb::Vec3d;
 using openvdb::math::Transform;
 
@@ -670,6 +674,50 @@ TEST_CASE("a cancelled parallel loop leaves no inner loop half done", "[volume]"
                              }),
                   VolumeError);
   CHECK(begun < 1000);
+}
+
+TEST_CASE("whole numbers, bools and masks are described by their values", "[samplers]") {
+  openvdb::initialize();
+  const TemporaryFolder folder;
+  // The class of a grid is made by OpenVDB, which has compiled it.
+  const auto made = [](auto* type, const char* name) {
+    using GridT = std::remove_pointer_t<decltype(type)>;
+    auto grid = openvdb::gridPtrCast<GridT>(openvdb::GridBase::createGrid(GridT::gridType()));
+    grid->setName(name);
+    grid->tree().fill(openvdb::CoordBBox(Coord(0), Coord(20)), typename GridT::ValueType(1), true);
+    return grid;
+  };
+  auto labels = made(static_cast<openvdb::Int32Grid*>(nullptr), "labels");
+  auto large = made(static_cast<openvdb::Int64Grid*>(nullptr), "large");
+  for (int i = 0; i < 21; ++i) {
+    const openvdb::CoordBBox slice(Coord(i, 0, 0), Coord(i, 20, 20));
+    labels->tree().fill(slice, i + 1, true);
+    large->tree().fill(slice, -1000 * std::int64_t{i}, true);
+  }
+  openvdb::GridPtrVec grids{labels, large, made(static_cast<openvdb::BoolGrid*>(nullptr), "bools"),
+                            made(static_cast<openvdb::MaskGrid*>(nullptr), "mask")};
+  grids[2]->setSaveFloatAsHalf(true);  // without meaning for a bool
+  grids[0]->setSaveFloatAsHalf(true);
+  for (const std::uint32_t compression : {0U, 1U, 2U, 3U, 6U}) {
+    CAPTURE(compression);
+    openvdb::io::File file((folder / "whole.vdb").string());
+    file.setCompression(compression);
+    file.write(grids);
+    file.close();
+    const std::vector<GridInfo> infos = describeGrids(folder / "whole.vdb");
+    const auto range = [&](const std::string& name) {
+      const auto info = std::find_if(infos.begin(), infos.end(),
+                                     [&](const GridInfo& one) { return one.name == name; });
+      REQUIRE(info != infos.end());
+      CHECK(info->active_voxels == 21 * 21 * 21);
+      return std::array{info->lowest, info->highest, info->mean, info->background};
+    };
+    CHECK(range("labels") == std::array{1.0, 21.0, 11.0, 0.0});
+    CHECK(range("large") == std::array{-20000.0, 0.0, -10000.0, 0.0});
+    CHECK(range("bools") == std::array{1.0, 1.0, 1.0, 0.0});
+    CHECK(range("mask") == std::array{1.0, 1.0, 1.0, 0.0});
+    for (const GridInfo& info : infos) CHECK(info.refusal.find("of type") != std::string::npos);
+  }
 }
 
 }  // namespace palpate::volume_test

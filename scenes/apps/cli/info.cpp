@@ -1,5 +1,7 @@
 /// palpate info: lists the content of a .vdb or of a volume in bricks, and the properties that
 /// modes can read from it.
+#include <cmath>
+
 #include <fmt/format.h>
 
 #include "palpate/samplers/bricks/bricks.h"
@@ -56,8 +58,10 @@ void print(const GridInfo& grid) {
     say("  bounds    {} .. {}, {} .. {}, {} .. {}\n", rounded(a.x()), rounded(b.x()),
         rounded(a.y()), rounded(b.y()), rounded(a.z()), rounded(b.z()));
   }
-  say("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
-      rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean), rounded(grid.background));
+  if (!std::isnan(grid.lowest)) {
+    say("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
+        rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean), rounded(grid.background));
+  }
   if (grid.grid_class == GridClass::kStaggered) {
     say("  note      staggered: each component is read on its face of the voxel\n");
   }

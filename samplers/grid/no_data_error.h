@@ -1,0 +1,15 @@
+/// The error of a grid in which nothing is.
+#pragma once
+
+#include "palpate/engine/error.h"
+
+namespace palpate {
+
+/// The error of loadVolume for a grid without an active voxel, and for a name that no grid of the
+/// file has. A frame of a sequence may be such a grid.
+class NoDataError : public VolumeError {
+ public:
+  using VolumeError::VolumeError;  ///< Takes the subject, the reason and the remedy.
+};
+
+}  // namespace palpate
