@@ -4,15 +4,19 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
+#include <exception>
 #include <limits>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <variant>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/grid/no_data_error.h"
+#include "palpate/samplers/grid/prepare.h"
 #include "palpate/samplers/grid/volume_grid.h"
 #include "palpate/samplers/retries.h"
 
@@ -44,22 +48,54 @@ struct Loaded {
   FieldPtr field;
 };
 
-/// Loads a frame. Throws VolumeError if the frame cannot be read, or if it does not match the first
-/// frame of the sequence. `first` is null if this is the first frame.
+/// Makes a volume like `first` that has the value of its background everywhere.
+std::shared_ptr<const Volume> emptyLike(const Volume& first) {
+  const openvdb::GridBase::Ptr grid = std::visit(
+      [](const auto& like) -> openvdb::GridBase::Ptr {
+        using GridT = std::remove_const_t<typename std::decay_t<decltype(like)>::element_type>;
+        auto made = GridT::create(like->background());
+        made->setTransform(like->transform().copy());
+        made->setGridClass(like->getGridClass());
+        return made;
+      },
+      first.grid().parts.front().data);
+  Prepared prepared = prepare(first.info().name, grid, {});
+  return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
+}
+
+bool isEmpty(const Loaded& frame) {
+  return frame.volume->info().active_voxels == 0;
+}
+
+/// Loads a frame. A frame in which nothing is becomes background. Throws VolumeError if the frame
+/// cannot be read, or if it does not match the first frame with data. `first` is null if this is
+/// the first frame with data.
 Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const Sampling& sampling,
                  const Volume* first) {
   LoadOptions options;
   options.non_finite = request.non_finite;
   options.smooth = request.smooth;
-  Loaded out{loadVolume(request.file, request.grid, options), {}};
+  Loaded out;
+  try {
+    out.volume = loadVolume(request.file, request.grid, options);
+  } catch (const NoDataError&) {
+    if (first == nullptr) throw;
+    out.volume = emptyLike(*first);
+  }
   const GridInfo& is = out.volume->info();
   const GridInfo& like = first != nullptr ? first->info() : is;
-  if (is.vector != like.vector || is.grid_class != like.grid_class) {
+  // A grid without a class is read like a fog.
+  const auto readAs = [](const GridInfo& of) {
+    return of.grid_class == GridClass::kUnknown ? GridClass::kFog : of.grid_class;
+  };
+  if (is.vector != like.vector || readAs(is) != readAs(like)) {
     const auto kind = [](const GridInfo& of) { return of.type + ", " + wordFor(of.grid_class); };
     throw VolumeError(
         request.file.string(),
         "the frame is of another kind (" + kind(is) + ") than the first one (" + kind(like) + ")",
-        "give frames of one kind");
+        is.vector != like.vector ? "give frames of one type"
+                                 : std::string("set the class of its grid to \"") +
+                                       wordFor(like.grid_class) + "\", or that of the first one");
   }
   if (out.volume->grid().parts.size() > 1) {
     throw VolumeError(request.file.string(),
@@ -89,6 +125,21 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
                           megabytes(static_cast<double>(least * bytes + 10'000)) + " or more");
   }
   return static_cast<std::size_t>(slots);
+}
+
+/// Loads the first frame in which there are data, and returns it with its number. Throws the error
+/// of frame 0 if no frame has data.
+std::pair<std::size_t, Loaded> firstWithData(const std::vector<VolumeRequest>& frames,
+                                             const Placement& placement, const Sampling& sampling) {
+  std::exception_ptr none;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    try {
+      return {i, loadFrame(frames[i], placement, sampling, nullptr)};
+    } catch (const NoDataError&) {
+      if (!none) none = std::current_exception();
+    }
+  }
+  std::rethrow_exception(none);
 }
 
 const FieldFrame& frameOf(const FieldPtr& field) {
@@ -328,17 +379,21 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
   std::vector<Loaded> kept;
   std::uint64_t held = 0;
   std::uint64_t largest = 0;
-  for (const VolumeRequest& request : frames_) {
-    Loaded next = loadFrame(request, placement, sampling, first_.get());
-    const FieldFrame& frame = frameOf(next.field);
-    if (first_ == nullptr) {
-      first_ = next.volume;
-      first_field_ = next.field;
-      frame_ = frame;
+  auto [begin, begun] = firstWithData(frames_, placement, sampling);
+  first_ = begun.volume;
+  frame_ = frameOf(begun.field);
+  for (std::size_t i = 0; i < frames_.size(); ++i) {
+    Loaded next =
+        i == begin ? std::move(begun) : loadFrame(frames_[i], placement, sampling, first_.get());
+    if (i == 0) first_field_ = next.field;
+    if (isEmpty(next)) {
+      ++empty_;
+    } else {
+      const FieldFrame& frame = frameOf(next.field);
+      frame_.bounds.extend(frame.bounds.lower);
+      frame_.bounds.extend(frame.bounds.upper);
+      frame_.voxel = std::min(frame_.voxel, frame.voxel);
     }
-    frame_.bounds.extend(frame.bounds.lower);
-    frame_.bounds.extend(frame.bounds.upper);
-    frame_.voxel = std::min(frame_.voxel, frame.voxel);
     const std::uint64_t bytes = next.volume->memory();
     largest = std::max(largest, bytes);
     held += bytes;
@@ -492,6 +547,7 @@ std::uint64_t FrameSequence::neededFor(double speed) const noexcept {
 SequenceState FrameSequence::state() const {
   SequenceState out;
   out.frames = frames_.size();
+  out.empty = empty_;
   out.slots = shared_->slots.size();
   for (const Slot& slot : shared_->slots) {
     if (slot.frame.load(std::memory_order_relaxed) < 0) continue;

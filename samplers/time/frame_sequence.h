@@ -48,6 +48,7 @@ struct SequenceParams {
 /// Present state of a sequence, and counters.
 struct SequenceState {
   std::uint64_t frames = 0;    ///< Number of all frames.
+  std::uint64_t empty = 0;     ///< Number of frames in which nothing is.
   std::uint64_t slots = 0;     ///< Number of frames for which there is memory.
   std::uint64_t resident = 0;  ///< Number of frames in memory.
   std::uint64_t bytes = 0;     ///< Size of the frames in memory [bytes].
@@ -77,10 +78,12 @@ class FrameSequence {
   struct Slot;
 
  public:
-  /// Loads each frame once, in order, to find where the frames have data. Throws VolumeError if a
-  /// frame cannot be read, if its type differs from that of the first frame, or if it is a vector
-  /// of three grids. Also throws if the budget does not suffice for five frames, if the times do
-  /// not ascend, or if their number does not match that of the frames.
+  /// Loads each frame once, in order, to find where the frames have data. A frame whose grid is
+  /// missing in its file, or has no active voxel, has the value of the background everywhere.
+  /// Throws VolumeError if a frame cannot be read, if no frame has data, if a frame's type differs
+  /// from that of the first frame with data, or if it is a vector of three grids. Also throws if
+  /// the budget does not suffice for five frames, if the times do not ascend, or if their number
+  /// does not match that of the frames.
   FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes& when,
                 const Placement& placement, const Sampling& sampling,
                 const SequenceParams& params = {});
@@ -88,7 +91,7 @@ class FrameSequence {
   FrameSequence& operator=(const FrameSequence&) = delete;
   ~FrameSequence();  ///< Ends the thread. May take as long as loading a frame.
 
-  /// Returns the first frame.
+  /// Returns the first frame that has data.
   [[nodiscard]] const std::shared_ptr<const Volume>& first() const noexcept { return first_; }
   /// Returns the field of the first frame.
   [[nodiscard]] const FieldPtr& firstField() const noexcept { return first_field_; }
@@ -166,6 +169,7 @@ class FrameSequence {
   SequenceParams params_;
   std::shared_ptr<const Volume> first_;
   FieldPtr first_field_;
+  std::uint64_t empty_ = 0;
   FieldFrame frame_;
   std::unique_ptr<Shared> shared_;
   std::unique_ptr<Loader> loader_;

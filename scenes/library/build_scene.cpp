@@ -11,6 +11,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks/bricks.h"
+#include "palpate/samplers/grid/no_data_error.h"
 #include "palpate/scenes/library/build_parts.h"
 #include "palpate/scenes/library/compute_fields.h"
 #include "palpate/scenes/library/frames.h"
@@ -137,10 +138,13 @@ std::vector<std::string> remarks(const GridInfo& info) {
   }
   if (info.smoothing.width > 0) {
     const Smoothing& s = info.smoothing;
+    // A wave of length l keeps exp(-2 (pi deviation / l)^2) of its height.
+    const double deviation = s.half_height_voxels / (M_PI * std::sqrt(2.0 / std::log(2.0)));
     out.push_back(
-        fmt::format("smoothed over {} voxels: values changed by {:.3g} rms, {:.3g} at most; waves "
+        fmt::format("smoothed with a Gaussian of {:.3g} voxels: values changed by {:.3g} rms, "
+                    "{:.3g} at most; waves "
                     "shorter than {:.1f} voxels keep less than half their height",
-                    s.width, s.rms_change, s.largest_change, s.half_height_voxels));
+                    deviation, s.rms_change, s.largest_change, s.half_height_voxels));
   }
   return out;
 }
@@ -165,11 +169,10 @@ class VolumeLoader {
     const std::vector<LoadResult> loaded = cache_.load(requests_, progress);
     for (std::size_t i = 0; i < names_.size(); ++i) {
       try {
-        if (loaded[i].error) std::rethrow_exception(loaded[i].error);
+        put(names_[i], loaded[i].error ? insteadOf(names_[i], loaded[i].error) : loaded[i].volume);
       } catch (const VolumeError& e) {
         throw SceneError::within(pathIn(spec_, "/volumes/" + names_[i]), e);
       }
-      put(names_[i], loaded[i].volume);
     }
     return std::move(displacements_);
   }
@@ -183,7 +186,7 @@ class VolumeLoader {
       built_.fields[name] = volume.field;
     } else if (!displaces && isSequence(volume)) {
       checkSequence(spec_, name);
-      // The first frame determines the place of all frames.
+      // The first frame with data determines the place of all frames.
       request(name, framesOf(volume).front());
     } else if (!displaces && isInBricks(volume)) {
       openBricks(spec_, name, built_, cache_);
@@ -213,6 +216,23 @@ class VolumeLoader {
       throw SceneError(pathIn(spec_, fmt::format("/volumes/{}/smooth", name)),
                        "the filter would cancel axial vectors", "remove \"smooth\"");
     }
+  }
+
+  /// Returns the first frame with data of a sequence that begins with frames without. Rethrows any
+  /// other error, and that of the first frame if no frame has data.
+  [[nodiscard]] std::shared_ptr<const Volume> insteadOf(const std::string& name,
+                                                        const std::exception_ptr& error) {
+    const VolumeSpec& volume = spec_.volumes.at(name);
+    try {
+      std::rethrow_exception(error);
+    } catch (const NoDataError&) {
+      if (!isSequence(volume) || displacing_.count(name) != 0) throw;
+    }
+    for (const VolumeRequest& frame : framesOf(volume)) {
+      const std::vector<LoadResult> loaded = cache_.load({frame}, nullptr);
+      if (!loaded.front().error) return loaded.front().volume;
+    }
+    std::rethrow_exception(error);
   }
 
   void request(const std::string& name, VolumeRequest frame) {

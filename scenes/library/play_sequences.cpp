@@ -104,6 +104,11 @@ void noteSequences(const SceneSpec& spec, BuiltScene& built) {
                       "frame_%04d.vdb, or a file with a grid for each frame",
                       pathIn(spec, "/volumes/" + name + "/frames")));
     }
+    if (state.empty > 0) {
+      built.notes.push_back(fmt::format("{}: nothing is there in {} of its {} frames",
+                                        pathIn(spec, "/volumes/" + name + "/frames"), state.empty,
+                                        state.frames));
+    }
     const std::uint64_t needed = sequence->neededFor(std::abs(built.play.speed));
     if (state.slots >= std::min(needed, state.frames)) continue;
     built.notes.push_back(fmt::format(

@@ -662,4 +662,48 @@ TEST_CASE("an invalid sequence is refused", "[sequence]") {
   CHECK_THAT(refused({}), Contains("it does not have a frame"));
 }
 
+TEST_CASE("a frame in which nothing is plays as background", "[samplers][sequence]") {
+  const TemporaryFolder folder;
+  auto frames = framesIn(folder, 4, [](int i) {
+    if (i == 0) {
+      auto none = openvdb::FloatGrid::create();  // as exporters write it, without a class
+      none->setName("ball");
+      return none;
+    }
+    auto full = ball(4.0 + 0.2 * i);
+    if (i == 2) full->setName("other");
+    return full;
+  });
+  for (VolumeRequest& frame : frames) frame.grid = "ball";
+  const auto sequence = sequenceOf(frames, 1.0);
+  CHECK(sequence->state().empty == 2);
+  CHECK(sequence->first()->info().active_voxels > 0);
+  const Player player(sequence);
+  for (const double empty : {0.0, 2.0}) {
+    const ScalarSample s = player.settled(empty, Vec3::Zero());
+    CHECK_FALSE(s.inside);
+    CHECK(s.value == Approx(3.0));
+  }
+  const ScalarSample at = player.settled(1.0, Vec3(0.0042, 0.0, 0.0));
+  CHECK(at.inside);
+  CHECK(at.value == Approx(0.0).margin(0.05));
+  // Halfway between nothing and a ball, the value is the mean.
+  CHECK(player.settled(0.5, Vec3(0.0042, 0.0, 0.0)).value == Approx(1.5).margin(0.05));
+  CHECK_THROWS_WITH(sequenceOf({frames[0], frames[2]}, 1.0),
+                    Contains("frame_0.vdb") && Contains("no active voxel"));
+}
+
+TEST_CASE("a frame without a class is a fog, and a frame of another class is refused by name",
+          "[samplers][sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 3, [](int i) {
+    auto grid = i < 2 ? ramp(i) : ball(4.0);
+    if (i == 1) grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+    return grid;
+  });
+  CHECK_NOTHROW(sequenceOf({frames[0], frames[1]}, 1.0));
+  CHECK_THROWS_WITH(sequenceOf(frames, 1.0), Contains("frame_2.vdb") && Contains("level set") &&
+                                                 Contains("set the class of its grid"));
+}
+
 }  // namespace palpate::sequence_test

@@ -549,7 +549,8 @@ TEST_CASE("smoothing is noted and applied to the volume", "[scene]") {
   scene["volumes"]["head"]["non_finite"] = "fill";
   const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
   REQUIRE(built.notes.size() == 1);
-  CHECK_THAT(built.notes.front(), Contains("s.json: /volumes/head: smoothed over 2 voxels"));
+  CHECK_THAT(built.notes.front(),
+             Contains("s.json: /volumes/head: smoothed with a Gaussian of 2.83 voxels"));
   CHECK(built.volumes.at("head")->info().smoothing.width == 2);
 }
 
