@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include "palpate/scenes/guess/sampling.h"
 #include "palpate/scenes/guess/scalar_parts.h"
@@ -13,26 +15,30 @@ double backgroundOf(const openvdb::GridBase& grid) {
              : static_cast<const openvdb::FloatGrid&>(grid).background();
 }
 
-/// Returns a sample of the active voxels; leaves out values that are not finite.
-std::vector<ScalarSample> sampleScalar(const SuggestInput& input) {
+/// Returns a sample of the active voxels; leaves out values that are not finite. If `common` has a
+/// value, the voxels with this value are left out as the surroundings of the others.
+std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<float> common) {
+  const auto is_common = [common](float value) { return common && value == *common; };
   auto samples =
       withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
-        return gather<ScalarSample, R, G>(
-            input, kSuggestSamples, [&input](const R& reader, const openvdb::Coord& c) {
-              ScalarSample sample;
-              sample.value = reader.getValue(c);
-              for (int axis = 0; axis < 3; ++axis) {
-                const auto near = neighboursOf(reader, c, axis, input);
-                if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after))
-                  continue;
-                const auto a = static_cast<std::size_t>(axis);
-                sample.before[a] = near.before;
-                sample.after[a] = near.after;
-                sample.known[a] = true;
-                sample.at_edge = sample.at_edge || near.at_edge;
-              }
-              return sample;
-            });
+        const auto make = [&](const R& reader, const openvdb::Coord& c) {
+          ScalarSample sample;
+          sample.value = reader.getValue(c);
+          for (int axis = 0; axis < 3; ++axis) {
+            const auto near = neighboursOf(reader, c, axis, input);
+            if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after)) continue;
+            const auto a = static_cast<std::size_t>(axis);
+            sample.before[a] = near.before;
+            sample.after[a] = near.after;
+            sample.known[a] = true;
+            sample.at_edge =
+                sample.at_edge || near.at_edge || is_common(near.before) || is_common(near.after);
+          }
+          return sample;
+        };
+        if (!common) return gather<ScalarSample, R, G>(input, kSuggestSamples, make);
+        return gather<ScalarSample, R, G>(input, kSuggestSamples, make,
+                                          [&](float value) { return !is_common(value); });
       });
   samples.erase(std::remove_if(samples.begin(), samples.end(),
                                [](const ScalarSample& s) { return !std::isfinite(s.value); }),
@@ -57,14 +63,14 @@ void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   }
 }
 
-/// Sets the range between the 0.2nd and the 99.8th percentile, and the value of an image's
-/// surroundings. If a sample touches the surroundings, the range includes their value.
+/// Sets the range that contains nearly all values, and the value of an image's surroundings. If a
+/// sample touches the surroundings, the range includes their value.
 void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& input,
               ScalarAnalysis& scalar) {
   scalar.low = percentile(scalar.values, 0.2);
   scalar.high = percentile(scalar.values, 99.8);
-  const double background = backgroundOf(*input.grid);
-  if (!input.inactive_is_data || !std::isfinite(background) ||
+  const double background = scalar.common.value_or(backgroundOf(*input.grid));
+  if ((!input.inactive_is_data && !scalar.common) || !std::isfinite(background) ||
       (scalar.no_data && *scalar.no_data == background)) {
     return;
   }
@@ -76,6 +82,53 @@ void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& inpu
   }
 }
 
+/// Analyses the samples. `common` is the value of most voxels, if they are not among the samples.
+ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestInput& input,
+                              std::optional<float> common) {
+  constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is due to rounding
+  ScalarAnalysis scalar;
+  if (samples.empty()) return scalar;
+  if (common) scalar.common = *common;
+  scalar.values.reserve(samples.size());
+  for (const ScalarSample& sample : samples) scalar.values.push_back(sample.value);
+  std::sort(scalar.values.begin(), scalar.values.end());
+  removeNoData(samples, scalar);
+  setRange(samples, input, scalar);
+  const std::array<double, 3> edges = edgesOf(*input.grid);
+  const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
+  scalar.distance = distanceOf(samples, edges, edge);
+  if (scalar.distance != Distance::kNone) scalar.positive_inside = isPositiveInside(input);
+  if (!(scalar.range() > kRounding * std::max(std::abs(scalar.low), std::abs(scalar.high)))) {
+    scalar.low = scalar.high;
+    return scalar;
+  }
+  analyseLabels(samples, scalar);
+  scalar.entropy = entropyOf(scalar.values);
+  const LevelIntegrals levels = integrateLevels(samples, scalar, edges);
+  scalar.boundaries = findBoundaries(levels, scalar, edge, input.inactive_is_data);
+  if (scalar.boundaries.empty()) {
+    if (const auto front = findFront(input, scalar)) scalar.boundaries.push_back(*front);
+  }
+  scalar.has_object = !scalar.boundaries.empty();
+  return scalar;
+}
+
+/// Returns true if the 5th and the 95th percentile differ after rounding, so that a drag can depend
+/// on the values.
+bool hasSpread(const ScalarAnalysis& scalar) {
+  const auto at = [&](double percent) { return scalar.round(percentile(scalar.values, percent)); };
+  return at(95.0) > at(5.0);
+}
+
+/// Returns the value of more than half of the samples; no value if there is none.
+std::optional<float> commonOf(const std::vector<float>& sorted) {
+  if (sorted.empty()) return std::nullopt;
+  const float middle = sorted[sorted.size() / 2];
+  const auto [from, to] = std::equal_range(sorted.begin(), sorted.end(), middle);
+  return 2 * static_cast<std::size_t>(to - from) > sorted.size() ? std::optional(middle)
+                                                                 : std::nullopt;
+}
+
 }  // namespace
 
 double ScalarAnalysis::shareAbove(double value) const {
@@ -84,32 +137,26 @@ double ScalarAnalysis::shareAbove(double value) const {
   return static_cast<double>(values.end() - at) / static_cast<double>(values.size());
 }
 
+bool varies(const ScalarAnalysis& scalar) {
+  return scalar.distance != Distance::kNone ||
+         (scalar.range() > 0.0 && (!scalar.boundaries.empty() || hasSpread(scalar)));
+}
+
 ScalarAnalysis analyseScalar(const SuggestInput& input) {
-  constexpr double kRounding =
-      1e-6;  // share of the largest value; a smaller range is due to rounding
-  std::vector<ScalarSample> samples = sampleScalar(input);
-  ScalarAnalysis scalar;
-  if (samples.empty()) return scalar;
-  scalar.values.reserve(samples.size());
-  for (const ScalarSample& sample : samples) scalar.values.push_back(sample.value);
-  std::sort(scalar.values.begin(), scalar.values.end());
-  removeNoData(samples, scalar);
-  setRange(samples, input, scalar);
-  if (!(scalar.range() > kRounding * std::max(std::abs(scalar.low), std::abs(scalar.high)))) {
-    scalar.low = scalar.high;
-    return scalar;
-  }
-  analyseLabels(samples, scalar);
-  scalar.entropy = entropyOf(scalar.values);
-  const std::array<double, 3> edges = edgesOf(*input.grid);
-  const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
-  scalar.distance = isDistance(samples, edges, edge);
-  const LevelIntegrals levels = integrateLevels(samples, scalar, edges);
-  scalar.boundaries = findBoundaries(levels, scalar, edge, input.inactive_is_data);
-  if (scalar.boundaries.empty()) {
-    if (const auto front = findFront(levels, scalar)) scalar.boundaries.push_back(*front);
-  }
-  return scalar;
+  // A body of fewer voxels, four along each edge, has no resolved boundary.
+  constexpr std::size_t kLeast = 64;
+  ScalarAnalysis all = analyseSamples(sampleScalar(input, std::nullopt), input, std::nullopt);
+  if (all.distance != Distance::kNone || hasSpread(all)) return all;
+  const std::optional<float> common = commonOf(all.values);
+  if (!common) return all;
+  std::vector<ScalarSample> others = sampleScalar(input, common);
+  if (others.size() < kLeast) return all;
+  ScalarAnalysis few = analyseSamples(std::move(others), input, common);
+  if (!varies(few)) return all;
+  // A scalar that varies in few voxels does not come before others.
+  few.entropy = all.entropy;
+  few.has_object = all.has_object;
+  return few;
 }
 
 }  // namespace palpate::guess

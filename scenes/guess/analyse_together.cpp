@@ -22,32 +22,6 @@ std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Returns voxels that are spread evenly over the faces of a box.
-std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box) {
-  constexpr int kLines = 32;
-  std::vector<openvdb::Coord> at;
-  for (int axis = 0; axis < 3; ++axis) {
-    const int b = (axis + 1) % 3;
-    const int c = (axis + 2) % 3;
-    const auto along = [&](int a, int i) {
-      return box.min()[a] +
-             static_cast<int>(static_cast<std::int64_t>(box.dim()[a] - 1) * i / (kLines - 1));
-    };
-    for (int i = 0; i < kLines; ++i) {
-      for (int j = 0; j < kLines; ++j) {
-        for (const int end : {box.min()[axis], box.max()[axis]}) {
-          openvdb::Coord p;
-          p[axis] = end;
-          p[b] = along(b, i);
-          p[c] = along(c, j);
-          at.push_back(p);
-        }
-      }
-    }
-  }
-  return at;
-}
-
 /// Statistics of several scalars at the same voxels. One of the scalars can be left out.
 class Sums {
  public:
@@ -77,18 +51,29 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the fraction of voxels where one of the scalars is above 0.95. The scalar with the
-  /// index `without` is left out.
+  /// Returns the fraction of voxels where all scalars are within 0 and 1 and their sum is at
+  /// most 1.
+  [[nodiscard]] double atMostOnes() {
+    if (totals_.empty()) addUp();
+    const auto fits = [](const Total& t) { return t.beyond == 0 && t.sum <= 1.0 + kNear; };
+    return share(static_cast<std::size_t>(std::count_if(totals_.begin(), totals_.end(), fits)));
+  }
+  /// Returns the fraction of voxels where one of the scalars is nearly 1, or all are nearly 0. The
+  /// scalar with the index `without` is left out.
   [[nodiscard]] double alone(std::size_t without) const {
-    // a material with a greater fraction of a voxel counts as alone in it
+    // a material with a greater fraction of a voxel fills it nearly alone
     constexpr double kAlone = 0.95;
     std::size_t count = 0;
     for (const std::size_t i : data_) {
       bool found = false;
+      double sum = 0.0;
       for (std::size_t m = 0; m < readings_.size(); ++m) {
-        found = found || (m != without && readings_[m].values[i] > kAlone);
+        if (m == without) continue;
+        const double value = readings_[m].values[i];
+        found = found || value > kAlone;
+        sum += value;
       }
-      count += found ? 1 : 0;
+      count += found || sum < 1.0 - kAlone ? 1 : 0;
     }
     return share(count);
   }
@@ -188,7 +173,8 @@ SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars) {
     sum.is_one = sums.ones(i) >= kNearlyEverywhere;
     if (sum.is_one) without = i;
   }
-  if (!sum.is_one) return sum;
+  sum.is_at_most_one = sum.is_one || sums.atMostOnes() >= kNearlyEverywhere;
+  if (!sum.is_at_most_one) return sum;
   if (without < scalars.size()) sum.other = without;
   sum.at_faces = Sums(scalars, facesOf(box)).means();
   const Sums throughout(scalars, spreadIn(box));

@@ -67,6 +67,19 @@ double fastestOf(const std::vector<VectorSample>& samples) {
   return percentile(speeds, 99.8);
 }
 
+/// Returns |O|^2 / |J|^2 of all vectors that are longer than `still` and have at least the curl
+/// `least`. Returns 0 without such vectors.
+double coreOf(const std::vector<VectorSample>& samples, double still, double least) {
+  double turning = 0.0;
+  double changing = 0.0;
+  for (const VectorSample& s : samples) {
+    if (!(s.value.length() > still) || s.curl < 0.0F || s.curl < least) continue;
+    turning += 0.5 * static_cast<double>(s.curl) * s.curl;
+    changing += static_cast<double>(s.jacobian) * s.jacobian;
+  }
+  return changing > 0.0 ? turning / changing : 0.0;
+}
+
 }  // namespace
 
 VectorAnalysis analyseVector(const SuggestInput& input) {
@@ -108,6 +121,7 @@ VectorAnalysis analyseVector(const SuggestInput& input) {
               std::max(1.0, static_cast<double>(flow.speed.size()));
   std::sort(flow.speed.begin(), flow.speed.end());
   std::sort(flow.curl.begin(), flow.curl.end());
+  flow.core = coreOf(samples, kStill * fastest, percentile(flow.curl, 95.0));
   return flow;
 }
 

@@ -174,32 +174,6 @@ void keepGreatest(std::vector<Boundary>& found) {
             [](const Boundary& a, const Boundary& b) { return a.value < b.value; });
 }
 
-/// The bins from `from` on, up to and without `to`.
-struct BinRange {
-  std::size_t from = 0;
-  std::size_t to = 0;
-};
-
-/// Returns the widest range of levels at which at least kLeastSteep of the isosurface is steep.
-BinRange widestSteepRange(const LevelIntegrals& levels) {
-  constexpr double kLeastSteep = 0.7;  // fraction of an isosurface's area
-  const Bins area = smoothed(levels.area);
-  const Bins steep = smoothed(levels.steep);
-  Bins score{};
-  for (std::size_t i = 0; i < kBins; ++i) {
-    if (area[i] > 0.0 && steep[i] >= kLeastSteep * area[i]) score[i] = steep[i] / area[i];
-  }
-  BinRange widest;
-  for (std::size_t i = 0; i < kBins; ++i) {
-    if (score[i] <= 0.0) continue;
-    std::size_t end = i;
-    while (end < kBins && score[end] > 0.0) ++end;
-    if (end - i > widest.to - widest.from) widest = {i, end};
-    i = end;
-  }
-  return widest;
-}
-
 }  // namespace
 
 std::vector<Boundary> findBoundaries(const LevelIntegrals& levels, const ScalarAnalysis& scalar,
@@ -213,31 +187,6 @@ std::vector<Boundary> findBoundaries(const LevelIntegrals& levels, const ScalarA
   }
   keepGreatest(found);
   return found;
-}
-
-std::optional<Boundary> findFront(const LevelIntegrals& levels, const ScalarAnalysis& scalar) {
-  // If a greater fraction of the voxels is steep, the field is coarse or noisy.
-  constexpr double kMostlySteep = 0.2;
-  // Least fraction of the voxels on either side. A smaller region is the neighbourhood of a source,
-  // such as the source of a concentration.
-  constexpr double kLeastBeside = 0.1;
-
-  if (levels.steep_share > kMostlySteep) return std::nullopt;
-  const auto [from, to] = widestSteepRange(levels);
-  // In a front, values change by at least this range from one voxel to the next.
-  if (static_cast<double>(to - from) < kSteep * static_cast<double>(kBins)) return std::nullopt;
-  const Scale scale(scalar);
-  Boundary b;
-  b.front = true;
-  b.lower = scale.valueAt(from);
-  b.upper = scale.valueAt(to - 1);
-  b.value = b.foot = 0.5 * (b.lower + b.upper);
-  b.share = 1.0;
-  const auto bin = (from + to) / 2;
-  b.slope = levels.gradient[bin] / std::max(levels.area[bin], std::numeric_limits<double>::min());
-  const double above = scalar.shareAbove(b.value);
-  if (std::min(above, 1.0 - above) < kLeastBeside) return std::nullopt;
-  return b;
 }
 
 }  // namespace palpate::guess

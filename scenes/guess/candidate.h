@@ -22,6 +22,7 @@ enum class Kind : std::uint8_t {
   kScalar,  ///< A scalar of another kind than those above.
   kDirections,
   kFlow,
+  kBody,  ///< The region of the largest body in an image (body.h).
 };
 
 /// A grid that a scene may use.
@@ -50,10 +51,6 @@ inline double shown(double value) {
 
 /// Returns the text with all ASCII letters in lower case.
 [[nodiscard]] std::string lowerCase(std::string text);
-
-/// Returns true if the 5th and the 95th percentile differ after rounding, so that a drag can depend
-/// on the values.
-[[nodiscard]] bool hasSpread(const ScalarAnalysis& scalar);
 
 /// Analyses a grid and sets its kind, with the reason. The first rule in kind_rules.cpp that
 /// applies decides. `stated` is the value of --for.

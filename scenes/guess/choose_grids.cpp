@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/components.h"
 #include "palpate/scenes/guess/mode_rules.h"
 
@@ -44,6 +45,23 @@ void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
                    fmt::format("name them {0}.x, {0}.y and {0}.z in the .vdb, or import the "
                                "original file: palpate import joins them",
                                found.name));
+  }
+}
+
+/// Leaves out weights of distances: how often, or how surely, a scanner has seen a voxel. They do
+/// not describe matter.
+void leaveWeights(const std::vector<Candidate>& candidates, Draft& draft) {
+  const auto is_distance = [](const Candidate& c) {
+    return c.kind == Kind::kLevelSet || c.kind == Kind::kDistance;
+  };
+  const auto distance = std::find_if(candidates.begin(), candidates.end(), is_distance);
+  if (distance == candidates.end()) return;
+  for (const Candidate& c : candidates) {
+    if (!c.input->isScalar() || is_distance(c) || draft.isUsed(c) || c.scalar.low < 0.0) continue;
+    const std::string name = lowerCase(c.input->name());
+    if (name == "w" || hasWord(name, {"weight", "confidence", "observations"})) {
+      draft.leaveOut(c, "weights of the distances in " + distance->shownName());
+    }
   }
 }
 
@@ -141,6 +159,10 @@ Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
   const std::string speed = draft.addField("speed", Json{{"magnitude", flow.name}});
   draft.addMode(followFlow(flow, speed));
   if (!hasVortices(flow.vector)) return vectors;
+  if (hasVortexCores(flow.vector)) {
+    draft.addMode(vortexTube(flow));
+    return vectors;
+  }
   const std::string vorticity = draft.addField("vorticity", Json{{"curl", flow.name}});
   draft.addMode(vortexDrag(flow.vector, vorticity));
   return vectors;
@@ -171,11 +193,32 @@ std::size_t outermostOf(const std::vector<Candidate*>& fractions, const SumAnaly
   return static_cast<std::size_t>(most - sum.at_faces.begin());
 }
 
-/// Adds surfaces of materials, whose fractions add up to 1 everywhere. The materials with the
-/// largest volumes come first. The outermost material gets no surface, because the hand moves in
-/// it.
+bool isVolumeFraction(const Candidate* c) {
+  return hasWord(lowerCase(c->input->name()),
+                 {"volume fraction", "volume_fraction", "volumefraction", "volfrac", "vol_frac",
+                  "vfrac", "vof"});
+}
+
+/// Leaves out the masses of materials in each cell, because the fractions of the materials have
+/// their surfaces.
+void leaveMasses(const std::vector<Candidate>& candidates, Draft& draft) {
+  for (const Candidate& c : candidates) {
+    const std::string name = lowerCase(c.input->name());
+    if (draft.isFree(c, Kind::kScalar) && hasWord(name, {"mass"}) &&
+        !hasWord(name, {"fraction", "density", "flux", "flow"})) {
+      draft.leaveOut(c, "a mass; the fractions of the materials have their surfaces");
+    }
+  }
+}
+
+/// Adds surfaces of materials. Their fractions add up to 1 everywhere, and the outermost material
+/// gets no surface, because the hand moves in it. If the names are those of volume fractions, they
+/// may also add up to less than 1: the rest is a void. The materials with the largest volumes come
+/// first.
 void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<Candidate*> fractions = fractionsOf(candidates, draft);
+  const bool named = std::count_if(fractions.begin(), fractions.end(), isVolumeFraction) > 1;
+  if (named) std::erase_if(fractions, [](const Candidate* c) { return !isVolumeFraction(c); });
   std::vector<const SuggestInput*> inputs;
   inputs.reserve(fractions.size());
   for (const Candidate* c : fractions) inputs.push_back(c->input);
@@ -187,13 +230,16 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
     sum.throughout.erase(sum.throughout.begin() + other);
   }
   // The fractions of a mixture of gases also add up to 1, but have no surfaces.
-  if (!sum.is_one || !sum.apart) return;
-  const std::size_t outermost = outermostOf(fractions, sum);
+  if (!(sum.is_one || (named && sum.is_at_most_one)) || !sum.apart) return;
+  const std::size_t outermost = sum.is_one ? outermostOf(fractions, sum) : fractions.size();
   std::vector<std::pair<double, Candidate*>> materials;
   for (std::size_t i = 0; i < fractions.size(); ++i) {
     if (i != outermost) materials.emplace_back(sum.throughout[i], fractions[i]);
   }
-  draft.leaveOut(*fractions[outermost], "the material around the others: the hand moves in it");
+  if (outermost < fractions.size()) {
+    draft.leaveOut(*fractions[outermost], "the material around the others: the hand moves in it");
+  }
+  leaveMasses(candidates, draft);
   std::stable_sort(materials.begin(), materials.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   for (const auto& [share, c] : materials) {
@@ -202,8 +248,8 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
       continue;
     }
     draft.use(*c);
-    c->seen = fmt::format("the fraction of a material: {} grids from 0 to 1 add up to 1",
-                          fractions.size());
+    c->seen = fmt::format("the fraction of a material: {} grids from 0 to 1 add up to {}1",
+                          fractions.size(), sum.is_one ? "" : "at most ");
     draft.addVolume(*c);
     draft.addMode(materialSurface(*c, share));
   }
@@ -215,15 +261,15 @@ double scoreOf(const Candidate& c) {
   constexpr double kObject = 0.3;  // compared with an entropy of 1 for evenly distributed values
   constexpr double kFamiliar = 0.2;
   const bool familiar = hasWord(lowerCase(c.input->name()), {"temp", "pres", "dens"});
-  return c.scalar.entropy + (c.scalar.boundaries.empty() ? 0.0 : kObject) +
-         (familiar ? kFamiliar : 0.0);
+  return c.scalar.entropy + (c.scalar.has_object ? kObject : 0.0) + (familiar ? kFamiliar : 0.0);
 }
 
 /// Returns the scalars that no rule has used yet, in descending order of their scores.
 std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<const Candidate*> scalars;
   for (Candidate& c : candidates) {
-    if (draft.isUsed(c) || c.kind == Kind::kLevelSet || c.input->isVector()) continue;
+    const bool other = c.kind == Kind::kLevelSet || c.kind == Kind::kBody || c.input->isVector();
+    if (draft.isUsed(c) || other) continue;
     if (c.kind == Kind::kOther || c.kind == Kind::kConstant) {
       draft.leaveOut(c, c.seen);
       continue;
@@ -245,6 +291,34 @@ void leaveInnerLabels(const Candidate& c, Draft& draft) {
                  "an isosurface between two labels also encloses other labels",
                  "write a grid for each label, 1 inside of the label and 0 elsewhere, and put an "
                  "isosurface at 0.5");
+}
+
+/// Returns the region of the largest body in an image. Returns null if the file lacks this region.
+const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidate& image) {
+  for (const Candidate& c : candidates) {
+    if (c.kind != Kind::kBody) continue;
+    const auto of = c.input->grid->getMetadata<openvdb::StringMetadata>(kMetaBodyOf);
+    if (of && of->value() == image.input->name()) return &c;
+  }
+  return nullptr;
+}
+
+/// Adds the modes of a scalar, at most `most`. If the file has the region of its largest body, the
+/// modes act only there.
+void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std::size_t most,
+              Draft& draft) {
+  const Candidate* body = c.kind == Kind::kHounsfield ? bodyIn(candidates, c) : nullptr;
+  if (body != nullptr) draft.addVolume(*body);
+  for (Json& mode : scalarModes(c, most)) {
+    if (body != nullptr) confine(mode, body->name);
+    draft.addMode(mode);
+  }
+  if (body == nullptr) return;
+  draft.leaveOut("what does not hang together with the largest body",
+                 fmt::format("such as the table below a patient; to keep it, remove every \"by\": "
+                             "\"{}\" with its factor",
+                             body->name),
+                 "");
 }
 
 /// Adds at most two scalars, those with the highest scores. Leaves out a scalar that matches the
@@ -273,7 +347,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
     const bool more = i + 1 < chosen.size();
     draft.addVolume(*chosen[i]);
     const std::size_t most = std::min(kMostModes, draft.freeModes() - (more ? 1 : 0));
-    for (const Json& mode : scalarModes(*chosen[i], most)) draft.addMode(mode);
+    addModes(candidates, *chosen[i], most, draft);
     leaveInnerLabels(*chosen[i], draft);
   }
 }
@@ -294,6 +368,7 @@ void addUniform(const std::vector<const Candidate*>& uniform, Draft& draft) {
 
 void chooseGrids(std::vector<Candidate>& candidates, GuessFor stated, Draft& draft) {
   leaveComponents(candidates, draft);
+  leaveWeights(candidates, draft);
   addLevelSets(candidates, draft);
   addFibres(candidates, draft);
   const Vectors vectors = addFlow(candidates, draft);

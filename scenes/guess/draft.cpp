@@ -117,7 +117,8 @@ Guess Draft::write() const {
   Json scene;
   scene["description"] = description;
   scene["palpate"] = 1;
-  scene["coupling"] = Json{{"stiffness", 500}, {"damping", 0.5}};
+  // Without a stiffness, the limit of the device lowers the default (fitCoupling).
+  scene["coupling"] = Json{{"damping", 0.5}};
   scene["volumes"] = volumes_;
   if (!fields_.empty()) scene["fields"] = fields_;
   scene["modes"] = modes_;

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/candidate.h"
 
 namespace palpate::guess {
@@ -42,6 +43,9 @@ bool isStated(const Evidence& e) {
 bool isLevelSet(const Evidence& e) {
   return e.input.isScalar() && e.input.grid->getGridClass() == openvdb::GRID_LEVEL_SET;
 }
+bool isBodyRegion(const Evidence& e) {
+  return (*e.input.grid)[kMetaBodyOf] != nullptr;
+}
 bool hasOtherTransforms(const Evidence& e) {
   return e.input.apart;
 }
@@ -51,6 +55,7 @@ bool hasOtherType(const Evidence& e) {
 
 constexpr std::array kGridRules{
     KindRule{isLevelSet, Kind::kLevelSet, "a level set, by its grid class"},
+    KindRule{isBodyRegion, Kind::kBody, "the region of the largest body, by its metadata"},
     KindRule{hasOtherTransforms, Kind::kOther, "components with different transforms"},
     KindRule{hasOtherType, Kind::kOther, "values of type {type} are not supported"},
 };
@@ -80,7 +85,7 @@ constexpr std::array kVectorRules{
 // Rules for scalars.
 
 bool isConstantScalar(const Evidence& e) {
-  return !(e.scalar.range() > 0.0 && (!e.scalar.boundaries.empty() || hasSpread(e.scalar)));
+  return !varies(e.scalar);
 }
 bool isLabelsStated(const Evidence& e) {
   return e.stated == GuessFor::kLabels && e.scalar.whole > kNearlyWhole &&
@@ -146,7 +151,10 @@ bool isHounsfieldByValues(const Evidence& e) {
          tissue > kPeak * scalar.shareWithin(-500.0, -400.0);
 }
 bool isDistanceByValues(const Evidence& e) {
-  return isOpen(e) && e.scalar.distance;
+  return isOpen(e) && e.scalar.distance == Distance::kFull;
+}
+bool isTruncatedByValues(const Evidence& e) {
+  return isOpen(e) && e.scalar.distance == Distance::kTruncated;
 }
 
 /// Returns true for labels. In an image, the values at a boundary pass through those in between.
@@ -188,6 +196,8 @@ constexpr std::array kScalarRules{
     KindRule{isDistanceByValues, Kind::kDistance,
              "{values}: they change by 1 per unit or voxel nearly everywhere: the distance to a "
              "surface"},
+    KindRule{isTruncatedByValues, Kind::kDistance,
+             "{values}: they change evenly up to a limit: the distance to a surface, truncated"},
     KindRule{isLabelsByValues, Kind::kLabels,
              "{values}: {labels} values in constant pieces that touch in any order: labels"},
     KindRule{isStatedAsCt, Kind::kScalar,
@@ -202,12 +212,14 @@ constexpr std::array kScalarRules{
 /// to 2.5 Pa".
 std::string rangeOf(const Candidate& c) {
   const ScalarAnalysis& scalar = c.scalar;
-  const bool whole = scalar.whole > kNearlyWhole;
+  const bool whole = scalar.whole > kNearlyWhole && c.kind != Kind::kDistance;
   const auto end = [&](double value) { return whole ? value : scalar.round(value); };
   const std::string no_data =
       scalar.no_data ? fmt::format(", {} marks missing data", shown(*scalar.no_data)) : "";
-  return fmt::format("{} from {} to {}{}{}", whole ? "whole numbers" : "values", end(scalar.low),
-                     end(scalar.high), c.unit(), no_data);
+  const std::string common =
+      scalar.common ? fmt::format(", {} in nearly all voxels", shown(*scalar.common)) : "";
+  return fmt::format("{} from {} to {}{}{}{}", whole ? "whole numbers" : "values", end(scalar.low),
+                     end(scalar.high), c.unit(), no_data, common);
 }
 
 /// Replaces the names in braces in the reason of a rule.
@@ -238,11 +250,6 @@ bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
 std::string lowerCase(std::string text) {
   for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return text;
-}
-
-bool hasSpread(const ScalarAnalysis& scalar) {
-  return scalar.round(percentile(scalar.values, 95.0)) >
-         scalar.round(percentile(scalar.values, 5.0));
 }
 
 void classify(Candidate& candidate, GuessFor stated) {

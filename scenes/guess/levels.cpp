@@ -29,9 +29,7 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
   // this constant begins and ends, and sums up at the end.
   std::array<double, kBins + 1> area{};
   std::array<double, kBins + 1> gradient{};
-  std::array<double, kBins + 1> steep{};
   LevelIntegrals levels;
-  const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
   const double volume = edges[0] * edges[1] * edges[2];
   const double bins = static_cast<double>(kBins);
   // A level is the value in the middle of its bin.
@@ -50,8 +48,6 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
                     (2.0 * edges[axis]);
     }
     const double whole = std::hypot(slope[0], slope[1], slope[2]);
-    const bool is_steep = whole * edge >= kSteep * scalar.range();
-    if (is_steep) levels.steep_share += 1.0 / static_cast<double>(samples.size());
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (!(slope[axis] > 0.0)) continue;
       const auto [lower, upper] = std::minmax(sample.before[axis], sample.after[axis]);
@@ -62,9 +58,6 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
       area[to] -= seen * slope[axis] / whole;
       gradient[from] += seen * slope[axis];
       gradient[to] -= seen * slope[axis];
-      if (!is_steep) continue;
-      steep[from] += seen * slope[axis] / whole;
-      steep[to] -= seen * slope[axis] / whole;
     }
     if (sample.value >= scalar.low && sample.value <= scalar.high) {
       levels.count[bin_of(sample.value)] += 1.0;
@@ -74,7 +67,6 @@ LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
   }
   std::partial_sum(area.begin(), area.end() - 1, levels.area.begin());
   std::partial_sum(gradient.begin(), gradient.end() - 1, levels.gradient.begin());
-  std::partial_sum(steep.begin(), steep.end() - 1, levels.steep.begin());
   // A smaller area is a rounding error of the running sum.
   const double least = 1e-9 * *std::max_element(levels.area.begin(), levels.area.end());
   for (std::size_t i = 0; i < kBins; ++i) {

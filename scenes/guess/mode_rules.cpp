@@ -33,10 +33,9 @@ bool hasFlesh(const ScalarAnalysis& scalar) {
 
 /// Adds the surface of the skin if the image has air and flesh.
 void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
-  constexpr double kSkin = -300.0;  // between the values of air and fat
   constexpr double kAir = -500.0;
   if (!(c.scalar.low < kAir && hasFlesh(c.scalar))) return;
-  modes.push_back(isosurface("skin", c.name, kSkin, true, kYielding,
+  modes.push_back(isosurface("skin", c.name, kSkinHounsfield, true, kYielding,
                              "Between air (-1000 HU) and skin (about 0 HU). It yields to a firm "
                              "push."));
 }
@@ -168,8 +167,12 @@ void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
 
 /// Adds the surface at distance 0.
 void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
-  modes.push_back(isosurface(c.name, c.name, 0.0, false, kFirm,
-                             "The surface at distance 0, solid where the values are below 0."));
+  const bool above = c.scalar.positive_inside;
+  modes.push_back(isosurface(c.name, c.name, 0.0, above, kFirm,
+                             above ? "The surface at distance 0, solid where the values are above "
+                                     "0: the faces of the volume are below 0."
+                                   : "The surface at distance 0, solid where the values are below "
+                                     "0."));
 }
 
 /// Adds modes for a scalar of the given kind, if its values allow this.
@@ -210,9 +213,9 @@ std::string reasonOf(const Boundary& b, const Candidate& c) {
   const auto value = [&](double v) { return fmt::format("{}{}", c.scalar.round(v), c.unit()); };
   if (b.front) {
     return fmt::format(
-        "A front, such as a shock: values from {} to {} change within a few voxels wherever they "
-        "occur. The isovalue is the middle, {}. A first guess.",
-        value(b.lower), value(b.upper), value(b.value));
+        "A front, such as a shock: values jump within a few voxels wherever they pass {}, which is "
+        "the value at the steepest places. A first guess.",
+        value(b.value));
   }
   if (b.lower_known && b.upper_known) {
     return fmt::format(
@@ -384,6 +387,21 @@ bool hasVortices(const VectorAnalysis& flow) {
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);
   return !(flow.turning < kTurning) && rounded(most, most) > rounded(middle, most);
+}
+
+bool hasVortexCores(const VectorAnalysis& flow) {
+  constexpr double kCore = 0.75;  // the middle between shear (0.5) and the core of a vortex (1)
+  return flow.core > kCore;
+}
+
+Json vortexTube(const Candidate& flow) {
+  const double middle = percentile(flow.vector.curl, 50.0);
+  const double most = percentile(flow.vector.curl, 95.0);
+  return makeMode("vortices", "vortex_tube", flow.name, Json::object(),
+                  curve({{rounded(middle, most), 0}, {rounded(most, most), 1.5}}),
+                  "Free round and along a vortex, and held at its distance from the core. The "
+                  "strength grows with the vorticity, from its median to its 95th percentile. A "
+                  "first guess.");
 }
 
 Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {

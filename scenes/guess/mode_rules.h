@@ -10,6 +10,9 @@
 
 namespace palpate::guess {
 
+/// Value of the skin in a CT [HU]: between air (-1000) and fat (-100).
+inline constexpr double kSkinHounsfield = -300.0;
+
 /// Returns at most `most` modes for a scalar, the most important ones first. The scalar must be
 /// neither constant nor a level set.
 [[nodiscard]] std::vector<Json> scalarModes(const Candidate& c, std::size_t most);
@@ -34,6 +37,11 @@ namespace palpate::guess {
 
 /// Returns true if a flow has enough curl for the mode of vortexDrag().
 [[nodiscard]] bool hasVortices(const VectorAnalysis& flow);
+/// Returns true if the flow turns like a solid where its curl is highest, as in the core of a
+/// vortex. In a shear layer, such as the wake of a wall, the flow only shears.
+[[nodiscard]] bool hasVortexCores(const VectorAnalysis& flow);
+/// Returns a mode that guides the hand along the vortices of a flow.
+[[nodiscard]] Json vortexTube(const Candidate& flow);
 /// Returns a drag that depends on the vorticity of a flow, the field with the given name.
 [[nodiscard]] Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity);
 

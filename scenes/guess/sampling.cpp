@@ -22,6 +22,31 @@ openvdb::Coord voxelOf(const openvdb::CoordBBox& box, std::uint64_t n) {
                                     static_cast<int>(n % z));
 }
 
+std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box) {
+  constexpr int kLines = 32;
+  std::vector<openvdb::Coord> at;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int b = (axis + 1) % 3;
+    const int c = (axis + 2) % 3;
+    const auto along = [&](int a, int i) {
+      return box.min()[a] +
+             static_cast<int>(static_cast<std::int64_t>(box.dim()[a] - 1) * i / (kLines - 1));
+    };
+    for (int i = 0; i < kLines; ++i) {
+      for (int j = 0; j < kLines; ++j) {
+        for (const int end : {box.min()[axis], box.max()[axis]}) {
+          openvdb::Coord p;
+          p[axis] = end;
+          p[b] = along(b, i);
+          p[c] = along(c, j);
+          at.push_back(p);
+        }
+      }
+    }
+  }
+  return at;
+}
+
 std::array<double, 3> edgesOf(const openvdb::GridBase& grid) {
   const openvdb::Vec3d origin = grid.transform().indexToWorld(openvdb::Vec3d(0.0));
   std::array<double, 3> edges{};

@@ -5,10 +5,13 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <type_traits>
 #include <vector>
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
 
 #include "palpate/scenes/guess/suggest.h"
 
@@ -20,6 +23,9 @@ namespace palpate::guess {
 
 /// Returns the n-th voxel of a box.
 [[nodiscard]] openvdb::Coord voxelOf(const openvdb::CoordBBox& box, std::uint64_t n);
+
+/// Returns voxels that are spread evenly over the faces of a box.
+[[nodiscard]] std::vector<openvdb::Coord> facesOf(const openvdb::CoordBBox& box);
 
 /// Returns the lengths of a voxel's edges, in units of the file.
 [[nodiscard]] std::array<double, 3> edgesOf(const openvdb::GridBase& grid);
@@ -106,17 +112,49 @@ std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
   return tiles;
 }
 
-/// Returns make(reader, coord) for every n-th active voxel, with n such that there are at most
-/// about `most` results. In each leaf and each tile, a hash of its origin selects the first voxel.
-/// The results are in the order of the tree, leaves before tiles, for any number of threads.
-template <class Out, class ReaderT, class GridT, class Make>
-std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make) {
+/// Selects all active voxels.
+struct KeepAll {};
+
+/// Returns make(reader, coord) for every n-th active voxel with keep(value), with n such that there
+/// are at most about `most` results. In each leaf and each tile, a hash of its origin selects the
+/// first voxel. The results are in the order of the tree, leaves before tiles, for any number of
+/// threads. A `keep` other than KeepAll needs one more pass over all active voxels.
+template <class Out, class ReaderT, class GridT, class Make, class Keep = KeepAll>
+std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make,
+                        const Keep& keep = {}) {
+  constexpr bool kAll = std::is_same_v<Keep, KeepAll>;
   const auto& grid = static_cast<const GridT&>(*input.grid);
   using Leaf = typename GridT::TreeType::LeafNodeType;
   std::vector<const Leaf*> leaves;
   grid.tree().getNodes(leaves);
   const std::vector<openvdb::CoordBBox> tiles = tilesOf(grid.tree());
-  const std::uint64_t step = grid.activeVoxelCount() / most + 1;
+  const auto kept = [&keep](const auto& value) {
+    if constexpr (kAll) {
+      return true;
+    } else {
+      return keep(static_cast<typename ReaderT::ValueType>(value));
+    }
+  };
+  const auto kept_tile = [&](std::size_t i) {
+    return kept(grid.tree().getValue(tiles[i - leaves.size()].min()));
+  };
+  std::uint64_t count = grid.activeVoxelCount();
+  if constexpr (!kAll) {
+    count = tbb::parallel_reduce(
+        tbb::blocked_range<std::size_t>(0, leaves.size() + tiles.size()), std::uint64_t{0},
+        [&](const auto& range, std::uint64_t sum) {
+          for (std::size_t i = range.begin(); i < range.end(); ++i) {
+            if (i >= leaves.size()) {
+              sum += kept_tile(i) ? tiles[i - leaves.size()].volume() : 0;
+              continue;
+            }
+            for (auto it = leaves[i]->cbeginValueOn(); it; ++it) sum += kept(*it) ? 1 : 0;
+          }
+          return sum;
+        },
+        std::plus<>());
+  }
+  const std::uint64_t step = count / most + 1;
   constexpr std::size_t kChunk = 256;
   std::vector<std::vector<Out>> parts((leaves.size() + tiles.size() + kChunk - 1) / kChunk);
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
@@ -126,10 +164,11 @@ std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make&
       if (i < leaves.size()) {
         std::uint64_t n = hashOf(leaves[i]->origin()) % step;
         for (auto it = leaves[i]->cbeginValueOn(); it; ++it) {
-          if (n++ % step == 0) parts[part].push_back(make(reader, it.getCoord()));
+          if (kept(*it) && n++ % step == 0) parts[part].push_back(make(reader, it.getCoord()));
         }
         continue;
       }
+      if (!kept_tile(i)) continue;
       const openvdb::CoordBBox& tile = tiles[i - leaves.size()];
       for (std::uint64_t n = hashOf(tile.min()) % step; n < tile.volume(); n += step) {
         parts[part].push_back(make(reader, voxelOf(tile, n)));

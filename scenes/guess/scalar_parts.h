@@ -24,11 +24,6 @@ struct ScalarSample {
 constexpr std::size_t kBins = 256;
 using Bins = std::array<double, kBins>;
 
-/// A voxel is steep if values change by this fraction of their range from one voxel to the next. A
-/// shock is steep if a simulation program has smeared it over three cells and each cell has two
-/// voxels. A field that changes smoothly over 20 voxels is not steep.
-constexpr double kSteep = 0.08;
-
 /// For each level, integrals over its isosurface: of 1, which is its area, and of the gradient
 /// magnitude. An isosurface crosses a voxel along an axis if its level lies between the voxel's
 /// neighbours on this axis. It then has the area volume / edge in projection along the axis. Its
@@ -36,9 +31,7 @@ constexpr double kSteep = 0.08;
 struct LevelIntegrals {
   Bins area{};
   Bins gradient{};
-  Bins steep{};              ///< Area of the isosurface within steep voxels (kSteep).
-  Bins count{};              ///< Number of voxels with a value in the bin.
-  double steep_share = 0.0;  ///< Fraction of all voxels that are steep.
+  Bins count{};  ///< Number of voxels with a value in the bin.
 };
 
 /// Computes the integrals for the levels of `scalar`, whose range must be above 0. `edges` are the
@@ -58,9 +51,11 @@ struct LevelIntegrals {
                                                    const ScalarAnalysis& scalar, double edge,
                                                    bool image);
 
-/// Returns a front, such as a shock: a value whose isosurface is steep over at least 70 % of its
-/// area. The values on one side may vary. Returns no value if there is none.
-[[nodiscard]] std::optional<Boundary> findFront(const LevelIntegrals& levels,
+/// Returns the boundary at a front, such as a shock. Nearly the whole isosurface at its value is
+/// within a few voxels of a jump. The jump may vary along the front, and so may the values on both
+/// sides. The value is that whose isosurface is nearest to the steepest places. Returns no value
+/// without a front.
+[[nodiscard]] std::optional<Boundary> findFront(const SuggestInput& input,
                                                 const ScalarAnalysis& scalar);
 
 /// Sets the members of `scalar` from which labels are recognized: the fraction of whole numbers,
@@ -72,9 +67,22 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 /// `sorted` is ascending and not empty.
 [[nodiscard]] std::optional<float> noDataOf(const std::vector<float>& sorted);
 
-/// Returns true if the values are the signed distance to a surface: they change by 1 per unit or
-/// per voxel nearly everywhere, in varying directions, and have both signs.
-[[nodiscard]] bool isDistance(const std::vector<ScalarSample>& samples,
-                              const std::array<double, 3>& edges, double edge);
+/// Returns whether the values are the signed distance to a surface. Their gradient then has the
+/// same length everywhere (the eikonal equation), and they have both signs. Voxels beside a
+/// constant region or beside inactive voxels do not count, because distances are often cut off
+/// there.
+///
+/// - kFull: the values change by 1 per unit or per voxel. Either the directions vary, or the values
+///   are cut off on both sides of 0; else a linear ramp would be a distance.
+/// - kTruncated: as kFull, but noisy and cut off on both sides of 0, or divided by the distance at
+///   which they are cut off. They then end at -1 or 1, and the slope has any size (Curless and
+///   Levoy, A volumetric method for building complex models from range images, 1996).
+[[nodiscard]] Distance distanceOf(const std::vector<ScalarSample>& samples,
+                                  const std::array<double, 3>& edges, double edge);
+
+/// Returns true if a distance is positive inside of the bodies: nearly all values on the faces of
+/// the box of its data are negative. If neither side has nearly all values, the distance is
+/// negative inside, as is usual.
+[[nodiscard]] bool isPositiveInside(const SuggestInput& input);
 
 }  // namespace palpate::guess

@@ -66,6 +66,17 @@ Json isosurface(const std::string& name, const std::string& of, double value, bo
   return makeMode(name, "isosurface", of, more, strength, description);
 }
 
+void confine(Json& mode, const std::string& region) {
+  Json& strength = mode["strength"];
+  if (strength.is_number()) {
+    mode["by"] = region;
+    return;
+  }
+  // The curve keeps its own input. The second factor is 1, and 0 where the region has no data.
+  const Json within{{"piecewise", {{0, 1}, {1, 1}}}, {"by", region}};
+  strength = Json{{"product", Json::array({strength, within})}};
+}
+
 Json drag(const std::string& name, const std::string& of, const Knots& knots,
           const std::string& description) {
   return makeMode(name, "viscosity", of, Json::object(), curve(knots), description);

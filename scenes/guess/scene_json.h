@@ -31,6 +31,9 @@ using Knots = std::vector<std::pair<double, double>>;
 [[nodiscard]] Json isosurface(const std::string& name, const std::string& of, double value,
                               bool above, double strength, const std::string& description);
 
+/// Lets a mode act only where the volume `region` has data.
+void confine(Json& mode, const std::string& region);
+
 /// Returns a mode with a viscosity that depends on the value of a scalar.
 [[nodiscard]] Json drag(const std::string& name, const std::string& of, const Knots& knots,
                         const std::string& description);

@@ -63,9 +63,12 @@ inline constexpr const char* kMetaAxial = "axial";
 /// - labels: whole numbers in constant regions, in which any two labels can be neighbours. An
 ///   isosurface separates all labels below it from all labels above it. Therefore only the lowest
 ///   and the highest label get a surface;
-/// - the distance to a surface: an isosurface at 0;
+/// - the distance to a surface: an isosurface at 0. Its solid is below 0, unless nearly all faces
+/// of
+///   the box are below 0. Weights of distances are left out;
 /// - fractions of materials, which are several grids whose sum is 1: a surface at one half for each
-///   material, except for the material that surrounds the others;
+///   material, except for the material that surrounds the others. If their names say that they are
+///   volume fractions, their sum may be less than 1: the rest is a void. Masses are left out;
 /// - other scalars: up to three isosurfaces where the values change fastest; the outer ones are
 ///   weaker than the inner ones. The criterion is the mean gradient magnitude over each isosurface
 ///   (Pekar, Wiemker and Hempel, Fast detection of meaningful isosurfaces for volume data
@@ -73,16 +76,16 @@ inline constexpr const char* kMetaAxial = "axial";
 ///   between them (Kindlmann and Durkin, IEEE Volume Visualization 1998). The isovalue is the
 ///   middle of the arch. If there is a material on one side only (for example, bone has any values
 ///   up to the highest), the isovalue is where the arch has risen by two thirds. Without an arch,
-///   the isovalue is that of a front, such as a shock, whose isosurface is steep over at
-///   least 70 % of its area. A smooth field, such as a ramp or a temperature, has no boundary and
-///   gets a drag that depends on its value. Difference to the papers: a level counts where it lies
-///   between the values of a voxel's neighbours, not where a voxel has its value. Therefore sharp
-///   steps are found too, although no voxel has the value in their middle;
+///   the isovalue is that of a front, such as a shock, whose isosurface is within a few voxels of a
+///   jump over nearly its whole area. A smooth field, such as a ramp or a temperature, has no
+///   boundary and gets a drag that depends on its value. Difference to the papers: a level counts
+///   where it lies between the values of a voxel's neighbours, not where a voxel has its value.
+///   Therefore sharp steps are found too, although no voxel has the value in their middle;
 /// - directions, which are vectors whose sign has no meaning, stated by the file's metadata or
 ///   because all have length 1: a mode that follows them. If "..._direction" has a grid
 ///   "..._anisotropy", its strength depends on the anisotropy;
-/// - a flow: a mode that follows it, with a strength that depends on the speed, and a drag that
-///   depends on the vorticity if there is enough.
+/// - a flow: a mode that follows it, with a strength that depends on the speed. If it has vortices,
+///   also a vortex tube; if it only shears, a drag that depends on the vorticity.
 ///
 /// Throws VolumeError if all grids are constant. Reads at most kSuggestSamples voxels per grid, in
 /// parallel. Gradients are central differences per unit of the file. The axes of an affine

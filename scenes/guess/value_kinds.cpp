@@ -92,36 +92,4 @@ std::optional<float> noDataOf(const std::vector<float>& sorted) {
   return std::nullopt;
 }
 
-bool isDistance(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
-                double edge) {
-  // fraction of the voxels; it is below 1 because a narrow band ends
-  constexpr double kNearlyAll = 0.8;
-  constexpr double kTolerance = 0.05;  // tolerance of the slope 1
-  // length of the mean direction of the gradient; it is 1 for a linear ramp
-  constexpr double kCommon = 0.5;
-  std::size_t count = 0;
-  std::size_t per_unit = 0;
-  std::size_t per_voxel = 0;
-  std::size_t below = 0;
-  openvdb::Vec3d mean(0.0);
-  for (const ScalarSample& s : samples) {
-    if (!s.known[0] || !s.known[1] || !s.known[2]) continue;
-    openvdb::Vec3d slope;
-    for (std::size_t a = 0; a < 3; ++a) {
-      slope[static_cast<int>(a)] =
-          (static_cast<double>(s.after[a]) - s.before[a]) / (2.0 * edges[a]);
-    }
-    const double length = slope.length();
-    ++count;
-    per_unit += std::abs(length - 1.0) < kTolerance ? 1 : 0;
-    per_voxel += std::abs(length * edge - 1.0) < kTolerance ? 1 : 0;
-    below += s.value < 0.0F ? 1 : 0;
-    if (length > 0.0) mean += slope / length;
-  }
-  const auto all = static_cast<double>(count);
-  const auto share = [all](std::size_t n) { return static_cast<double>(n) / std::max(1.0, all); };
-  return std::max(share(per_unit), share(per_voxel)) > kNearlyAll && share(below) > 0.01 &&
-         share(below) < 0.99 && mean.length() < kCommon * all;
-}
-
 }  // namespace palpate::guess

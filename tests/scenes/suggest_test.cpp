@@ -6,16 +6,20 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <optional>
 #include <set>
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 #include <openvdb/tools/ChangeBackground.h>
+#include <openvdb/tools/LevelSetSphere.h>
 #include <openvdb/tools/Prune.h>
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/components.h"
+#include "palpate/scenes/library/build_scene.h"
 #include "palpate/scenes/library/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
@@ -412,14 +416,20 @@ TEST_CASE("the strength along a flow depends on the percentiles of its speed", "
   CHECK(outputsOf(follow["strength"]) == std::vector<double>{0.0, 1.0, 2.0});
 }
 
-TEST_CASE("only a flow with vorticity gets a viscosity by its curl", "[guess]") {
+TEST_CASE("a vortex gets a vortex tube, a shear layer a viscosity by its curl", "[guess]") {
   // Rankine's vortex: rotates like a solid inside, and has no curl outside.
   const Json turning = suggested({vector([](const Vec3d& p) {
     const double r2 = std::max(36.0, p.x() * p.x() + p.y() * p.y());
     return Vec3f(Vec3d(-p.y(), p.x(), 0.0) * (36.0 / r2));
   })});
-  const Json drag = only(turning, "viscosity");
-  CHECK(turning["fields"][drag["of"].get<std::string>()].contains("curl"));
+  const Json tube = only(turning, "vortex_tube");
+  CHECK(tube["of"] == "velocity");
+  CHECK(tube["strength"]["piecewise"].front()[1] == 0);
+  CHECK(modesOf(turning, "viscosity").empty());
+  const Json layer = suggested(
+      {vector([](const Vec3d& p) { return Vec3f(Vec3d(std::tanh(0.25 * p.z()), 0.0, 0.1)); })});
+  const Json drag = only(layer, "viscosity");
+  CHECK(layer["fields"][drag["of"].get<std::string>()].contains("curl"));
   // A stagnation point, which has strain only.
   const Json straining = suggested(
       {ofMesh(vector([](const Vec3d& p) { return Vec3f(Vec3d(p.x(), p.y(), -2.0 * p.z())); }))});
@@ -722,7 +732,7 @@ TEST_CASE("the three component grids of a vector are not used as scalars", "[gue
   const SceneSpec spec = openScene(folder / "parts.vdb");
   REQUIRE(spec.graph.modes.size() == 2);
   CHECK(spec.graph.modes[0].kind == ModeKind::kFollow);
-  CHECK(spec.graph.modes[1].kind == ModeKind::kViscosity);
+  CHECK(spec.graph.modes[1].kind == ModeKind::kVortexTube);
   CHECK(buildScene(spec).volumes.count("Velocity") == 1);
 }
 
@@ -933,6 +943,269 @@ TEST_CASE("a distance field without metadata gets a surface at 0", "[guess]") {
   CHECK(modesOf(suggested({scalar([](const Vec3d& p) { return static_cast<float>(p.x()); })}),
                 "isosurface")
             .empty());
+}
+
+TEST_CASE("a distance that is cut off gets a surface at 0, with its solid inside", "[guess]") {
+  const auto ball = [](const Vec3d& p) { return p.length() - 12.0; };
+  const auto box = [](const Vec3d& p) {
+    const Vec3d d(std::abs(p.x()) - 15.3, std::abs(p.y()) - 11.7, std::abs(p.z()) - 8.2);
+    const Vec3d outside(std::max(d.x(), 0.0), std::max(d.y(), 0.0), std::max(d.z(), 0.0));
+    return outside.length() + std::min(std::max({d.x(), d.y(), d.z()}), 0.0);
+  };
+  const auto ground = [](const Vec3d& p) { return (p.z() - 5.0 + 0.3 * p.x()) / std::sqrt(1.09); };
+  struct Shape {
+    std::function<double(const Vec3d&)> distance;
+    bool closed = true;
+  };
+  struct Cut {
+    double from = 0.0;
+    double to = 0.0;
+    double scale = 1.0;
+    double deviation = 0.0;
+  };
+  for (const Shape& shape : {Shape{ball}, Shape{box}, Shape{ground, false}}) {
+    for (const Cut& cut : {Cut{-3.0, 3.0}, Cut{-2.0, 5.0}, Cut{-1.0, 1.0, 0.2},
+                           Cut{-1.0, 1.0, 0.2, 0.15}, Cut{-0.4, 1.0, 0.2}}) {
+      for (const double sign : {1.0, -1.0}) {
+        // Without a closed surface, either side may be solid; the usual side has values below 0.
+        if (sign < 0.0 && !shape.closed) continue;
+        for (const bool sparse : {false, true}) {
+          if (sparse && cut.scale != 1.0) continue;
+          SuggestInput input = scalar(
+              [&](const Vec3d& p) {
+                const double d = cut.scale * (shape.distance(p) + cut.deviation * noise(p));
+                return static_cast<float>(sign * std::clamp(d, cut.from, cut.to));
+              },
+              40);
+          if (sparse) {
+            auto grid = openvdb::gridPtrCast<openvdb::FloatGrid>(input.grid->deepCopyGrid());
+            const auto end = static_cast<float>(sign * cut.to);
+            openvdb::tools::changeBackground(grid->tree(), end);
+            for (auto it = grid->beginValueOn(); it; ++it) {
+              if (*it == end) it.setValueOff();
+            }
+            input.grid = grid;
+            input.extent.reset();
+          }
+          const Json scene = suggested({input});
+          CAPTURE(shape.closed, cut.from, cut.to, cut.scale, cut.deviation, sign, sparse,
+                  scene.dump(2));
+          const Json surface = only(scene, "isosurface");
+          CHECK(surface["value"] == 0.0);
+          CHECK(surface["solid"] == (sign > 0.0 ? "below" : "above"));
+          CHECK(scene["modes"].size() == 1);
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("a narrow band without a grid class gets a surface at 0", "[guess]") {
+  for (const double half_width : {1.5, 2.0, 3.0}) {
+    const auto ball = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
+        1.5F, Vec3f(0.0F), 0.1F, static_cast<float>(half_width));
+    ball->setGridClass(openvdb::GRID_UNKNOWN);
+    SuggestInput input;
+    input.grid = ball;
+    const Json surface = only(suggested({input}), "isosurface");
+    CAPTURE(half_width);
+    CHECK(surface["value"] == 0.0);
+    CHECK(surface["solid"] == "below");
+  }
+}
+
+TEST_CASE("a blurred step between -1 and 1 is not a distance", "[guess]") {
+  for (const double width : {1.5, 3.0, 6.0}) {
+    const auto phase = [width](const Vec3d& p) {
+      return static_cast<float>(std::tanh((p.length() - 14.0) / width));
+    };
+    const Guess guess = suggest({"data.vdb", "", ""}, {scalar(phase, 56)});
+    CHECK_THAT(guess.seen.at(0), !Contains("distance"));
+  }
+}
+
+TEST_CASE("the weights of distances are not matter", "[guess]") {
+  const auto distance = [](const Vec3d& p) {
+    return static_cast<float>(std::clamp(0.2 * (p.length() - 12.0), -1.0, 1.0));
+  };
+  const auto seen = [](const Vec3d& p) { return p.z() > -6.0 ? 30.0F + noise(p) : 0.0F; };
+  const Guess guess =
+      suggest({"data.vdb", "", ""}, {scalar(seen, 48, "weights"), scalar(distance, 48, "tsdf")});
+  const Json scene = Json::parse(guess.scene);
+  CHECK(only(scene, "isosurface")["of"] == "tsdf");
+  CHECK_FALSE(scene["volumes"].contains("weights"));
+  REQUIRE(guess.left.size() == 1);
+  CHECK_THAT(guess.left[0], Contains("weights of the distances in tsdf"));
+}
+
+TEST_CASE("a dense fog in which little varies gets the modes of a sparse fog", "[guess]") {
+  // The plume fills 0.1 %, 0.4 % and 3 % of the box.
+  for (const double radius : {4.0, 6.5, 12.5}) {
+    const auto plume = [radius](const Vec3d& p) {
+      const double r = (p - Vec3d(3.0, 0.0, -5.0)).length() / radius;
+      return static_cast<float>(r < 1.0 ? 5.0 * std::exp(-2.0 * r * r) : 0.0);
+    };
+    const SuggestInput dense = scalar(plume, 64);
+    SuggestInput sparse = dense;
+    auto grid = openvdb::gridPtrCast<openvdb::FloatGrid>(dense.grid->deepCopyGrid());
+    for (auto it = grid->beginValueOn(); it; ++it) {
+      if (*it == 0.0F) it.setValueOff();
+    }
+    sparse.grid = grid;
+    const Json scene = suggested({dense});
+    CAPTURE(radius, scene.dump(2));
+    CHECK_FALSE(modesOf(scene, "isosurface").empty());
+    CHECK(scene["modes"] == suggested({sparse})["modes"]);
+    CHECK_THAT(scene["volumes"]["density"]["description"].get<std::string>(),
+               Contains("0 in nearly all voxels"));
+  }
+  // A few voxels that differ are not a body.
+  CHECK_THROWS_AS(
+      suggestScene("data.vdb",
+                   {scalar([](const Vec3d& p) { return p.length() < 1.0 ? 7.0F : 1.0F; })}),
+      VolumeError);
+}
+
+TEST_CASE("a guessed scene leaves the stiffness to the device", "[guess]") {
+  const std::string text = suggestScene("data.vdb", {scalar(ball(16.0, 1000.0, 0.0, 0.0))});
+  SceneSpec spec = parseScene(text, "suggested.json", "/data");
+  CHECK(spec.any_stiffness);
+  DeviceInfo weak;
+  weak.name = "weak";
+  weak.max_stiffness = 300.0;
+  weak.max_damping = 5.0;
+  CHECK_THAT(fitCoupling(spec, weak), Contains("300 N/m instead of the default 500 N/m"));
+  CHECK_NOTHROW(checkDevice(spec, weak));
+}
+
+TEST_CASE("materials are felt by their volume fractions, not by their masses", "[guess]") {
+  // Nose and plate of a shock-physics code; the void between has no array.
+  const auto nose = [](const Vec3d& p) {
+    return static_cast<float>(std::clamp(9.5 - (p - Vec3d(0.0, 0.0, 8.0)).length(), 0.0, 1.0));
+  };
+  const auto plate = [](const Vec3d& p) {
+    return static_cast<float>(std::clamp(5.5 - std::abs(p.z() + 12.0), 0.0, 1.0));
+  };
+  const auto times = [](const Scalar& f, float factor) {
+    return [f, factor](const Vec3d& p) { return factor * f(p); };
+  };
+  std::vector<SuggestInput> grids;
+  for (const auto& [name, value] :
+       std::vector<std::pair<std::string, Scalar>>{{"Mass for Armor Plate", times(plate, 0.9F)},
+                                                   {"Mass for Body, Nose", times(nose, 0.8F)},
+                                                   {"Volume Fraction for Armor Plate", plate},
+                                                   {"Volume Fraction for Body, Nose", nose}}) {
+    grids.push_back(ofMesh(scalar(value, 40, name)));
+  }
+  const Guess guess = suggest({"data.vdb", "", ""}, grids);
+  const Json scene = Json::parse(guess.scene);
+  CAPTURE(guess.scene);
+  REQUIRE(modesOf(scene, "isosurface").size() == 2);
+  CHECK(scene["modes"].size() == 2);
+  for (const Json& mode : scene["modes"]) {
+    CHECK(mode["value"] == 0.5);
+    CHECK_THAT(mode["of"].get<std::string>(), Contains("Volume_Fraction"));
+  }
+  REQUIRE(guess.left.size() == 2);
+  CHECK_THAT(guess.left[0], Contains("Mass for Armor Plate: a mass"));
+}
+
+namespace {
+
+/// Billig's shock in front of a ball of 14 voxels at Mach 5 (Journal of Spacecraft and Rockets,
+/// 1967). The file's x is downstream.
+struct BowShock {
+  double body = 14.0;
+  double mach = 5.0;
+
+  /// Returns how far p is behind the shock [voxels], and the ratio of the pressures there.
+  [[nodiscard]] std::pair<double, double> at(const Vec3d& p) const {
+    const double ahead = 0.143 * std::exp(3.24 / (mach * mach)) * body;
+    const double bend = 1.143 * std::exp(0.54 / std::pow(mach - 1.0, 1.2)) * body;
+    const double tan = std::tan(std::asin(1.0 / mach));
+    const double y = std::hypot(p.y(), p.z());
+    const double root = std::sqrt(1.0 + y * y * tan * tan / (bend * bend));
+    const double nose = -(body + ahead - bend / (tan * tan) * (root - 1.0));
+    const double sine = std::sin(std::atan2(1.0, y / root / bend));
+    return {(p.x() - 12.0 - nose) * sine,
+            1.0 + 7.0 / 6.0 * (std::pow(std::max(1.0, mach * sine), 2.0) - 1.0)};
+  }
+};
+
+}  // namespace
+
+TEST_CASE("the surface of a bow shock lies at its steepest places", "[guess]") {
+  const BowShock shock;
+  const auto pressure = [&](const Vec3d& p) {
+    const auto [depth, ratio] = shock.at(p);
+    const double fall = std::exp(-std::max(depth, 0.0) / 40.0);
+    return static_cast<float>(1.0 + (ratio - 1.0) * fall / (1.0 + std::exp(-depth)));
+  };
+  const SuggestInput input = ofMesh(scalar(pressure, 80, "Pressure"));
+  const Json scene = suggested({input});
+  CAPTURE(scene.dump(2));
+  const Json mode = only(scene, "isosurface");
+  CHECK(mode["solid"] == "above");
+  // Finds the surface along the stream, and its distance from the shock.
+  std::vector<double> off;
+  for (int y = -30; y <= 30; y += 6) {
+    for (int z = -30; z <= 30; z += 6) {
+      for (double x = -39.0; x < 39.0; x += 0.1) {
+        const Vec3d p(x, y, z);
+        if (pressure(p) < mode["value"].get<double>()) continue;
+        off.push_back(std::abs(shock.at(p).first));
+        break;
+      }
+    }
+  }
+  REQUIRE(off.size() > 100);
+  std::sort(off.begin(), off.end());
+  CHECK(off[off.size() / 2] < 1.0);
+  CHECK(off[off.size() * 9 / 10] < 3.0);
+}
+
+TEST_CASE("a CT's modes act on the patient, not on the table", "[guess]") {
+  // A head with a vessel in a cavity of air, four voxels above a table.
+  const auto value = [](const Vec3d& p) {
+    const double r = (p - Vec3d(0.0, 6.0, 0.0)).length();
+    const double cavity = (p - Vec3d(0.0, 6.0, 0.0)).length();
+    if (cavity < 2.0) return 40.0F;
+    if (cavity < 5.0) return -1000.0F;
+    if (r < 15.0) return r > 11.0 && r < 13.0 ? 900.0F : 40.0F;
+    return std::abs(p.y() + 16.0) < 3.0 && std::abs(p.x()) < 16.0 ? 200.0F : -1000.0F;
+  };
+  SuggestInput ct = scalar(value);
+  ct.value_unit = "HU";
+  const std::optional<LargestBody> body = findLargestBody(ct);
+  REQUIRE(body.has_value());
+  CHECK(body->left == 1);
+  SuggestInput region;
+  region.grid = body->region;
+  const auto within = [&](const Vec3d& p) {
+    return body->region->tree().isValueOn(openvdb::Coord::round(body->region->worldToIndex(p)));
+  };
+  CHECK(within({0.0, 6.0, 0.0}));          // the vessel
+  CHECK(within({14.0, 6.0, 0.0}));         // the skin
+  CHECK(within({16.0, 6.0, 0.0}));         // and the air on it
+  CHECK_FALSE(within({0.0, -12.0, 0.0}));  // the air on the table
+  CHECK_FALSE(within({10.0, -16.0, 10.0}));
+
+  const Guess guess = suggest({"data.vdb", "", ""}, {ct, region});
+  const Json scene = Json::parse(guess.scene);
+  CAPTURE(guess.scene);
+  CHECK(scene["volumes"]["density_body"]["place"]["like"] == "density");
+  for (const Json& mode : scene["modes"]) {
+    const Json& strength = mode["strength"];
+    CHECK((strength.is_number() ? mode["by"] : strength["product"][1]["by"]) == "density_body");
+  }
+  REQUIRE(guess.left.size() == 1);
+  CHECK_THAT(guess.left[0], Contains("largest body") && Contains("to keep it, remove every"));
+  CHECK_NOTHROW(parseScene(guess.scene, "suggested.json", "/data"));
+
+  // A head without a table stays whole.
+  SuggestInput alone = scalar([&](const Vec3d& p) { return p.y() < -10.0 ? -1000.0F : value(p); });
+  alone.value_unit = "HU";
+  CHECK_FALSE(findLargestBody(alone).has_value());
 }
 
 TEST_CASE("a no-data value gives no surface", "[guess]") {

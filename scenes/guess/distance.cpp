@@ -1,0 +1,193 @@
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "palpate/scenes/guess/sampling.h"
+#include "palpate/scenes/guess/scalar_parts.h"
+
+namespace palpate::guess {
+namespace {
+
+bool isKnown(const ScalarSample& s) {
+  return s.known[0] && s.known[1] && s.known[2];
+}
+
+/// Calls f with the value of the sample and those of its neighbours.
+template <class F>
+void forValues(const ScalarSample& s, const F& f) {
+  f(s.value);
+  for (std::size_t a = 0; a < 3; ++a) {
+    f(s.before[a]);
+    f(s.after[a]);
+  }
+}
+
+/// Values of constant regions, and the ends at which the values are cut off.
+struct Plateaus {
+  std::vector<float> values;  ///< Ascending.
+  float low = std::numeric_limits<float>::max();
+  float high = std::numeric_limits<float>::lowest();
+  bool cut_low = false;  ///< True if the values are cut off at the lowest value.
+  bool cut_high = false;
+
+  [[nodiscard]] bool contains(float value) const {
+    return std::binary_search(values.begin(), values.end(), value);
+  }
+  /// Returns true if the values are cut off on both sides of 0.
+  [[nodiscard]] bool onBothSides() const {
+    return cut_low && cut_high && low < 0.0F && high > 0.0F;
+  }
+  /// Returns true if the values were divided by the distance at which they are cut off.
+  [[nodiscard]] bool areScaled() const {
+    return low >= -1.0F && high <= 1.0F &&
+           ((cut_low && low == -1.0F) || (cut_high && high == 1.0F));
+  }
+};
+
+Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
+  // A value is frequent if a greater fraction of the samples is among equal values, or is beside
+  // inactive voxels with this value.
+  constexpr double kOften = 0.01;
+  Plateaus found;
+  std::vector<float> flat;
+  std::size_t known = 0;
+  for (const ScalarSample& s : samples) {
+    if (!isKnown(s)) continue;
+    ++known;
+    bool same = true;
+    forValues(s, [&](float value) {
+      same = same && value == s.value;
+      found.low = std::min(found.low, value);
+      found.high = std::max(found.high, value);
+    });
+    if (same) flat.push_back(s.value);
+  }
+  const double least = kOften * static_cast<double>(known);
+  std::sort(flat.begin(), flat.end());
+  for (auto at = flat.begin(); at != flat.end();) {
+    const auto end = std::upper_bound(at, flat.end(), *at);
+    if (static_cast<double>(end - at) > least) found.values.push_back(*at);
+    at = end;
+  }
+  // In a sparse grid, the neighbours beyond the last active voxels have the values of the ends.
+  std::size_t lows = 0;
+  std::size_t highs = 0;
+  for (const ScalarSample& s : samples) {
+    if (!isKnown(s) || !s.at_edge) continue;
+    bool low = false;
+    bool high = false;
+    forValues(s, [&](float value) {
+      low = low || value == found.low;
+      high = high || value == found.high;
+    });
+    lows += low ? 1 : 0;
+    highs += high ? 1 : 0;
+  }
+  found.cut_low = found.contains(found.low) || static_cast<double>(lows) > least;
+  found.cut_high = found.contains(found.high) || static_cast<double>(highs) > least;
+  return found;
+}
+
+/// Lengths of the gradient where the values are not cut off.
+struct Slopes {
+  std::vector<double> lengths;  ///< Ascending [values per unit of the file].
+  double below = 0.0;           ///< Fraction of negative values.
+  double common = 0.0;          ///< Length of the mean direction; 1 in a linear ramp.
+
+  [[nodiscard]] double median() const { return lengths[lengths.size() / 2]; }
+  /// Returns the fraction of the lengths that differ from `length` by at most `part` of it.
+  [[nodiscard]] double shareNear(double length, double part) const {
+    const auto from =
+        std::lower_bound(lengths.begin(), lengths.end(), length - part * std::abs(length));
+    const auto to =
+        std::upper_bound(lengths.begin(), lengths.end(), length + part * std::abs(length));
+    return static_cast<double>(to - from) / static_cast<double>(lengths.size());
+  }
+};
+
+Slopes slopesOf(const std::vector<ScalarSample>& samples, const Plateaus& plateaus,
+                const std::array<double, 3>& edges) {
+  Slopes slopes;
+  openvdb::Vec3d mean(0.0);
+  std::size_t below = 0;
+  for (const ScalarSample& s : samples) {
+    if (!isKnown(s) || s.at_edge) continue;
+    bool open = true;
+    forValues(s, [&](float value) {
+      open = open && !plateaus.contains(value) && !(plateaus.cut_low && value == plateaus.low) &&
+             !(plateaus.cut_high && value == plateaus.high);
+    });
+    if (!open) continue;
+    openvdb::Vec3d slope;
+    for (std::size_t a = 0; a < 3; ++a) {
+      slope[static_cast<int>(a)] =
+          (static_cast<double>(s.after[a]) - s.before[a]) / (2.0 * edges[a]);
+    }
+    const double length = slope.length();
+    slopes.lengths.push_back(length);
+    if (length > 0.0) mean += slope / length;
+    below += s.value < 0.0F ? 1 : 0;
+  }
+  const double count = std::max(1.0, static_cast<double>(slopes.lengths.size()));
+  slopes.below = static_cast<double>(below) / count;
+  slopes.common = mean.length() / count;
+  std::sort(slopes.lengths.begin(), slopes.lengths.end());
+  return slopes;
+}
+
+}  // namespace
+
+Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
+                    double edge) {
+  constexpr std::size_t kLeast = 64;   // samples; with fewer, their fractions are not known to 5 %
+  constexpr double kNearlyAll = 0.8;   // fraction of the voxels; ridges and creases differ
+  constexpr double kTolerance = 0.05;  // of the slope 1
+  // Of the slope of noisy values. Where a step was blurred, by a Gaussian filter or in a phase
+  // field, the slope falls from its maximum to 0, so that nearly all values are beyond.
+  constexpr double kNoisy = 0.25;
+  constexpr double kBothSigns = 0.01;
+  constexpr double kVarying = 0.5;  // largest length of the mean direction
+  const Plateaus plateaus = plateausOf(samples);
+  const Slopes slopes = slopesOf(samples, plateaus, edges);
+  if (slopes.lengths.size() < kLeast || !(slopes.below > kBothSigns) ||
+      !(slopes.below < 1.0 - kBothSigns)) {
+    return Distance::kNone;
+  }
+  const bool varying = slopes.common < kVarying;
+  const bool exact = std::max(slopes.shareNear(1.0, kTolerance),
+                              slopes.shareNear(1.0 / edge, kTolerance)) > kNearlyAll;
+  if (!varying && !plateaus.onBothSides()) return Distance::kNone;
+  if (exact) return Distance::kFull;
+  const double slope = slopes.median();
+  if (!(slope > 0.0)) return Distance::kNone;
+  const bool one = std::min(std::abs(slope - 1.0), std::abs(slope * edge - 1.0)) < kTolerance;
+  const bool known =
+      (one && plateaus.onBothSides()) || (plateaus.areScaled() && slope * edge <= 1.0 + kTolerance);
+  return known && slopes.shareNear(slope, kNoisy) > kNearlyAll ? Distance::kTruncated
+                                                               : Distance::kNone;
+}
+
+bool isPositiveInside(const SuggestInput& input) {
+  // A ground that fills less than 7/8 of the height of its box has the bottom and 7/8 of four
+  // sides, which is 3/4 of all faces.
+  constexpr double kNearlyAllFaces = 0.75;
+  openvdb::CoordBBox box = input.extent;
+  if (box.empty()) {
+    box = input.grid->evalActiveVoxelBoundingBox();
+    if (input.inactive_is_data) box.expand(1);
+  }
+  const Readings faces = readAt(input, facesOf(box));
+  std::size_t below = 0;
+  std::size_t all = 0;
+  for (std::size_t i = 0; i < faces.values.size(); ++i) {
+    const float value = faces.values[i];
+    // The value 0 marks voxels that a scanner has not seen.
+    if (value == 0.0F || (!input.inactive_is_data && !faces.active[i])) continue;
+    ++all;
+    below += value < 0.0F ? 1 : 0;
+  }
+  return static_cast<double>(below) > kNearlyAllFaces * static_cast<double>(all);
+}
+
+}  // namespace palpate::guess
