@@ -23,6 +23,7 @@
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/apps/import/pieces.h"
 #include "palpate/scenes/apps/import/smooth.h"
+#include "palpate/scenes/guess/body.h"
 #include "palpate/scenes/guess/metadata.h"
 #include "palpate/scenes/guess/suggest.h"
 #include "palpate/scenes/library/new_file.h"
@@ -354,18 +355,44 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
   (void)writeBricks(folder, input, options);
 }
 
+namespace {
+
+guess::SuggestInput inputOf(const Imported& imported, const Step& step) {
+  guess::SuggestInput input;
+  input.grid = imported.made.grid;
+  input.modality = step.modality;
+  input.value_unit = imported.level_set ? "" : imported.unit;
+  input.axial = imported.axial;
+  input.inactive_is_data = imported.image.has_value();
+  if (imported.image && !imported.image->empty()) input.extent = *imported.image;
+  return input;
+}
+
+}  // namespace
+
+void addBodies(Step& step) {
+  for (std::size_t i = 0, count = step.grids.size(); i < count; ++i) {
+    const Imported& image = step.grids[i];
+    if (!image.image || image.level_set) continue;
+    const std::optional<guess::LargestBody> body = guess::findLargestBody(inputOf(image, step));
+    if (!body) continue;
+    Imported region;
+    region.made.grid = body->region;
+    region.made.voxels = image.made.voxels;
+    region.made.active = body->region->activeVoxelCount();
+    region.made.lowest = region.made.highest = 1.0;
+    region.image = image.image;
+    body->region->insertMeta(guess::kMetaFrom, openvdb::StringMetadata("image"));
+    step.notes.push_back(fmt::format(
+        "{}: the region of the largest body, for the scene; the hand does not feel {} other{}",
+        body->region->getName(), body->left, body->left == 1 ? "" : "s"));
+    step.grids.push_back(std::move(region));
+  }
+}
+
 std::string sceneFor(const std::string& vdb, const Step& step) {
   std::vector<guess::SuggestInput> inputs;
-  for (const Imported& imported : step.grids) {
-    guess::SuggestInput input;
-    input.grid = imported.made.grid;
-    input.modality = step.modality;
-    input.value_unit = imported.level_set ? "" : imported.unit;
-    input.axial = imported.axial;
-    input.inactive_is_data = imported.image.has_value();
-    if (imported.image && !imported.image->empty()) input.extent = *imported.image;
-    inputs.push_back(std::move(input));
-  }
+  for (const Imported& imported : step.grids) inputs.push_back(inputOf(imported, step));
   return guess::suggestScene(vdb, inputs);
 }
 

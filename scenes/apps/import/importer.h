@@ -85,6 +85,10 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
 void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
                    ProcessGroup& group);
 
+/// Adds to the grids of a step, for each CT with more than one body, the region of its largest body
+/// (guess/body.h), so that a scene can leave out the table below a patient.
+void addBodies(Step& step);
+
 /// Returns the scene guess for a .vdb with these grids; `vdb` is its path in the scene. Throws
 /// VolumeError if all grids are constant.
 [[nodiscard]] std::string sceneFor(const std::string& vdb, const Step& step);

@@ -139,7 +139,10 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     } else {
       if (first.empty()) {
         first = out;
-        if (!options.scene.empty()) scene = writeScene(options, out, step, teller);
+        if (!options.scene.empty()) {
+          addBodies(step);
+          scene = writeScene(options, out, step, teller);
+        }
       }
     }
     if (count > 1 && options.time.empty()) {
