@@ -19,7 +19,6 @@ import suite  # noqa: E402
 
 BIN = Path(sys.argv[1]).resolve()
 ROOT = Path(__file__).resolve().parents[2]
-HEAD = Path("/usr/share/mricron/templates/ch2.nii.gz")
 BLOCK = re.compile(r"^```(sh|json|python)\n(.*?)^```$", re.S | re.M)
 SHOWN = re.compile(r"^```text\n(.*?)^```$", re.S | re.M)
 
@@ -57,9 +56,12 @@ class Pages(unittest.TestCase):
             for line in complaints:
                 self.assertRegex(line, complaint)
 
-    @unittest.skipUnless(HEAD.exists(), "needs mricron-data")
     def test_commands_of_page_your_ct_succeed(self):
-        self.run_page("your_ct.md", r"4392672 active voxels", r"contact +skin: .* touches",
+        self.run_page("your_ct.md", r"174696 active voxels", r"density_body: the region of the largest body",
+                      r"contact +skin: .* touches", r"contact +bone: .* touches",  # feel
+                      r"\n0,0,0,1,40,", r"\n0,0,73,1,9\d\d\.", r"\n0,0,81,1,4\d\.", r"\n0,0,95,0,-1000,",  # sample
+                      r"mode +skin: contact from .*yielded", r"mode +bone: contact from",  # press
+                      r"because +skin holds",  # explain
                       r"contact +inner: .* touches")
 
     def test_commands_of_page_your_flow_succeed(self):
