@@ -209,8 +209,11 @@ class Header {
       using T = std::remove_pointer_t<decltype(data)>;
       for (std::size_t i = first; i < first + count; ++i) {
         double value = 0.0;
-        if (!(in >> value))
-          refuse("a value is not a number, or the values end too early", kCorrectHeader);
+        if (!(in >> value)) {
+          if (in.eof()) refuse("the values end too early", "copy or export the file again");
+          refuse(fmt::format("value {} is not a number", i + 1),
+                 "correct the value, or export the file again");
+        }
         if constexpr (std::is_integral_v<T>) {
           // Clamps the value to the range of the type.
           value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
@@ -345,12 +348,17 @@ class MetaImageReader final : public Reader {
     Piece image;
     const std::vector<double> sizes = header_.sizes();
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
-    // If the header names the patient's axes, positions are in the space of ITK: x to the left, y
-    // to the back.
+    // Positions are in the space of ITK: x to the left, y to the back. ITK ignores
+    // AnatomicalOrientation, and so do the programs that are based on ITK. A CT and a dose in it
+    // would lie apart if that field moved only the CT.
+    const Mat3 turn = Vec3(-1.0, -1.0, 1.0).asDiagonal();
     const std::string axes = header_.text({"AnatomicalOrientation"});
-    const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
-    const Mat3 turn = patient ? Mat3(Vec3(-1.0, -1.0, 1.0).asDiagonal()) : Mat3(Mat3::Identity());
-    content.patient = patient;
+    content.patient = !axes.empty() && axes.find('?') == std::string::npos;
+    if (!content.patient) {
+      content.notes.emplace_back(
+          "no AnatomicalOrientation: as in ITK, x points to the patient's left and y to the back; "
+          "the result is in RAS, so x and y have the other sign");
+    }
     image.file_from_index = place(turn, content.notes);
     const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();
     const Values values = header_.values(slices, request_.progress);

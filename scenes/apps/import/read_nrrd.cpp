@@ -400,7 +400,14 @@ class NrrdReader final : public Reader {
       content.notes.emplace_back(
           "the space is left-handed: y is inverted, so that the volume is not mirrored");
     }
-    if (nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime) {
+    const bool is_scanner =
+        nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime;
+    if (directed_ && turn().isIdentity(0.0) && !namesPatient() && !is_scanner) {
+      content.notes.emplace_back(
+          "the space has no anatomical axes, so positions stay unchanged: the volume does not meet "
+          "volumes that are in RAS if ITK wrote it, because ITK's x points left and y back");
+    }
+    if (is_scanner) {
       content.notes.emplace_back(
           "the space is the scanner's, not the patient's: positions stay unchanged");
     }

@@ -59,6 +59,7 @@ class BesideItk(images_test.Case):
                                               images_test.ORIGIN), "\n", images_test.SHORTS),
                 ("a.mha", images_test.meta(*images_test.MetaImage.PLACED,
                                            "AnatomicalOrientation = RAI"), images_test.SHORTS),
+                ("unnamed.mha", images_test.meta(*images_test.MetaImage.PLACED), images_test.SHORTS),
                 ("q.nii", images_test.nifti(images_test.SIZE, *images_test.SHORT, qfac=-1.0,
                                             pixdim=(1, 2, 3)), images_test.SHORTS),
                 ("s.nii", images_test.nifti(
