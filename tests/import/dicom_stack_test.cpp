@@ -3,6 +3,8 @@
 
 #include <cmath>
 #include <functional>
+#include <string>
+#include <vector>
 
 #include <catch2/catch.hpp>
 
@@ -106,21 +108,118 @@ TEST_CASE("images that do not form a volume are refused with the reason", "[dico
                at(f, 4).position.z() = 22.0;
              }),
              Contains("slices are missing between z = 4 and 20 mm: 7 of 12 in all"));
-  CHECK_THAT(trouble([](Files& f) { at(f, 2).position.z() = 4.3; }),
-             Contains("the spacing of the slices is uneven: "));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).position.x() += 1.0; }),
-             Contains("not evenly spaced on a line: the slice at z = 4 mm is 1 mm off"));
+             Contains("the slices are not on a line: the slice at z = 4 mm is 1 mm off"));
   CHECK_THAT(trouble([](Files& f) { at(f, 2).format[0] = 5; }),
-             Contains("1 of 5 images differ from the others"));
+             Contains("1 of 5 images differ from the others") && Contains("such as image2"));
   CHECK_THAT(trouble([](Files& f) { at(f, 1).row = Vec3(0, 1, 0); }), Contains("localisers"));
   CHECK_THAT(trouble([](Files& f) { at(f, 1).placed = false; }),
-             Contains("1 of 5 images do not state their position"));
+             Contains("1 of 5 images do not state their position in the patient, such as image1"));
   CHECK_THAT(trouble([](Files& f) { at(f, 1).has_rescale = true; }),
-             Contains("only 1 of 5 images state the scale of their values"));
+             Contains("only 1 of 5 images state the scale of their values") &&
+                 Contains("image0 does not"));
   CHECK_THAT(trouble([](Files& f) { f[0].is_colour = true; }),
              Contains("1 of 5 files have colour images"));
   CHECK_THAT(trouble([](Files& f) { at(f, 4).position = at(f, 3).position; }),
              Contains("2 images are at the same position, z = 6 mm"));
+}
+
+namespace {
+
+/// Places the images at these heights [mm], and numbers them. Images without a number get NaN.
+std::vector<File> placed(const std::vector<double>& heights, const std::vector<double>& numbers) {
+  const File model = axial().front();
+  std::vector<File> files;
+  for (std::size_t k = 0; k < heights.size(); ++k) {
+    files.push_back(model);
+    files.back().slices.front().position.z() = heights[k];
+    if (!numbers.empty()) files.back().slices.front().number = numbers[k];
+  }
+  return files;
+}
+
+}  // namespace
+
+TEST_CASE("slices at changing distances get a lattice with the finer distance", "[dicom]") {
+  // 2.5 mm, then 5 mm, with numbers and without.
+  const std::vector<double> head{0, 2.5, 5, 7.5, 10, 15, 20, 25};
+  for (const std::vector<double>& numbers :
+       {std::vector<double>{}, std::vector<double>{8, 7, 6, 5, 4, 3, 2, 1}}) {
+    const Stack stack = stacked(placed(head, numbers));
+    CHECK((stack.map.linear.col(2) - Vec3(0, 0, 2.5)).norm() < 1e-12);
+    CHECK(stack.depths == std::vector<double>{0, 1, 2, 3, 4, 6, 8, 10});
+    REQUIRE(stack.notes.size() == 1);
+    CHECK_THAT(stack.notes.front(), Contains("2.5 to 5 mm apart") && Contains("every 2.5 mm"));
+  }
+  // Distances that no lattice has: both ends keep their slices.
+  const Stack abdomen = stacked(placed({0, 7.5, 15, 22.5, 35, 47.5}, {}));
+  CHECK(abdomen.depths.back() == 6.0);
+  CHECK(abdomen.map.linear(2, 2) == Approx(47.5 / 6));
+  // One displaced slice does not make the lattice finer.
+  const Stack displaced = stacked(placed({0, 2, 4.3, 6, 8}, {}));
+  CHECK(displaced.map.linear(2, 2) == Approx(2.0));
+  CHECK(displaced.depths[2] == Approx(2.15));
+  // A tilted stack: the distances are along the line of the slices.
+  std::vector<File> tilted = placed(head, {});
+  for (File& file : tilted) {
+    Slice& slice = file.slices.front();
+    slice.position.y() += 0.5 * slice.position.z();
+  }
+  CHECK((stacked(tilted).map.linear.col(2) - Vec3(0, -1.25, 2.5)).norm() < 1e-12);
+}
+
+TEST_CASE("slices are missing only where the numbers or the gaps show it", "[dicom]") {
+  const auto says = [](const std::vector<double>& heights, const std::vector<double>& numbers) {
+    try {
+      (void)stacked(placed(heights, numbers));
+    } catch (const VolumeError& e) {
+      return std::string(e.what());
+    }
+    return std::string("none");
+  };
+  // One number and one slice are missing: within a part, and where the distance changes.
+  CHECK_THAT(says({0, 2, 4, 8, 10}, {1, 2, 3, 5, 6}), Contains("between z = 4 and 8 mm: 1 of 6"));
+  CHECK_THAT(says({0, 2, 4, 10, 14, 18}, {1, 2, 3, 5, 6, 7}), Contains("1 of 7"));
+  CHECK_THAT(says({0, 2, 6, 8, 12, 14}, {}), Contains("2 of 8 in all"));
+  // The numbers continue across the gap; the numbers jump without a gap.
+  CHECK(says({0, 2, 4, 8, 10}, {1, 2, 3, 4, 5}) == "none");
+  CHECK(says({0, 2, 4, 6, 8}, {1, 2, 3, 7, 8}) == "none");
+}
+
+TEST_CASE("a localiser and a screen save are skipped with the name of the file", "[dicom]") {
+  std::vector<File> files = axial();
+  files.push_back(files.front());
+  files.back().path = "scout";
+  files.back().is_localiser = true;
+  files.back().slices.front().row = Vec3::UnitY();
+  files.push_back(files.front());
+  files.back().path = "screen";
+  files.back().is_capture = true;
+  files.back().is_colour = true;
+  std::vector<std::string> notes;
+  const std::vector<Series> one = seriesOf(files);
+  const Series rest = withoutStrays(one.front(), notes);
+  CHECK(rest.files.size() == kImages);
+  REQUIRE(notes.size() == 1);
+  CHECK_THAT(notes.front(), Contains("2 of 7 files, such as scout: a localiser"));
+  CHECK(stackOf(rest, "the series").steps.front().size() == kImages);
+
+  // In series of their own.
+  files[kImages].series = "1.2.4";
+  files[kImages + 1].series = "1.2.5";
+  notes.clear();
+  const std::vector<Series> all = seriesOf(files);
+  CHECK(chosen(all, Request(), notes).uid == "1.2.3");
+  REQUIRE(notes.size() == 2);
+  CHECK_THAT(notes[0], Contains("1 image in scout: a localiser"));
+  CHECK_THAT(notes[1], Contains("1 image in screen: a screen save"));
+  // All files are localisers.
+  for (File& file : files) {
+    file.is_localiser = true;
+    file.series = "1.2.3";
+  }
+  const std::vector<Series> localisers = seriesOf(files);
+  CHECK(withoutStrays(localisers.front(), notes).files.size() == files.size());
 }
 
 TEST_CASE("images at one position are time steps if they carry times", "[dicom]") {

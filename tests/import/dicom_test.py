@@ -2,6 +2,7 @@
 """Tests palpate-import with DICOM series, written here byte by byte: dicom_test.py BIN_DIR."""
 import csv
 import io
+import json
 import math
 import os
 import random
@@ -9,6 +10,7 @@ import struct
 import sys
 import tempfile
 import unittest
+import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
@@ -26,6 +28,9 @@ REPORT = "1.2.840.10008.5.1.4.1.1.88.11"
 PLAIN = "1.2.840.10008.1.2.1"
 RLE = "1.2.840.10008.1.2.5"
 JPEG = "1.2.840.10008.1.2.4.70"
+DEFLATED = "1.2.840.10008.1.2.1.99"
+CAPTURE = "1.2.840.10008.5.1.4.1.1.7"
+SEGMENTATION = "1.2.840.10008.5.1.4.1.1.66.4"
 SECRET = "Mustermann^Erika"
 
 
@@ -89,15 +94,39 @@ def encapsulated(item):
     return part(0xE000, 0) + part(0xE000, len(item)) + item + part(0xE0DD, 0)
 
 
+def bit_rle(frames):
+    """Encodes frames with RLE, each a list of bits: eight pixels per byte, the lowest bit first."""
+    items = struct.pack("<HHI", 0xFFFE, 0xE000, 0)
+    for bits in frames:
+        data = bytes(sum(bit << n for n, bit in enumerate(bits[at:at + 8]))
+                     for at in range(0, len(bits), 8))
+        item = struct.pack("<16I", 1, 64, *[0] * 14) + packed_bits(data)
+        items += struct.pack("<HHI", 0xFFFE, 0xE000, len(item)) + item
+    return items + struct.pack("<HHI", 0xFFFE, 0xE0DD, 0)
+
+
+def data_set(file):
+    """Returns the offset of the data set, behind the preamble and the elements of group 0002."""
+    return 144 + struct.unpack("<I", file[140:144])[0]
+
+
+def deflated(file):
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    at = data_set(file)
+    return file[:at] + packer.compress(file[at:]) + packer.flush()
+
+
 def dicom(elements, pixels=b"", kind=CT, syntax=PLAIN):
-    """Returns a whole file. `elements` maps a tag to (VR, value), or to None for a missing element."""
+    """Returns a whole file. `elements` maps a tag to (VR, value), or to None for a missing element. Pixels under RLE
+    are encoded already if they begin with an item."""
     meta = element(0x00020002, "UI", kind) + element(0x00020003, "UI", "1.2.3.4")
     meta += element(0x00020010, "UI", syntax)
     body = b"".join(element(tag, *elements[tag]) for tag in sorted(elements) if elements[tag])
     if syntax in (RLE, JPEG):
         size = [elements[tag][1] for tag in (0x00280011, 0x00280010)]
-        item = rle(pixels) if syntax == RLE else lossless_jpeg(pixels, *size)
-        body += struct.pack("<HH2sHI", 0x7FE0, 0x10, b"OB", 0, 0xFFFFFFFF) + encapsulated(item)
+        if not pixels.startswith(b"\xfe\xff\x00\xe0"):
+            pixels = encapsulated(rle(pixels) if syntax == RLE else lossless_jpeg(pixels, *size))
+        body += struct.pack("<HH2sHI", 0x7FE0, 0x10, b"OB", 0, 0xFFFFFFFF) + pixels
     elif pixels:
         body += element(0x7FE00010, "OW", pixels)
     return (b"\0" * 128 + b"DICM" + element(0x00020000, "UL", struct.pack("<I", len(meta))) + meta +
@@ -204,6 +233,11 @@ class Case(unittest.TestCase):
         self.assertNotIn(SECRET.encode(), self.out.read_bytes())
         self.assertNotIn(b"Patient 4711", self.out.read_bytes())
         self.assertNotIn(b"19640229", self.out.read_bytes())
+
+    def report(self, source, *more):
+        done = self.run_import(source, "--json", *more)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout)
 
     def refused(self, source, *more, says):
         """The import is refused: one clear line on stderr, no output on stdout, no file left."""
@@ -342,6 +376,121 @@ class Places(Case):
         self.refused(folder, says="unsupported compression (1.2.840.10008.1.2.4.99)")
 
 
+    @suite.smoke
+    def test_reads_files_without_preamble_and_deflated_files(self):
+        volume = Volume()
+        for name, syntax, made in (("no preamble", PLAIN, lambda file: file[132:]),
+                                   ("no group 0002", PLAIN, lambda file: file[data_set(file):]),
+                                   ("deflated", DEFLATED, deflated)):
+            folder = self.dir / name
+            folder.mkdir()
+            for k in range(6):
+                (folder / f"{k}").write_bytes(made(volume.file(k, syntax)))
+            for source in folder, folder / "3":
+                self.imported(source)
+                self.same(volume)
+        self.out.unlink()
+        whole = (folder / "3").read_bytes()
+        (folder / "3").write_bytes(whole[:-40])
+        self.refused(folder, says=["deflated/3: ", "the deflated data set is truncated"])
+        bad = bytearray(whole)
+        bad[-40:-30] = b"\xff" * 10
+        (folder / "3").write_bytes(bad)
+        self.refused(folder, says="deflated/3: ")
+
+    @suite.smoke
+    def test_bits_under_rle_are_the_segmentation(self):
+        volume = Volume(size=(13, 5, 6), modality="SEG")
+        volume.stored = lambda i, j, k: int((i - 6) ** 2 + 4 * (j - 2) ** 2 + 4 * (k - 3) ** 2 < 30)
+        volume.slope, volume.intercept = 1, 0
+        shared = element(0x00209116, "SQ",
+                         [element(0x00200037, "DS", text([*volume.row, *volume.column]))])
+        shared += element(0x00289110, "SQ", [
+            element(0x00280030, "DS", text([volume.down, volume.across]))])
+        places = [element(0x00209113, "SQ", [element(0x00200032, "DS", text(volume.at(0, 0, k)))])
+                  for k in range(6)]
+        one = ("US", 1)
+        elements = volume.elements(0, t00280008=("IS", "6"), t00200032=None, t00200037=None,
+                                   t00280030=None, t00281052=None, t00281053=None, t00280100=one,
+                                   t00280101=one, t00280102=("US", 0), t00280103=("US", 0),
+                                   t52009229=("SQ", [shared]), t52009230=("SQ", places))
+        frames = [[volume.stored(i, j, k) for j in range(5) for i in range(13)] for k in range(6)]
+        file = self.dir / "segmentation.dcm"
+        whole = dicom(elements, bit_rle(frames), SEGMENTATION, RLE)
+        file.write_bytes(whole)
+        self.imported(file)
+        self.same(volume)
+        # The last frame has too few pixels.
+        file.write_bytes(dicom(elements, bit_rle([*frames[:5], frames[5][:40]]), SEGMENTATION, RLE))
+        self.out.unlink()
+        self.refused(file, says="the pixels of frame 6 are damaged (RLE)")
+
+
+class Distances(Case):
+    def check(self, heights, name, largest_error, **more):
+        """Slices at `heights` have linear values, which linear interpolation keeps."""
+        volume = Volume(size=(5, 4, len(heights)), **more)
+        folder = self.dir / name
+        folder.mkdir()
+        value = lambda i, j, z: round(1000 + 10 * i + 6 * j + 4 * z)
+        for k, z in enumerate(heights):
+            volume.at = lambda i, j, _, z=z: [0.5 * i, 0.75 * j, z]
+            volume.stored = lambda i, j, _, z=z: value(i, j, z)
+            (folder / f"{k}").write_bytes(volume.file(k, t00200013=("IS", str(k + 1))))
+        grid = self.report(folder)["grids"][0]
+        self.assertLess(grid["resampling"]["largest"], largest_error)
+        self.assertGreater(grid["resampling"]["points"], 100)
+        step = grid["voxel"][2]
+        points = [(i, j, step * n) for i in range(1, 4) for j in range(1, 3)
+                  for n in range(round(heights[-1] / step) + 1)]
+        for (i, j, z), (found, _) in zip(points, self.sampled(
+                [(-0.5 * i, -0.75 * j, z) for i, j, z in points], "trilinear")):
+            self.assertAlmostEqual(found, 1000 + 10 * i + 6 * j + 4 * z - 1024, delta=0.51)
+        return folder, step
+
+    @suite.smoke
+    def test_slices_at_changing_distances_are_resampled(self):
+        folder, step = self.check([0, 2.5, 5, 7.5, 10, 15, 20, 25], "head", 1e-6)
+        self.assertAlmostEqual(step, 2.5, 9)
+        notes = "\n".join(self.report(folder)["notes"])
+        self.assertIn("the slices are 2.5 to 5 mm apart: they are resampled every 2.5 mm", notes)
+        # Cubes are made from the resampled slices.
+        cubes = self.report(folder, "--voxel", "0.25")["grids"][0]
+        self.assertEqual(cubes["voxel"], [0.25] * 3)
+        self.assertLess(cubes["resampling"]["largest"], 1e-6)
+        _, step = self.check([0, 7.5, 15, 22.5, 35, 47.5], "abdomen", 0.01)
+        self.assertAlmostEqual(step, 47.5 / 6, 9)
+
+    def test_the_error_of_resampling_is_stated(self):
+        volume = Volume(size=(5, 4, 6))
+        volume.stored = lambda i, j, k: 1000 * (k % 2) + i
+        heights = [0, 7.5, 15, 22.5, 35, 47.5]
+        folder = self.dir / "steps"
+        folder.mkdir()
+        for k, z in enumerate(heights):
+            volume.at = lambda i, j, _, z=z: [0.5 * i, 0.75 * j, z]
+            (folder / f"{k}").write_bytes(volume.file(k))
+        error = self.report(folder)["grids"][0]["resampling"]
+        # The lattice has a slice at 23.75 mm, a tenth of the distance beyond the peak at 22.5 mm, and so on.
+        self.assertGreater(error["largest"], 0.05)
+        self.assertLess(error["rms"], error["largest"])
+
+    def test_padding_hides_only_what_is_interpolated_from_it(self):
+        plain = Volume().stored
+        volume = Volume(size=(5, 4, 6), t00280120=("SS", -2000))
+        volume.stored = lambda i, j, k: -2000 if (i, j, k) == (2, 2, 4) else plain(i, j, k)
+        heights = [0, 2.5, 5, 7.5, 12.5, 17.5]
+        folder = self.dir / "padded"
+        folder.mkdir()
+        for k, z in enumerate(heights):
+            volume.at = lambda i, j, _, z=z: [0.5 * i, 0.75 * j, z]
+            (folder / f"{k}").write_bytes(volume.file(k))
+        self.imported(folder)
+        inside = [there for _, there in self.sampled(
+            [(-1.0, -1.5, 2.5 * n) for n in range(8)], "nearest")]
+        self.assertEqual(inside, [True] * 4 + [False] * 3 + [True])
+
+
 class Values(Case):
     @suite.smoke
     def test_reads_every_type_with_slope_and_intercept(self):
@@ -444,22 +593,18 @@ class Trouble(Case):
         sagittal = Volume(row=(0, 1, 0), column=(0, 0, -1), origin=(0, 0, 0))
         self.refused(sagittal.write(self.dir / "x", slices=[0, 1, 3, 4]), says="x = ")
 
-    def test_refuses_uneven_slices(self):
+    def test_refuses_slices_that_are_not_on_a_line(self):
         volume = Volume()
         folder = volume.write(self.dir / "gap", shuffle=False)
-        moved = volume.at(0, 0, 5)
-        moved[2] += 0.2
-        (folder / "IM005").write_bytes(volume.file(5, t00200032=("DS", text(moved))))
-        self.refused(folder, says="the slices is uneven: 2.7 mm between")
-        # Less than 5 %.
-        moved[2] -= 0.1
-        (folder / "IM005").write_bytes(volume.file(5, t00200032=("DS", text(moved))))
-        self.imported(folder)
-        self.out.unlink()
         moved = volume.at(0, 0, 3)
         moved[0] += 1
         (folder / "IM003").write_bytes(volume.file(3, t00200032=("DS", text(moved))))
-        self.refused(folder, says="not evenly spaced on a line")
+        self.refused(folder, says="the slices are not on a line: the slice at z = ")
+        # A slice that is less than 5 % of the distance off counts as even.
+        moved = volume.at(0, 0, 3)
+        moved[2] += 0.1
+        (folder / "IM003").write_bytes(volume.file(3, t00200032=("DS", text(moved))))
+        self.assertNotIn("resampling", self.report(folder)["grids"][0])
 
     def test_refuses_duplicate_slices(self):
         folder = Volume().write(self.dir / "ct")
@@ -471,10 +616,28 @@ class Trouble(Case):
         (folder / "copy").unlink()
         self.refused(folder, says="2 images are at the same position")
 
-    def test_refuses_a_localiser_within_the_series(self):
+    @suite.smoke
+    def test_skips_localisers_and_screen_saves_by_name(self):
+        volume = Volume()
+        for uid, number in ("1.2.3", 1), ("9.9", 2):  # in the same series, and in another series
+            folder = volume.write(self.dir / uid)
+            (folder / "scout").write_bytes(Volume(
+                size=(9, 9, 1), row=(0, 1, 0), column=(0, 0, -1), uid=uid, number=number,
+                description="Scout", t00080008=("CS", "ORIGINAL\\PRIMARY\\LOCALIZER")).file(0))
+            screen = Volume(size=(9, 9, 1), uid="1.2.3" if number == 1 else "9.8", number=3,
+                            t00200032=None, t00200037=None)
+            (folder / "screen").write_bytes(dicom(screen.elements(0), screen.pixels(0), CAPTURE))
+            notes = "\n".join(self.report(folder)["notes"])
+            self.same(volume)
+            self.assertIn("such as scout: a localiser" if number == 1 else "in scout: a localiser",
+                          notes)
+            if number == 2:
+                self.assertIn("in screen: a screen save", notes)
+
+    def test_refuses_an_image_of_another_shape_by_name(self):
         folder = Volume().write(self.dir / "ct")
         Volume(size=(9, 9, 1)).write(folder, "size")
-        self.refused(folder, says=["1 of 7 images differ", "localiser"])
+        self.refused(folder, says=["1 of 7 images differ", "such as size000", "localiser"])
         (folder / "size000").unlink()
         Volume(row=(0, 1, 0), column=(0, 0, -1), size=(5, 4, 2)).write(folder, "turned")
         self.refused(folder, says="2 of 8 images differ")

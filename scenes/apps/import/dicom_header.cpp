@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <optional>
+#include <string_view>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -13,6 +15,8 @@
 #include <vtkDICOMValue.h>
 #include <vtkNew.h>
 
+#include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/dicom_bytes.h"
 #include "palpate/scenes/apps/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -130,6 +134,23 @@ bool isImageClass(const std::string& uid) {
          std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
 }
 
+/// Returns the SOP class. Files without the elements of group 0002 state it in the data set only.
+std::string classOf(vtkDICOMMetaData* meta) {
+  const std::string uid = meta->Get(0, DC::MediaStorageSOPClassUID).AsString();
+  return uid.empty() ? meta->Get(0, DC::SOPClassUID).AsString() : uid;
+}
+
+/// Sets the members that state the purpose of an image.
+void takePurpose(File& file, vtkDICOMMetaData* meta) {
+  // Secondary Capture Image Storage; the classes for several frames have this prefix
+  constexpr std::string_view kCapture = "1.2.840.10008.5.1.4.1.1.7";
+  const std::string uid = classOf(meta);
+  const std::string kind = meta->Get(0, DC::ImageType).AsString();
+  file.is_capture = uid == kCapture || uid.rfind(std::string(kCapture) + ".", 0) == 0 ||
+                    kind.find("SCREEN SAVE") != std::string::npos;
+  file.is_localiser = kind.find("LOCALIZER") != std::string::npos;
+}
+
 /// Returns true if the codec can read this transfer syntax: still images with any compression, but
 /// no films.
 bool isReadable(const std::string& syntax) {
@@ -193,19 +214,27 @@ std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames)
 }  // namespace
 
 bool isDicom(const fs::path& path) {
-  std::array<char, 132> begin{};
+  std::array<char, 4096> begin{};
   std::ifstream in(path, std::ios::binary);
   in.read(begin.data(), begin.size());
-  return in.gcount() == static_cast<std::streamsize>(begin.size()) &&
-         std::string_view(begin.data() + 128, 4) == "DICM";
+  return beginsAsDicom({begin.data(), static_cast<std::size_t>(in.gcount())});
 }
 
 File headerOf(const fs::path& path) {
+  std::optional<PlainDicom> plain;
+  try {
+    plain.emplace(path);
+  } catch (const VolumeError& e) {
+    File file;
+    file.path = path;
+    file.damage = e.reason();
+    return file;
+  }
   vtkNew<vtkDICOMMetaData> meta;
   vtkNew<vtkDICOMParser> parser;
   meta->SetNumberOfInstances(1);
   parser->SetMetaData(meta);
-  parser->SetFileName(path.c_str());
+  parser->SetFileName(plain->path().c_str());
   parser->SetIndex(0);
   parser->Update();
 
@@ -222,7 +251,7 @@ File headerOf(const fs::path& path) {
     return file;
   }
   if (!file.is_image) {
-    if (isImageClass(meta->Get(0, DC::MediaStorageSOPClassUID).AsString())) {
+    if (isImageClass(classOf(meta))) {
       file.damage = "the header is truncated or damaged";
     }
     return file;
@@ -234,9 +263,16 @@ File headerOf(const fs::path& path) {
   const std::string photometric = meta->Get(0, DC::PhotometricInterpretation).AsString();
   file.is_colour = meta->Get(0, DC::SamplesPerPixel).AsInt() > 1 ||
                    (!photometric.empty() && photometric.rfind("MONOCHROME", 0) != 0);
-  file.is_packed =
-      parser->GetPixelDataVL() == kPacked &&
-      meta->Get(0, DC::TransferSyntaxUID).AsString() != "1.2.840.10008.1.2.5";  // RLE compression
+  const bool is_rle = meta->Get(0, DC::TransferSyntaxUID).AsString() == "1.2.840.10008.1.2.5";
+  file.is_packed = parser->GetPixelDataVL() == kPacked && !is_rle;
+  if (parser->GetPixelDataVL() == kPacked && meta->Get(0, DC::BitsAllocated).AsInt() == 1) {
+    if (!is_rle) {
+      file.damage = "the pixels have one bit each under an unsupported compression";
+      return file;
+    }
+    file.bits_at = static_cast<std::int64_t>(parser->GetFileOffset());
+  }
+  takePurpose(file, meta);
   file.is_lossy = meta->Get(0, DC::LossyImageCompression).AsString() == "01";
   file.has_table = meta->Get(0, DC::ModalityLUTSequence).GetNumberOfValues() > 0;
   file.unit = textOf(meta->Get(0, 0, DC::RescaleType));
@@ -244,6 +280,7 @@ File headerOf(const fs::path& path) {
   file.thickness = meta->Get(0, 0, DC::SliceThickness).AsDouble();
   file.time_step = 1e-3 * meta->Get(0, 0, DC::TemporalResolution).AsDouble();
   for (int frame = 0; frame < frames; ++frame) file.slices.push_back(sliceOf(meta, frame));
+  if (frames == 1) file.slices.front().number = numberOf(meta->Get(0, DC::InstanceNumber));
   return file;
 }
 

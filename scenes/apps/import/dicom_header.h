@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <string>
@@ -58,9 +59,10 @@ struct Slice {
   Vec3 position = Vec3::Zero();
   Vec3 row = Vec3::Zero();  ///< Unit vector along which the column number grows.
   Vec3 column = Vec3::Zero();
-  double across = 0.0;  ///< Distance between columns [mm].
-  double down = 0.0;    ///< Distance between rows [mm].
-  double depth = 0.0;   ///< Position along the normal of the slices [mm].
+  double across = 0.0;      ///< Distance between columns [mm].
+  double down = 0.0;        ///< Distance between rows [mm].
+  double depth = 0.0;       ///< Position along the normal of the slices [mm].
+  double number = kUnsaid;  ///< InstanceNumber; NaN: not stated, or a frame of a larger file.
   bool has_rescale = false;
   double slope = 1.0;
   double intercept = 0.0;
@@ -80,6 +82,10 @@ struct File {
   bool is_colour = false;
   bool is_packed = false;  ///< True if the pixels are compressed and GDCM must decode them.
   bool is_lossy = false;
+  bool is_capture = false;    ///< True for a screen save (secondary capture).
+  bool is_localiser = false;  ///< True if ImageType states that the image is a localiser.
+  /// Place of the pixels' first item in the file [bytes], if the pixels are bits under RLE; else 0.
+  std::int64_t bits_at = 0;
   /// True if a lookup table maps the stored values, instead of slope and intercept.
   bool has_table = false;
   std::string series;
@@ -93,7 +99,7 @@ struct File {
   std::vector<Slice> slices;
 };
 
-/// Returns true if the file begins with the preamble of DICOM files.
+/// Returns true if the file begins as DICOM files do (beginsAsDicom).
 [[nodiscard]] bool isDicom(const std::filesystem::path& path);
 
 /// Reads a header without pixels. Writes defects of the file to File::damage.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <tuple>
 #include <utility>
@@ -80,6 +81,31 @@ std::optional<std::size_t> sortByTime(std::vector<Group>& groups) {
   return std::nullopt;
 }
 
+bool hasPlace(const File& file) {
+  return std::any_of(file.slices.begin(), file.slices.end(),
+                     [](const Slice& slice) { return slice.placed; });
+}
+
+/// Returns true for a secondary capture that cannot be a slice. Some programs write slices as
+/// secondary captures.
+bool isScreenSave(const File& file) {
+  return file.is_capture && (file.is_colour || !hasPlace(file));
+}
+
+/// Returns the reason why a series cannot be a volume; an empty text if it can be one. A damaged
+/// file may belong to a volume.
+std::string reasonAgainst(const Series& series) {
+  const auto all = [&](const auto& is) {
+    return std::all_of(series.files.begin(), series.files.end(),
+                       [&](const File* file) { return file->damage.empty() && is(*file); });
+  };
+  if (all([](const File& file) { return file.is_localiser; })) return "a localiser";
+  if (all(isScreenSave)) return "a screen save";
+  if (all([](const File& file) { return !hasPlace(file); })) return "no position";
+  if (series.images == 1 && all([](const File&) { return true; })) return "a single image";
+  return "";
+}
+
 class Stacker {
  public:
   Stacker(const Series& series, std::string what) : series_(series), what_(std::move(what)) {}
@@ -94,7 +120,7 @@ class Stacker {
 
     Stack out;
     separate(groups, ruler, out);
-    out.map = mapOf(groups, normal, ruler, out.notes);
+    out.map = mapOf(groups, normal, ruler, out);
     out.steps.resize(groups.front().size());
     for (Group& group : groups) {
       for (std::size_t i = 0; i < group.size(); ++i) out.steps[i].push_back(std::move(group[i]));
@@ -111,18 +137,21 @@ class Stacker {
   /// format.
   std::vector<Slice> alike() const {
     std::vector<Slice> slices;
-    std::size_t colour = 0;
+    std::vector<std::string> colour;
     std::size_t rescaled = 0;
     for (std::size_t f = 0; f < series_.files.size(); ++f) {
-      if (series_.files[f]->is_colour) ++colour;
+      if (series_.files[f]->is_colour) {
+        colour.push_back(series_.files[f]->path.filename().string());
+      }
       for (Slice slice : series_.files[f]->slices) {
         slice.file = f;
         if (slice.has_rescale) ++rescaled;
         slices.push_back(std::move(slice));
       }
     }
-    if (colour > 0) {
-      refuse(fmt::format("{} of {} files have colour images", colour, series_.files.size()),
+    if (!colour.empty()) {
+      refuse(fmt::format("{} of {} files have colour images, such as {}", colour.size(),
+                         series_.files.size(), colour.front()),
              "import the greyscale images from which they were made");
     }
     const auto placed = static_cast<std::size_t>(
@@ -132,13 +161,18 @@ class Stacker {
              "import the original series");
     }
     if (placed < slices.size()) {
-      refuse(fmt::format("{} of {} images do not state their position in the patient",
-                         slices.size() - placed, slices.size()),
+      const auto stray = std::find_if(slices.begin(), slices.end(),
+                                      [](const Slice& slice) { return !slice.placed; });
+      refuse(fmt::format("{} of {} images do not state their position in the patient, such as {}",
+                         slices.size() - placed, slices.size(), fileOf(*stray)),
              "remove them from the folder");
     }
     if (rescaled != 0 && rescaled != slices.size()) {
-      refuse(fmt::format("only {} of {} images state the scale of their values (RescaleSlope)",
-                         rescaled, slices.size()),
+      const auto stray = std::find_if(slices.begin(), slices.end(),
+                                      [](const Slice& slice) { return !slice.has_rescale; });
+      refuse(fmt::format("only {} of {} images state the scale of their values (RescaleSlope); {} "
+                         "does not",
+                         rescaled, slices.size(), fileOf(*stray)),
              "export the series again");
     }
     // Compares all images with the format that most images have.
@@ -150,17 +184,18 @@ class Stacker {
     };
     using Sort = std::pair<const Slice*, std::size_t>;
     std::vector<Sort> sorts;
-    std::size_t most = 0;
     for (const Slice& slice : slices) {
       auto at = std::find_if(sorts.begin(), sorts.end(),
                              [&](const auto& sort) { return same(*sort.first, slice); });
       if (at == sorts.end()) at = sorts.insert(sorts.end(), {&slice, 0});
-      most = std::max(most, ++at->second);
+      ++at->second;
     }
-    if (most != slices.size()) {
+    const auto fewer = [](const Sort& a, const Sort& b) { return a.second < b.second; };
+    const auto [fewest, most] = std::minmax_element(sorts.begin(), sorts.end(), fewer);
+    if (most->second != slices.size()) {
       refuse(fmt::format("{} of {} images differ from the others in size, orientation or number "
-                         "format: they may be localisers",
-                         slices.size() - most, slices.size()),
+                         "format, such as {}: they may be localisers",
+                         slices.size() - most->second, slices.size(), fileOf(*fewest->first)),
              "remove them from the folder");
     }
     return slices;
@@ -229,28 +264,14 @@ class Stacker {
   }
 
   /// Computes the transform from voxels to positions. Throws VolumeError if slices are missing or
-  /// unevenly spaced. The step between slices follows their positions instead of the normal,
-  /// because a tilted gantry shears the volume.
+  /// not on a line. The step between slices follows their positions instead of the normal, because
+  /// a tilted gantry shears the volume. Sets `out.depths` if the distances change.
   Affine mapOf(const std::vector<Group>& groups, const Vec3& normal, const Ruler& ruler,
-               std::vector<std::string>& notes) const {
+               Stack& out) const {
     const Slice& first = groups.front().front();
-    const Slice& last = groups.back().front();
-    const std::size_t count = groups.size();
     Vec3 step = normal;
-    if (count > 1) {
-      checkGaps(groups, ruler);
-      step = (last.position - first.position) / static_cast<double>(count - 1);
-      for (std::size_t i = 0; i < count; ++i) {
-        const Slice& slice = groups[i].front();
-        const Vec3 even = first.position + step * static_cast<double>(i);
-        if ((slice.position - even).norm() > kUneven * step.norm()) {
-          refuse(
-              fmt::format(
-                  "the slices are not evenly spaced on a line: the slice at {} mm is {:.3g} mm off",
-                  ruler.at(slice), (slice.position - even).norm()),
-              "resample the series to evenly spaced slices");
-        }
-      }
+    if (groups.size() > 1) {
+      step = stepOf(groups, ruler, out);
       const double tilt = std::acos(std::min(1.0, normal.dot(step) / step.norm()));
       const double degrees = tilt * 180.0 / std::acos(-1.0);
       if (degrees > 80.0) {
@@ -259,7 +280,7 @@ class Stacker {
             "export the series again");
       }
       if (degrees > 0.1) {
-        notes.push_back(
+        out.notes.push_back(
             fmt::format("the stack of slices is sheared by {:.1f} degrees, as from a tilted "
                         "gantry: the volume has the same shear",
                         degrees));
@@ -275,30 +296,112 @@ class Stacker {
     return map;
   }
 
-  void checkGaps(const std::vector<Group>& groups, const Ruler& ruler) const {
+  /// Returns the step between slices that are evenly spaced, or that become so by resampling.
+  Vec3 stepOf(const std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
+    const Slice& first = groups.front().front();
+    const Vec3 whole = groups.back().front().position - first.position;
+    const double length = groups.back().front().depth - first.depth;  // along the normal
+    const auto even = static_cast<double>(groups.size() - 1);
     std::vector<double> gaps;
     for (std::size_t i = 1; i < groups.size(); ++i) {
       gaps.push_back(groups[i].front().depth - groups[i - 1].front().depth);
     }
-    // For an even number of gaps, takes the lower of the two middle ones: a larger gap may be due
-    // to missing slices.
+    checkMissing(groups, gaps, ruler);
+
     std::vector<double> sorted = gaps;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>((sorted.size() - 1) / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
-    const double common = *middle;
+    bool is_even = std::all_of(gaps.begin(), gaps.end(), [&](double gap) {
+      return std::abs(gap / *middle - 1.0) <= kUneven;
+    });
+    for (std::size_t i = 0; i < groups.size(); ++i) {
+      const Slice& slice = groups[i].front();
+      const double depth = slice.depth - first.depth;
+      const Vec3 off = slice.position - first.position - whole * (depth / length);
+      if (off.norm() > kUneven * whole.norm() / even) {
+        refuse(fmt::format("the slices are not on a line: the slice at {} mm is {:.3g} mm off",
+                           ruler.at(slice), off.norm()),
+               "import the slices before or after it from a folder of their own");
+      }
+      const double deviation = depth - length * static_cast<double>(i) / even;
+      is_even = is_even && std::abs(deviation) <= kUneven * length / even;
+    }
+    if (is_even) return whole / even;
+    const auto [least, most] = std::minmax_element(gaps.begin(), gaps.end());
+
+    const double steps = evenSteps(gaps, length);
+    for (const Group& group : groups) {
+      out.depths.push_back((group.front().depth - first.depth) / length * steps);
+    }
+    out.depths.back() = steps;
+    const double scale = whole.norm() / length;  // distances along the line of a tilted stack
+    out.notes.push_back(fmt::format(
+        "the slices are {:.4g} to {:.4g} mm apart: they are resampled every {:.4g} mm, linearly "
+        "between slices",
+        *least * scale, *most * scale, whole.norm() / steps));
+    return whole / steps;
+  }
+
+  /// Returns the number of even steps for slices with changing distances. The step is the smallest
+  /// distance that occurs twice in a row: a smaller one alone is a displaced slice.
+  static double evenSteps(const std::vector<double>& gaps, double length) {
+    double finest = gaps.size() == 1 ? gaps.front() : std::max(gaps[0], gaps[1]);
+    for (std::size_t i = 1; i < gaps.size(); ++i) {
+      finest = std::min(finest, std::max(gaps[i - 1], gaps[i]));
+    }
+    return std::round(
+        std::min(length / finest, kVoxelsPerPoint * static_cast<double>(gaps.size())));
+  }
+
+  /// Returns the differences between the numbers of neighbouring images, in units of the smallest
+  /// difference. Empty if the numbers are unknown or do not follow the positions.
+  static std::vector<double> jumpsOf(const std::vector<Group>& groups) {
+    std::vector<double> jumps;
+    for (std::size_t i = 1; i < groups.size(); ++i) {
+      jumps.push_back(groups[i].front().number - groups[i - 1].front().number);
+    }
+    const bool is_falling = !jumps.empty() && jumps.front() < 0.0;
+    for (double& jump : jumps) {
+      jump = is_falling ? -jump : jump;
+      if (!(jump > 0.0)) return {};
+    }
+    const double unit = *std::min_element(jumps.begin(), jumps.end());
+    for (double& jump : jumps) jump = std::floor(jump / unit);
+    return jumps;
+  }
+
+  /// Returns the number of slices that are missing in a gap.
+  ///
+  /// If the images have numbers, slices are missing where the numbers jump and the gap is larger
+  /// than one beside it. Without numbers, a gap must be a multiple of both gaps beside it: a
+  /// scanner that changes the distance does so for several slices.
+  static std::size_t missingIn(const std::vector<double>& gaps, const std::vector<double>& jumps,
+                               std::size_t i) {
+    std::vector<double> ratios;  // to the gaps beside it; i - 1 wraps around for the first gap
+    for (const std::size_t beside : {i - 1, i + 1}) {
+      if (beside < gaps.size()) ratios.push_back(gaps[i] / gaps[beside]);
+    }
+    if (ratios.empty()) return 0;
+    const auto [least, most] = std::minmax_element(ratios.begin(), ratios.end());
+    double times = jumps.empty() ? *least : std::min(jumps[i], std::round(*most));
+    if (jumps.empty()) {
+      const bool multiples = std::all_of(ratios.begin(), ratios.end(), [](double ratio) {
+        return std::abs(ratio - std::round(ratio)) <= kUneven;
+      });
+      times = multiples ? std::round(times) : 0.0;
+    }
+    return times >= 2.0 ? static_cast<std::size_t>(times) - 1 : 0;
+  }
+
+  void checkMissing(const std::vector<Group>& groups, const std::vector<double>& gaps,
+                    const Ruler& ruler) const {
+    const std::vector<double> jumps = jumpsOf(groups);
     std::size_t missing = 0;
     std::optional<std::size_t> where;
     for (std::size_t i = 0; i < gaps.size(); ++i) {
-      const double times = std::round(gaps[i] / common);
-      if (std::abs(gaps[i] / common - std::max(times, 1.0)) > kUneven) {
-        refuse(
-            fmt::format("the spacing of the slices is uneven: {:.4g} mm {}, {:.4g} mm elsewhere",
-                        gaps[i], ruler.between(groups[i].front(), groups[i + 1].front()), common),
-            "resample the series to evenly spaced slices, or copy all of its images");
-      }
-      if (times < 2.0) continue;
-      if (!where.has_value()) where = i;
-      missing += static_cast<std::size_t>(times) - 1;
+      const std::size_t here = missingIn(gaps, jumps, i);
+      if (here > 0 && !where.has_value()) where = i;
+      missing += here;
     }
     if (!where.has_value()) return;
     refuse(fmt::format("slices are missing {}: {} of {}{}",
@@ -339,7 +442,8 @@ std::vector<Series> seriesOf(const std::vector<File>& files) {
 }
 
 /// Compares the request with the number, the UID and the description of each series.
-const Series& chosen(const std::vector<Series>& all, const Request& request) {
+const Series& chosen(const std::vector<Series>& all, const Request& request,
+                     std::vector<std::string>& notes) {
   std::vector<std::string> names;
   std::vector<const Series*> fits;
   for (const Series& series : all) {
@@ -352,6 +456,23 @@ const Series& chosen(const std::vector<Series>& all, const Request& request) {
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (std::to_string(i + 1) == request.series) fits = {&all[i]};
   }
+  if (request.series.empty() && all.size() > 1) {
+    std::vector<std::string> skipped;
+    std::vector<const Series*> volumes;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const std::string reason = reasonAgainst(all[i]);
+      if (reason.empty()) {
+        volumes.push_back(&all[i]);
+      } else {
+        skipped.push_back(fmt::format("skipped series {} in {}: {}", names[i],
+                                      all[i].files.front()->path.filename().string(), reason));
+      }
+    }
+    if (volumes.size() == 1) {
+      notes.insert(notes.end(), skipped.begin(), skipped.end());
+      return *volumes.front();
+    }
+  }
   if (fits.size() == 1) return *fits.front();
   const std::string list = fmt::format("{}", fmt::join(names, "; "));
   const char* remedy = "choose a series with --series, by its number, UID or description";
@@ -363,6 +484,24 @@ const Series& chosen(const std::vector<Series>& all, const Request& request) {
                     fmt::format("{} series matches \"{}\" ({})",
                                 fits.empty() ? "no" : "more than one", request.series, list),
                     remedy);
+}
+
+Series withoutStrays(const Series& series, std::vector<std::string>& notes) {
+  Series rest{series.uid, {}, 0};
+  std::vector<const File*> strays;
+  for (const File* file : series.files) {
+    if (file->is_localiser || isScreenSave(*file)) {
+      strays.push_back(file);
+    } else {
+      rest.files.push_back(file);
+      rest.images += std::max<std::size_t>(1, file->slices.size());
+    }
+  }
+  if (strays.empty() || rest.files.empty()) return series;
+  notes.push_back(fmt::format("skipped {} of {} files, such as {}: {}", strays.size(),
+                              series.files.size(), strays.front()->path.filename().string(),
+                              strays.front()->is_localiser ? "a localiser" : "a screen save"));
+  return rest;
 }
 
 Stack stackOf(const Series& series, const std::string& what) {

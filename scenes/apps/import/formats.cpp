@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <cstdint>
 #include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/dicom_bytes.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/unpacked.h"
 
@@ -83,7 +85,29 @@ bool isNifti(const std::string& b) {
          has(b, 4, "ni2\0"sv);
 }
 bool isDicom(const std::string& b) {
-  return has(b, 128, "DICM");
+  return beginsAsDicom(b);
+}
+/// Recognizes MINC by the names of its axes: MINC 1 is in netCDF, MINC 2 in HDF5.
+bool isMinc(const std::string& b) {
+  const bool classic = has(b, 0, "CDF") && b.find("zspace") != std::string::npos &&
+                       b.find("xspace") != std::string::npos;
+  return classic || (has(b, 0, "\x89HDF") && b.find("minc-2.0") != std::string::npos);
+}
+/// Recognizes MGH, the format of FreeSurfer: version, four sizes and a type, as big-endian
+/// integers.
+bool isMgh(const std::string& b) {
+  if (b.size() < 284 || !has(b, 0, {"\0\0\0\1", 4})) return false;
+  const auto number = [&](std::size_t at) {
+    std::uint32_t value = 0;
+    for (std::size_t i = 4 * at; i < 4 * at + 4; ++i) {
+      value = value << 8U | static_cast<unsigned char>(b[i]);
+    }
+    return value;
+  };
+  for (std::size_t axis = 1; axis <= 4; ++axis) {
+    if (number(axis) == 0 || number(axis) > 100000) return false;
+  }
+  return number(5) <= 10;
 }
 bool isNrrd(const std::string& b) {
   return has(b, 0, "NRRD000") || has(b, 0, "NRRD00.01");
@@ -104,6 +128,7 @@ const std::array kFormats = {
     Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
     Format{"NRRD", isNrrd, openNrrd},
     Format{"MetaImage", isMetaImage, openMetaImage, nullptr, "--as"},
+    Format{"MINC", isMinc, nullptr, "convert it to NIfTI, for example with mnc2nii"},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
     Format{"VTK (XML)", isVtkXml, openVtkXml},
     Format{"netCDF or HDF5", isNetcdf, openNetcdf},
@@ -112,6 +137,15 @@ const std::array kFormats = {
     // Formats that are recognized but cannot be imported.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
            "open it with palpate feel, without an import"},
+    Format{"MRC (an electron density)", [](const std::string& b) { return has(b, 208, "MAP"); },
+           nullptr,
+           R"(describe the layout of its values with --raw and "skip": -1, see docs/import.md)"},
+    Format{"NumPy (.npy)", [](const std::string& b) { return has(b, 0, "\x93NUMPY"); }, nullptr,
+           R"(describe the layout of its values with --raw and "skip": -1, see docs/import.md)"},
+    Format{"MGH (FreeSurfer, .mgh or .mgz)", isMgh, nullptr,
+           "convert it to NIfTI, for example with mri_convert"},
+    Format{"XDMF", [](const std::string& b) { return b.find("<Xdmf") != std::string::npos; },
+           nullptr, "save the data as VTK XML, for example with ParaView"},
     Format{"OpenDX",
            [](const std::string& b) { return b.find("class gridpositions") != std::string::npos; },
            nullptr, "describe the layout of its values with --raw, see docs/import.md"},
@@ -170,6 +204,17 @@ bool isText(const std::string& bytes) {
   });
 }
 
+/// Throws VolumeError if the folder is a Zarr store.
+void refuseZarr(const std::filesystem::path& folder) {
+  std::error_code error;
+  for (const char* name : {".zarray", ".zgroup", "zarr.json"}) {
+    if (!std::filesystem::exists(folder / name, error)) continue;
+    throw VolumeError(
+        folder.string(), "the folder is a Zarr store, which palpate does not import",
+        "export the array as NIfTI or NRRD; a scene reads palpate's own bricks without an import");
+  }
+}
+
 }  // namespace
 
 std::unique_ptr<Reader> openAny(const Request& given) {
@@ -190,6 +235,7 @@ std::unique_ptr<Reader> openAny(const Request& given) {
       refuseUnused(request, "an OpenFOAM case", "");
       return openFoam(request);
     }
+    refuseZarr(request.file);
     refuseUnused(request, "a DICOM folder", "--series");
     return openDicom(request);
   }

@@ -21,6 +21,7 @@
 #include "palpate/samplers/grid/make_volume.h"
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
+#include "palpate/scenes/apps/import/even_slices.h"
 #include "palpate/scenes/apps/import/pieces.h"
 #include "palpate/scenes/apps/import/smooth.h"
 #include "palpate/scenes/guess/body.h"
@@ -91,6 +92,25 @@ Slab neededOf(const Options& options, const Shared& shared, int slices, const Af
   return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
 }
 
+/// Returns an image without its arrays. The copy does not keep their memory alive.
+Piece withoutArrays(const Piece& image) {
+  Piece out;
+  out.size = image.size;
+  out.held = image.held;
+  out.file_from_index = image.file_from_index;
+  out.depths = image.depths;
+  out.hidden = image.hidden;
+  out.by_cell = image.by_cell;
+  return out;
+}
+
+/// Returns an upper bound of the error of resampling twice.
+ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
+  second.rms += first.rms;
+  second.largest += first.largest;
+  return second;
+}
+
 Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
                    const Telling& telling, std::vector<std::string>& notes, const Shared& shared) {
   telling.stage(array.name);
@@ -98,18 +118,15 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
     notes.push_back(fmt::format("{}: {}", array.name, loss));
   }
   Imported imported;
-  Piece piece;
-  piece.size = whole.size;
-  piece.file_from_index = whole.file_from_index;
-  piece.by_cell = whole.by_cell;
-  piece.held = whole.held;
-  piece.hidden = whole.hidden;
+  Piece piece = withoutArrays(whole);
+  if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
   if (!shared.isAlone()) {
     // If the reader has read the whole image, selects the slices of this rank.
-    imported.share = shared.bricks(whole.size[2]);
-    piece.held = neededOf(options, shared, whole.size[2], whole.file_from_index);
-    piece.hidden = slicesOf(whole, whole.hidden, *piece.held);
-    array.values = slicesOf(whole, array.values, *piece.held);
+    imported.share = shared.bricks(piece.size[2]);
+    const Slab needed = neededOf(options, shared, piece.size[2], piece.file_from_index);
+    array.values = slicesOf(piece, array.values, needed);
+    piece.hidden = slicesOf(piece, piece.hidden, needed);
+    piece.held = needed;
   }
   imported.unit = array.unit;
   imported.axial = array.axial;
@@ -125,7 +142,8 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   }
   if (options.voxel > 0.0 && !options.iso) {
     imported.made = gridOnCubes(piece, array, options.voxel, tolerance, in, telling.progress);
-    imported.resampling = errorOf(piece, array, imported.made);
+    imported.resampling = sumOf(errorOf(piece, array, imported.made),
+                                imported.resampling.value_or(ResamplingError{}));
     imported.voxel = options.voxel;
     imported.image = openvdb::CoordBBox();
   } else {
@@ -191,7 +209,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   text(kMetaValueUnit, imported.unit);
   if (content.patient) text(kMetaSpace, "RAS");
   if (imported.resampling) {
-    number("resampled_to", imported.voxel);
+    if (imported.voxel > 0.0) number("resampled_to", imported.voxel);
     if (imported.resampling->points > 0) number("resampling_rms", imported.resampling->rms);
     if (imported.resampling->edge_points > 0) {
       number("resampling_edge_rms", imported.resampling->edge_rms);

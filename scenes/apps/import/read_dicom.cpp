@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -21,6 +22,7 @@
 #include <vtkStringArray.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/dicom_bytes.h"
 #include "palpate/scenes/apps/import/dicom_stack.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/vtk_pieces.h"
@@ -210,13 +212,16 @@ class Overheard {
 
 class DicomReader final : public Reader {
  public:
-  DicomReader(Request request, const Series& series)
+  /// @param notes  Notes about the choice of the series.
+  DicomReader(Request request, const Series& series, const std::vector<std::string>& notes)
       : request_(std::move(request)),
         stack_(stackOf(series, request_.file.string())),
         head_(*series.files.front()) {
+    stack_.notes.insert(stack_.notes.begin(), notes.begin(), notes.end());
     for (const File* file : series.files) {
       paths_.push_back(file->path);
       is_packed_.push_back(file->is_packed);
+      bits_at_.push_back(file->bits_at);
     }
     const bool table = std::any_of(series.files.begin(), series.files.end(),
                                    [](const File* f) { return f->has_table; });
@@ -246,6 +251,7 @@ class DicomReader final : public Reader {
     Piece image;
     image.size = size;
     image.file_from_index = stack_.map;
+    image.depths = stack_.depths;
     image.hidden = hiddenOf(stored, slices);
     image.arrays.push_back({"density",
                             slicesRescaled(stored, slices, image.hidden.as<std::uint8_t>()), "", "",
@@ -272,7 +278,7 @@ class DicomReader final : public Reader {
     for (const auto& [file, places] : of_file) {
       std::vector<int> frames;
       for (const std::size_t k : places) frames.push_back(slices[k].frame);
-      Values values = framesOf(file, frames);
+      Values values = bits_at_[file] > 0 ? bitsOf(file, frames, plane) : framesOf(file, frames);
       if (values.none() || values.components() != 1 || values.tuples() != plane * frames.size() ||
           (!out.none() && values.type() != out.type())) {
         throw VolumeError(paths_[file].string(),
@@ -295,8 +301,9 @@ class DicomReader final : public Reader {
   /// Returns the stored values of some frames of a file; empty if the file has no pixels.
   Values framesOf(std::size_t file, const std::vector<int>& frames) const {
     const auto sorter = vtkSmartPointer<Order>::Take(new Order(frames));
+    const PlainDicom plain(paths_[file]);
     vtkNew<vtkDICOMReader> reader;
-    reader->SetFileName(paths_[file].c_str());
+    reader->SetFileName(plain.path().c_str());
     reader->SetSorter(sorter);
     reader->SetMemoryRowOrderToFileNative();
     reader->AutoRescaleOff();
@@ -313,6 +320,34 @@ class DicomReader final : public Reader {
     }
     vtkDataArray* values = reader->GetOutput()->GetPointData()->GetScalars();
     return values == nullptr ? Values() : valuesOf(values);
+  }
+
+  /// Returns some frames of a file with one bit per pixel under RLE. vtk-dicom reads them as bytes.
+  Values bitsOf(std::size_t file, const std::vector<int>& frames, std::size_t plane) const {
+    std::ifstream in(paths_[file], std::ios::binary);
+    in.seekg(bits_at_[file]);
+    // The first item is a table of the others; every other item has one frame.
+    std::vector<std::string> items;
+    std::array<unsigned char, 8> head{};
+    while (in.read(reinterpret_cast<char*>(head.data()), head.size()) && head[0] == 0xfe &&
+           head[1] == 0xff && head[2] == 0x00 && head[3] == 0xe0) {
+      const std::size_t bytes = head[4] | static_cast<std::size_t>(head[5]) << 8U |
+                                static_cast<std::size_t>(head[6]) << 16U |
+                                static_cast<std::size_t>(head[7]) << 24U;
+      items.emplace_back(bytes, '\0');  // headerOf has checked that the file has these bytes
+      in.read(items.back().data(), static_cast<std::streamsize>(bytes));
+    }
+    Values values(Type::kUint8, 1, plane * frames.size());
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      const auto item = static_cast<std::size_t>(frames[i]) + 1;
+      if (item >= items.size() ||
+          !decodeBits(items[item], plane, values.as<unsigned char>() + i * plane)) {
+        throw VolumeError(paths_[file].string(),
+                          fmt::format("the pixels of frame {} are damaged (RLE)", frames[i] + 1),
+                          kAgain);
+      }
+    }
+    return values;
   }
 
   /// Describes the scan, and never the patient. No name, number, birth date, day, place, physician
@@ -337,6 +372,7 @@ class DicomReader final : public Reader {
   File head_;
   std::vector<fs::path> paths_;
   std::vector<bool> is_packed_;
+  std::vector<std::int64_t> bits_at_;  ///< File::bits_at of each file.
 };
 
 /// Returns the DICOM files in and below the folders of a study or a patient.
@@ -402,12 +438,13 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
     throw VolumeError(request.file.string(), "the DICOM files have no images",
                       "give a folder of DICOM slices");
   }
-  const Series& series = chosen(all, wanted);
+  std::vector<std::string> notes;
+  const Series series = withoutStrays(chosen(all, wanted, notes), notes);
   for (const File* file : series.files) {
     if (file->damage.empty()) continue;
     throw VolumeError(file->path.string(), file->damage, kAgain);
   }
-  return std::make_unique<DicomReader>(request, series);
+  return std::make_unique<DicomReader>(request, series, notes);
 }
 
 }  // namespace palpate::importer

@@ -89,6 +89,10 @@ struct Piece {
   std::optional<Slab> held;   ///< For an image: slices whose values are in memory; no value: all.
   /// For an image: transform from indices to positions; the first point is 0, 0, 0.
   Affine file_from_index;
+  /// For an image with changing distances between its slices: the index k of each slice on the even
+  /// lattice of file_from_index. Begins with 0, increases strictly, and ends with a whole number.
+  /// Empty: the slices are at 0, 1, 2, ... If not empty, `size` counts the slices of the file.
+  std::vector<double> depths;
   /// For an image: a kUint8 array that is not 0 at points without data; may be empty.
   Values hidden;
   /// True if the points of this image are the centres of another image's cells.

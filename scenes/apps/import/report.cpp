@@ -10,7 +10,7 @@
 namespace palpate::importer {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 /// Describes the voxels of a grid in a line. Grids with the same voxels share one line.
 std::string voxelsOf(const Imported& imported) {
@@ -82,34 +82,35 @@ std::string lineOf(const Imported& imported) {
   return line + "\n";
 }
 
-Json gridJson(const Imported& imported) {
+OrderedJson gridJson(const Imported& imported) {
   const Gridded& made = imported.made;
   const openvdb::GridBase& grid = *made.grid;
   const openvdb::Vec3d edge = grid.voxelSize();
-  Json json{{"name", grid.getName()},
-            {"type", grid.isType<openvdb::Vec3SGrid>() ? "vec3s" : "float"},
-            {"unit", imported.unit},
-            {"voxel", {edge.x(), edge.y(), edge.z()}},
-            {"active_voxels", made.active},
-            {"voxels", made.voxels},
-            {"holes", made.holes},
-            {"lowest", made.lowest},
-            {"highest", made.highest},
-            {"background", made.background},
-            {"tolerance", made.tolerance}};
+  OrderedJson json{{"name", grid.getName()},
+                   {"type", grid.isType<openvdb::Vec3SGrid>() ? "vec3s" : "float"},
+                   {"unit", imported.unit},
+                   {"voxel", {edge.x(), edge.y(), edge.z()}},
+                   {"active_voxels", made.active},
+                   {"voxels", made.voxels},
+                   {"holes", made.holes},
+                   {"lowest", made.lowest},
+                   {"highest", made.highest},
+                   {"background", made.background},
+                   {"tolerance", made.tolerance}};
   if (made.quieter_tolerance > 0.0) {
     json["quieter"] = {{"tolerance", made.quieter_tolerance}, {"share", made.quieter_share}};
   }
   if (imported.smoothing > 0.0) json["smoothing_rms"] = imported.smoothing;
   if (imported.resampling) {
     const bool measured = imported.resampling->points > 0;
-    json["resampling"] = {{"rms", measured ? Json(imported.resampling->rms) : Json()},
-                          {"largest", measured ? Json(imported.resampling->largest) : Json()},
-                          {"points", imported.resampling->points},
-                          {"edge_rms", imported.resampling->edge_rms},
-                          {"edge_largest", imported.resampling->edge_largest},
-                          {"edge_points", imported.resampling->edge_points},
-                          {"lost_points", imported.resampling->lost_points}};
+    json["resampling"] = {
+        {"rms", measured ? OrderedJson(imported.resampling->rms) : OrderedJson()},
+        {"largest", measured ? OrderedJson(imported.resampling->largest) : OrderedJson()},
+        {"points", imported.resampling->points},
+        {"edge_rms", imported.resampling->edge_rms},
+        {"edge_largest", imported.resampling->edge_largest},
+        {"edge_points", imported.resampling->edge_points},
+        {"lost_points", imported.resampling->lost_points}};
   }
   if (imported.level_set) {
     json["level_set"] = {{"solid", imported.level_set->solid_above ? "above" : "below"},
@@ -142,10 +143,10 @@ std::string textOf(const std::filesystem::path& out, const Step& step) {
   return text;
 }
 
-Json jsonOf(const std::filesystem::path& out, const Step& step) {
-  Json report{{"file", out.string()}};
+OrderedJson jsonOf(const std::filesystem::path& out, const Step& step) {
+  OrderedJson report{{"file", out.string()}};
   if (step.time) report["time"] = *step.time;
-  report["grids"] = Json::array();
+  report["grids"] = OrderedJson::array();
   std::uint64_t memory = 0;
   for (const Imported& imported : step.grids) {
     report["grids"].push_back(gridJson(imported));

@@ -1,0 +1,224 @@
+#include "palpate/scenes/apps/import/dicom_bytes.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <optional>
+#include <sys/mman.h>
+#include <unistd.h>
+#include <vector>
+#include <zlib.h>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kPreamble = 128;
+constexpr std::size_t kPrefix = kPreamble + 4;  ///< Preamble and the letters DICM.
+constexpr std::string_view kPlainSyntax = "1.2.840.10008.1.2.1";
+constexpr std::string_view kDeflatedSyntax = "1.2.840.10008.1.2.1.99";
+
+/// Returns a little-endian number; 0 beyond the end of the bytes.
+std::uint32_t numberAt(std::string_view bytes, std::size_t at, std::size_t size) {
+  if (at + size > bytes.size()) return 0;
+  std::uint32_t number = 0;
+  for (std::size_t i = size; i-- > 0;) {
+    number = number << 8U | static_cast<unsigned char>(bytes[at + i]);
+  }
+  return number;
+}
+
+/// The head of a data element.
+struct ElementHead {
+  std::uint32_t tag = 0;
+  std::size_t value = 0;  ///< Place of the value in the file.
+  std::size_t size = 0;   ///< Length of the value [bytes].
+};
+
+/// Parses the head of an element. Returns no value if it is not valid.
+std::optional<ElementHead> elementAt(std::string_view bytes, std::size_t at, bool is_explicit) {
+  if (at + 12 > bytes.size()) return std::nullopt;
+  ElementHead head;
+  head.tag = numberAt(bytes, at, 2) << 16U | numberAt(bytes, at + 2, 2);
+  if (!is_explicit) {
+    head.value = at + 8;
+    head.size = numberAt(bytes, at + 4, 4);
+  } else {
+    const std::string_view kind = bytes.substr(at + 4, 2);
+    static constexpr std::array<std::string_view, 34> kKinds = {
+        "AE", "AS", "AT", "CS", "DA", "DS", "DT", "FL", "FD", "IS", "LO", "LT",
+        "OB", "OD", "OF", "OL", "OV", "OW", "PN", "SH", "SL", "SQ", "SS", "ST",
+        "SV", "TM", "UC", "UI", "UL", "UN", "UR", "US", "UT", "UV"};
+    static constexpr std::array<std::string_view, 13> kLong = {
+        "OB", "OD", "OF", "OL", "OV", "OW", "SQ", "SV", "UC", "UN", "UR", "UT", "UV"};
+    if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end()) return std::nullopt;
+    const bool is_long = std::find(kLong.begin(), kLong.end(), kind) != kLong.end();
+    head.value = at + (is_long ? 12 : 8);
+    head.size = is_long ? numberAt(bytes, at + 8, 4) : numberAt(bytes, at + 6, 2);
+  }
+  if (head.size % 2 != 0) return std::nullopt;  // DICOM pads values to an even length
+  return head;
+}
+
+bool beginsAsDataSet(std::string_view bytes, bool is_explicit) {
+  const auto first = elementAt(bytes, 0, is_explicit);
+  if (!first.has_value()) return false;
+  const std::uint32_t group = first->tag >> 16U;
+  if (group != 0x0002 && group != 0x0008) return false;
+  // The elements of group 0002 are always explicit.
+  if (group == 0x0002 && !is_explicit) return false;
+  const auto second = elementAt(bytes, first->value + first->size, is_explicit);
+  return second.has_value() && second->tag > first->tag && second->tag >> 16U <= 0x0010;
+}
+
+/// Places of the transfer syntax and of the data set in a file.
+struct SyntaxField {
+  std::size_t at = 0;
+  std::string text;
+  std::size_t data_set = 0;
+};
+
+/// Finds the transfer syntax in the elements of group 0002.
+SyntaxField syntaxOf(std::string_view bytes) {
+  SyntaxField field;
+  field.data_set = bytes.substr(std::min(kPreamble, bytes.size()), 4) == "DICM" ? kPrefix : 0;
+  while (const auto head = elementAt(bytes, field.data_set, true)) {
+    if (head->tag >> 16U != 0x0002 || head->value + head->size > bytes.size()) break;
+    if (head->tag == 0x00020010) {
+      field.at = head->value;
+      field.text = bytes.substr(head->value, head->size);
+    }
+    field.data_set = head->value + head->size;
+  }
+  return field;
+}
+
+bool writeAll(int to, const char* data, std::size_t size) {
+  while (size > 0) {
+    const ssize_t written = ::write(to, data, size);
+    if (written <= 0) return false;
+    data += written;
+    size -= static_cast<std::size_t>(written);
+  }
+  return true;
+}
+
+/// Ends the use of zlib when it goes out of scope.
+struct InflateEnd {
+  z_stream* stream;
+  explicit InflateEnd(z_stream* s) : stream(s) {}
+  InflateEnd(const InflateEnd&) = delete;
+  InflateEnd& operator=(const InflateEnd&) = delete;
+  ~InflateEnd() { inflateEnd(stream); }
+};
+
+/// Inflates the rest of a file into `to`. Returns the defect; an empty text if the file is valid.
+std::string inflateInto(int to, std::istream& in) {
+  // The length of an element has 32 bits, so a larger data set has no image that can be read.
+  constexpr std::uint64_t kMost = std::uint64_t{1} << 32U;
+  z_stream stream{};
+  if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) return "zlib has too little memory";
+  const InflateEnd end(&stream);
+  std::vector<char> packed(1U << 16U);
+  std::vector<char> plain(1U << 18U);
+  std::uint64_t total = 0;
+  for (int status = Z_OK; status != Z_STREAM_END;) {
+    if (stream.avail_in == 0) {
+      in.read(packed.data(), static_cast<std::streamsize>(packed.size()));
+      stream.next_in = reinterpret_cast<Bytef*>(packed.data());
+      stream.avail_in = static_cast<uInt>(in.gcount());
+      if (stream.avail_in == 0) return "the deflated data set is truncated";
+    }
+    stream.next_out = reinterpret_cast<Bytef*>(plain.data());
+    stream.avail_out = static_cast<uInt>(plain.size());
+    status = inflate(&stream, Z_NO_FLUSH);
+    if (status != Z_OK && status != Z_STREAM_END) return "the deflated data set is damaged";
+    const std::size_t count = plain.size() - stream.avail_out;
+    total += count;
+    if (total > kMost) return "the deflated data set needs more than 4 GiB";
+    if (!writeAll(to, plain.data(), count))
+      return "the inflated data set needs more memory than is free";
+  }
+  return "";
+}
+
+}  // namespace
+
+bool beginsAsDicom(std::string_view bytes) {
+  if (bytes.size() >= kPrefix && bytes.substr(kPreamble, 4) == "DICM") return true;
+  return beginsAsDataSet(bytes, true) || beginsAsDataSet(bytes, false);
+}
+
+PlainDicom::PlainDicom(const fs::path& file) : path_(file.string()) {
+  std::array<char, 4096> begin{};
+  std::ifstream in(file, std::ios::binary);
+  in.read(begin.data(), begin.size());
+  std::string head(begin.data(), static_cast<std::size_t>(in.gcount()));
+  const SyntaxField syntax = syntaxOf(head);
+  if (syntax.text.substr(0, syntax.text.find('\0')) != kDeflatedSyntax) return;
+  // The copy states the plain transfer syntax, padded to the same length.
+  head.resize(syntax.data_set);
+  std::fill_n(head.begin() + static_cast<std::ptrdiff_t>(syntax.at), syntax.text.size(), '\0');
+  std::copy(kPlainSyntax.begin(), kPlainSyntax.end(),
+            head.begin() + static_cast<std::ptrdiff_t>(syntax.at));
+  in.clear();
+  in.seekg(static_cast<std::streamoff>(syntax.data_set));
+  memory_ = ::memfd_create("palpate-dicom", MFD_CLOEXEC);
+  std::string defect = "the inflated data set needs more memory than is free";
+  if (memory_ >= 0 && writeAll(memory_, head.data(), head.size())) {
+    defect = inflateInto(memory_, in);
+  }
+  if (!defect.empty()) {
+    if (memory_ >= 0) ::close(memory_);
+    throw VolumeError(file.string(), defect, "copy or export the file again");
+  }
+  path_ = fmt::format("/proc/self/fd/{}", memory_);
+}
+
+PlainDicom::~PlainDicom() {
+  if (memory_ >= 0) ::close(memory_);
+}
+
+bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {
+  constexpr std::size_t kHeader = 64;
+  const std::size_t first = numberAt(item, 4, 4);
+  if (item.size() < kHeader || numberAt(item, 0, 4) != 1 || first < kHeader) return false;
+  // PackBits: a count from 0 to 127 precedes count + 1 bytes; a count from -127 to -1 precedes one
+  // byte that occurs 1 - count times.
+  std::vector<unsigned char> bytes;
+  for (std::size_t at = first; at < item.size() && bytes.size() < pixels;) {
+    const auto count = static_cast<signed char>(item[at++]);
+    if (count == -128) continue;
+    const std::size_t taken = count >= 0 ? static_cast<std::size_t>(count) + 1 : 1;
+    if (at + taken > item.size()) break;
+    if (count >= 0) {
+      bytes.insert(bytes.end(), item.begin() + static_cast<std::ptrdiff_t>(at),
+                   item.begin() + static_cast<std::ptrdiff_t>(at + taken));
+    } else {
+      bytes.insert(bytes.end(), static_cast<std::size_t>(1 - count),
+                   static_cast<unsigned char>(item[at]));
+    }
+    at += taken;
+  }
+  // Eight pixels per byte, the lowest bit first; a frame may end with padding. Some encoders write
+  // one byte per pixel instead.
+  const std::size_t packed = (pixels + 7) / 8;
+  if (bytes.size() >= pixels) {
+    for (std::size_t i = 0; i < pixels; ++i) out[i] = bytes[i] != 0 ? 1 : 0;
+    return true;
+  }
+  if (bytes.size() < packed || bytes.size() > packed + 1) return false;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    out[i] = static_cast<unsigned char>((bytes[i / 8] >> (i % 8)) & 1U);
+  }
+  return true;
+}
+
+}  // namespace palpate::importer
