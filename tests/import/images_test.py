@@ -110,11 +110,14 @@ class Case(unittest.TestCase):
                 refused += 1
         self.assertGreater(refused, 0.7 * count)
 
-    def notes(self, path, *words):
+    def report(self, path, *words):
         done = process.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"),
                                "--json", *words], capture_output=True, text=True, timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        return "\n".join(json.loads(done.stdout)["notes"])
+        return json.loads(done.stdout)
+
+    def notes(self, path, *words):
+        return "\n".join(self.report(path, *words)["notes"])
 
     def sample(self, volume, grid, points):
         text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
@@ -491,19 +494,25 @@ class MetaImage(Case):
               "ElementSpacing = 1 2 3")
     COLUMNS = ((0, 1, 0), (-2, 0, 0), (0, 0, 3))
 
+    def holds(self, volume, grid, columns, origin, expected, **more):
+        """Columns, origin and expected vectors are in ITK's space."""
+        def in_ras(*index):
+            value = expected(*index)
+            return times(RAS_FROM_LPS, value) if isinstance(value, tuple) else value
+        super().holds(volume, grid, *turned(RAS_FROM_LPS, columns, origin), in_ras, **more)
+
     @suite.smoke
     def test_positions_are_exact(self):
-        path = self.write("a.mha", meta(*self.PLACED), SHORTS)
-        self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
-        path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = ???"), SHORTS)
-        out = self.convert(path)
-        self.holds(out, "density", self.COLUMNS, (10, 20, 30), scalar)
-        self.says_patient(out, says=False)
-        path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = RAI",
-                                        "CenterOfRotation = 1 2 3"), SHORTS)
-        out = self.convert(path)
-        self.holds(out, "density", *turned(RAS_FROM_LPS, self.COLUMNS, (10, 20, 30)), scalar)
-        self.says_patient(out, says=True)
+        # ITK ignores AnatomicalOrientation.
+        for axes in None, "???", "RAI", "LPS", "ASL":
+            path = self.write("a.mha", meta(*self.PLACED, "CenterOfRotation = 1 2 3",
+                                            AnatomicalOrientation=axes), SHORTS)
+            out = self.convert(path)
+            self.holds(out, "density", self.COLUMNS, (10, 20, 30), scalar)
+            named = axes not in (None, "???")
+            self.says_patient(out, says=named)
+            self.assertEqual("as in ITK, x points to the patient's left" in self.notes(path),
+                             not named)
         # The names used in old files, and a sheared matrix.
         path = self.write("a.mha", meta("Rotation = 1 0.5 0 0 1 0 0 0 1", "Position = 1 2 3",
                                         "ElementSize = 2 2 2"), SHORTS)
@@ -552,13 +561,22 @@ class MetaImage(Case):
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
                                         "AnatomicalOrientation = RAI", kind="MET_FLOAT"), VECTORS)
-        self.holds(self.convert(path), "vector", *turned(RAS_FROM_LPS, IDENTITY, (0, 0, 0)),
-                   lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
+        self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
         six = struct.pack("<720f", *([1, 0, 0, 1, 1, 1] * 120))  # y and z are 1 1, 1 1
         path = self.write("a.mha", meta("ElementNumberOfChannels = 6", kind="MET_FLOAT"), six)
         self.holds(self.convert(path, "--as", "tensor"), "tensor_direction", IDENTITY, (0, 0, 0),
-                   lambda *_: (0.0, 0.5 ** 0.5, 0.5 ** 0.5))
+                   lambda *_: (0.0, -0.5 ** 0.5, -0.5 ** 0.5))  # the sign has no meaning
         self.refused(path, "6 channels")
+
+    def test_names_values_that_are_not_numbers(self):
+        words = list(map(str, SCALARS))
+        words[6] = "x7"
+        text = meta(BinaryData="False")
+        self.refused(self.write("a.mha", text, " ".join(words)),
+                     "value 7 is not a number: correct the value")
+        # The file has enough bytes, but too few values.
+        self.refused(self.write("a.mha", text, " ".join(map(str, SCALARS[:100])) + " " * 100),
+                     "the values end too early: copy or export the file again")
 
     def test_applies_slope_and_offset(self):
         path = self.write("a.mha", meta("ElementToIntensityFunctionSlope = 0.5",
@@ -903,6 +921,74 @@ class Nifti(Case):
             self.refused(self.write("a.nii", nifti(dims, *SHORT), SHORTS), "a.nii")
             self.refused(self.write("a.nii.gz", gzip.compress(nifti(dims, *SHORT) + SHORTS)),
                          "a.nii.gz")
+
+
+class FillValues(Case):
+    """Values that stand for missing data, although the header does not state them."""
+
+    def image(self, values, kind="float"):
+        letter = {"float": "f", "double": "d", "short": "h", "int": "i"}[kind]
+        return self.write("a.nii", nifti(SIZE, *{"float": FLOAT, "double": (64, 64), "short": SHORT,
+                                                 "int": (8, 32)}[kind]),
+                          struct.pack(f"<120{letter}", *values))
+
+    @suite.smoke
+    def test_fill_values_are_missing_data_and_are_reported(self):
+        for fill, kind in ((-9999, "float"), (-999, "short"), (-32768, "short"), (1e20, "float"),
+                           (9.96921e36, "float"), (-1.7e308, "double"), (-2 ** 31, "int"),
+                           (-99999.9, "float"), (-1e34, "double")):
+            values = [fill if i % 7 == 3 else i % 31 + 270 for i in range(120)]
+            path = self.image(values, kind)
+            report = self.report(path)
+            grid = report["grids"][0]
+            self.assertEqual(grid["holes"], 17, (fill, kind))
+            self.assertEqual((grid["lowest"], grid["highest"]), (270, 300))
+            self.assertIn("counts as missing data: all other values are between 270 and 300",
+                          report["notes"][0])
+            # No cube has a value between the data and the fill value.
+            grid = self.report(path, "--voxel", "0.5")["grids"][0]
+            self.assertGreaterEqual(grid["lowest"], 270)
+            self.assertLessEqual(grid["highest"], 300)
+
+    def test_several_fill_values_are_found(self):
+        values = [(-9999, -99999, 1e30)[i % 3] if i % 5 == 0 else i % 31 for i in range(120)]
+        report = self.report(self.image(values))
+        self.assertEqual(report["grids"][0]["holes"], 24)
+        self.assertEqual(len([n for n in report["notes"] if "missing data" in n]), 3)
+
+    def test_data_are_not_taken_for_fill_values(self):
+        ramp = [i % 31 + 270 for i in range(120)]
+        for values in ([0, -999] * 60,                        # two labels
+                       [0, 1, -32768] + [-20000] * 117,       # nearer than the range of the others
+                       [-1000, -999, 3000] * 40,              # beside other values
+                       [50000] + ramp[1:],                    # one bright voxel
+                       # steel in tissue, in Pa
+                       [2.1e11] * 10 + [1000 + i for i in range(110)]):
+            report = self.report(self.image(values))
+            self.assertEqual(report["grids"][0]["holes"], 0, values[:3])
+
+
+class OtherFormats(Case):
+    def test_formats_that_are_not_imported_are_named(self):
+        numpy = b"\x93NUMPY\1\0v\0{'descr': '<f4', 'fortran_order': False, 'shape': (6, 5, 4), }"
+        header = bytearray(1024)
+        header[208:212] = b"MAP "
+        for name, content, says in (
+                ("a.npy", numpy.ljust(128) + bytes(480), "NumPy (.npy), which palpate does not"),
+                ("a.mrc", bytes(header), "MRC"),
+                ("a.mgz", gzip.compress(struct.pack(">7i", 1, 4, 5, 6, 1, 3, 0).ljust(284, b"\0")),
+                 "MGH (FreeSurfer"),
+                ("a.xdmf", b'<?xml version="1.0"?>\n<Xdmf Version="3.0"></Xdmf>', "XDMF"),
+                ("a.mnc", b"CDF\1" + bytes(4) + struct.pack(">3i", 10, 3, 6) + b"zspace\0\0" +
+                 struct.pack(">2i", 6, 6) + b"yspace\0\0" + struct.pack(">2i", 5, 6) +
+                 b"xspace\0\0", "MINC"),
+                ("b.mnc", b"\x89HDF\r\n\x1a\n" + bytes(800) + b"minc-2.0" + bytes(100), "MINC")):
+            self.refused(self.write(name, content), says)
+        for name in ".zarray", "zarr.json":
+            folder = self.dir / ("store" + name)
+            folder.mkdir()
+            (folder / name).write_text("{}")
+            self.refused(folder, "the folder is a Zarr store")
 
 
 if __name__ == "__main__":

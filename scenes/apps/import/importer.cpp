@@ -22,6 +22,7 @@
 #include "palpate/samplers/grid/openvdb_grids.h"
 #include "palpate/samplers/grid/volume.h"
 #include "palpate/scenes/apps/import/even_slices.h"
+#include "palpate/scenes/apps/import/fill_values.h"
 #include "palpate/scenes/apps/import/pieces.h"
 #include "palpate/scenes/apps/import/smooth.h"
 #include "palpate/scenes/guess/body.h"
@@ -114,6 +115,7 @@ ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
 Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
                    const Telling& telling, std::vector<std::string>& notes, const Shared& shared) {
   telling.stage(array.name);
+  hideFillValues(array, notes, shared);
   if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
     notes.push_back(fmt::format("{}: {}", array.name, loss));
   }

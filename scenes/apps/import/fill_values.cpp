@@ -1,0 +1,180 @@
+#include "palpate/scenes/apps/import/fill_values.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <type_traits>
+#include <utility>
+
+#include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
+
+namespace palpate::importer {
+namespace {
+
+/// Largest number of fill values at each end of the range, for example "no data" and "land".
+constexpr std::size_t kMostFills = 2;
+
+/// The outermost distinct finite values of an array, in the order of `Before`. Missing ones are
+/// NaN. The last one belongs to the data.
+template <class Before>
+struct Outermost {
+  std::array<double, kMostFills + 1> values{};
+
+  Outermost() { values.fill(std::numeric_limits<double>::quiet_NaN()); }
+  void add(double value) {
+    if (!std::isfinite(value)) return;
+    for (double& own : values) {
+      if (value == own) return;
+      if (std::isnan(own) || Before()(value, own)) std::swap(value, own);
+      if (std::isnan(value)) return;
+    }
+  }
+  /// Returns true if add(value) would have no effect.
+  [[nodiscard]] bool isInner(double value) const { return Before()(values.back(), value); }
+};
+
+struct Ends {
+  Outermost<std::less<>> low;
+  Outermost<std::greater<>> high;
+
+  void add(double value) {
+    if (!low.isInner(value)) low.add(value);
+    if (!high.isInner(value)) high.add(value);
+  }
+  void add(const Ends& other) {
+    for (const double value : other.low.values) low.add(value);
+    for (const double value : other.high.values) high.add(value);
+  }
+};
+
+Ends endsOf(const Values& values, const Shared& shared) {
+  const Ends own = visit(values, [&](const auto* data) {
+    return tbb::parallel_reduce(
+        tbb::blocked_range<std::size_t>(0, values.size(), 4096), Ends(),
+        [=](const tbb::blocked_range<std::size_t>& part, Ends ends) {
+          for (std::size_t i = part.begin(); i < part.end(); ++i) {
+            ends.add(static_cast<double>(data[i]));
+          }
+          return ends;
+        },
+        [](Ends a, const Ends& b) {
+          a.add(b);
+          return a;
+        });
+  });
+  Ends all;
+  for (const Ends& one : gatherOne(shared.group(), own)) all.add(one);
+  return all;
+}
+
+/// Fill values at both ends, and the range of the other values.
+struct Fills {
+  std::size_t low = 0;   ///< Number of fill values at the lower end.
+  std::size_t high = 0;  ///< Number of fill values at the upper end.
+  double lowest = 0.0;
+  double highest = 0.0;
+};
+
+/// Returns true if these outermost values are fill values.
+bool areFills(const Ends& ends, const Fills& fills) {
+  const double range = fills.highest - fills.lowest;
+  if (!(range > 0.0)) return false;
+  for (std::size_t i = 0; i < fills.low; ++i) {
+    const double value = ends.low.values[i];
+    if (!isFillNumber(value) || fills.lowest - value < range) return false;
+  }
+  for (std::size_t i = 0; i < fills.high; ++i) {
+    const double value = ends.high.values[i];
+    if (!isFillNumber(value) || value - fills.highest < range) return false;
+  }
+  return true;
+}
+
+/// Returns the largest set of fill values; `low` and `high` are 0 if the array has no fill value.
+Fills fillsOf(const Ends& ends) {
+  for (std::size_t count = 2 * kMostFills; count > 0; --count) {
+    for (std::size_t low = std::min(count, kMostFills) + 1; low-- > 0;) {
+      const std::size_t high = count - low;
+      if (high > kMostFills) break;
+      const Fills fills{low, high, ends.low.values[low], ends.high.values[high]};
+      if (areFills(ends, fills)) return fills;
+    }
+  }
+  return {};
+}
+
+/// Replaces values outside of a range by NaN. Returns the array in a floating-point type.
+Values onlyWithin(const Values& values, const Fills& fills) {
+  const bool is_float = values.type() == Type::kFloat32 || values.type() == Type::kFloat64;
+  // Doubles represent all numbers of four bytes.
+  const Type type = values.bytesEach() < 4 ? Type::kFloat32 : Type::kFloat64;
+  Values out = is_float ? values : Values(type, values.components(), values.tuples());
+  if (!is_float) {
+    out.setLost(values.lost());
+    constexpr double kFloat = 16777216.0;  // 2^24: greatest number without rounding
+    if (std::max(std::abs(fills.lowest), std::abs(fills.highest)) > kFloat) {
+      out.setLost("whole numbers above 16,777,216 are rounded");
+    }
+  }
+  const auto copy = [&](const auto* from, auto* to) {
+    using To = std::remove_pointer_t<decltype(to)>;
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, values.size(), 4096),
+                      [&](const tbb::blocked_range<std::size_t>& part) {
+                        for (std::size_t i = part.begin(); i < part.end(); ++i) {
+                          const auto value = static_cast<double>(from[i]);
+                          const bool is_data = value >= fills.lowest && value <= fills.highest;
+                          to[i] = is_data ? static_cast<To>(value)
+                                          : std::numeric_limits<To>::quiet_NaN();
+                        }
+                      });
+  };
+  visit(values, [&](const auto* from) {
+    if (out.type() == Type::kFloat32) {
+      copy(from, out.as<float>());
+    } else {
+      copy(from, out.as<double>());
+    }
+  });
+  return out;
+}
+
+}  // namespace
+
+bool isFillNumber(double value) {
+  const double size = std::abs(value);
+  if (size > 1e30) return true;
+  for (const double bits : {16.0, 32.0, 64.0}) {
+    const double lowest = -std::exp2(bits - 1.0);
+    if (value == lowest || value == lowest + 1.0) return true;
+  }
+  if (size < 999.0) return false;
+  // Floats round the digits, so those of a power of ten may begin with 9.99999.
+  constexpr double kRounding = 1e-6;
+  const double digits = size / std::pow(10.0, std::floor(std::log10(size)));
+  const bool is_power = digits < 1.0 + kRounding || digits > 10.0 - kRounding;
+  return (value < 0.0 && digits >= 9.99) || (size >= 1e10 && (is_power || digits >= 9.99));
+}
+
+void hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared) {
+  const Ends ends = endsOf(array.values, shared);
+  const Fills fills = fillsOf(ends);
+  if (fills.low + fills.high == 0) return;
+  const auto tell = [&](double value) {
+    notes.push_back(
+        fmt::format("{}: the value {:.6g} counts as missing data: all other values are between "
+                    "{:.6g} and {:.6g}",
+                    array.name, value, fills.lowest, fills.highest));
+  };
+  for (std::size_t i = 0; i < fills.low; ++i) tell(ends.low.values[i]);
+  for (std::size_t i = 0; i < fills.high; ++i) tell(ends.high.values[i]);
+  array.values = onlyWithin(array.values, fills);
+}
+
+}  // namespace palpate::importer
