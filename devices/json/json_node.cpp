@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
+#include <cstddef>
+#include <optional>
+#include <utility>
 
 #include "palpate/engine/error.h"
 
@@ -14,6 +16,80 @@ std::string listed(const std::vector<std::string>& names) {
   for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
   return all;
 }
+
+constexpr std::size_t kMostLevels = 64;
+
+/// Builds a document, and finds keys that occur twice in one object. Takes time in proportion to
+/// the text: the library's own callback parser visits all earlier elements of an array at the end
+/// of each element.
+class DocumentReader final : public Json::json_sax_t {
+ public:
+  [[nodiscard]] Json takeDocument() { return std::move(document_); }
+  /// Returns the reason why the text is not valid JSON; empty if it is valid.
+  [[nodiscard]] const std::string& syntaxError() const { return error_; }
+  /// Returns the first key that occurs twice in one object.
+  [[nodiscard]] const std::optional<std::string>& repeatedKey() const { return repeated_; }
+  [[nodiscard]] bool isTooDeep() const { return too_deep_; }
+
+  bool null() override { return add(nullptr); }
+  bool boolean(bool value) override { return add(value); }
+  bool number_integer(Json::number_integer_t value) override { return add(value); }
+  bool number_unsigned(Json::number_unsigned_t value) override { return add(value); }
+  bool number_float(Json::number_float_t value, const std::string& /*text*/) override {
+    return add(value);
+  }
+  bool string(std::string& value) override { return add(std::move(value)); }
+  bool binary(Json::binary_t& value) override { return add(Json::binary(std::move(value))); }
+  bool start_object(std::size_t /*elements*/) override { return open(Json::object()); }
+  bool start_array(std::size_t /*elements*/) override { return open(Json::array()); }
+  bool end_object() override { return close(); }
+  bool end_array() override { return close(); }
+  bool key(std::string& name) override {
+    auto& members = open_.back()->get_ref<Json::object_t&>();
+    const auto [member, is_new] = members.try_emplace(std::move(name));
+    if (!is_new && !repeated_) repeated_ = member->first;
+    next_ = &member->second;
+    return true;
+  }
+  bool parse_error(std::size_t /*position*/, const std::string& /*token*/,
+                   const Json::exception& error) override {
+    error_ = error.what();
+    const auto bracket = error_.find("] ");
+    if (bracket != std::string::npos) error_.erase(0, bracket + 2);
+    std::replace(error_.begin(), error_.end(), '\n', ' ');
+    return false;
+  }
+
+ private:
+  /// Puts a value into its place, and sets `next_` to it.
+  bool add(Json value) {
+    if (!open_.empty() && open_.back()->is_array()) {
+      auto& elements = open_.back()->get_ref<Json::array_t&>();
+      next_ = &elements.emplace_back(std::move(value));
+    } else {
+      *next_ = std::move(value);
+    }
+    return true;
+  }
+  bool open(Json value) {
+    too_deep_ = open_.size() == kMostLevels;
+    if (too_deep_) return false;
+    add(std::move(value));
+    open_.push_back(next_);
+    return true;
+  }
+  bool close() {
+    open_.pop_back();
+    return true;
+  }
+
+  Json document_;
+  Json* next_ = &document_;  ///< Place of the next value, unless it is an element of an array.
+  std::vector<Json*> open_;  ///< Objects and arrays that have not ended, from the outermost on.
+  std::optional<std::string> repeated_;
+  std::string error_;
+  bool too_deep_ = false;
+};
 
 }  // namespace
 
@@ -111,33 +187,21 @@ std::size_t JsonNode::wordAmong(const std::vector<std::string>& words) const {
 }
 
 Json parseJson(const std::string& text, const std::string& source, JsonRaise raise) {
-  std::vector<std::set<std::string>> open;
-  std::string twice;
-  const Json::parser_callback_t watch = [&](int depth, Json::parse_event_t event, Json& value) {
-    if (depth > 64) {
-      raise(source, "it is nested deeper than 64 levels", "use fewer levels");
-    }
-    if (event == Json::parse_event_t::object_start) open.emplace_back();
-    if (event == Json::parse_event_t::object_end) open.pop_back();
-    if (event == Json::parse_event_t::key && !open.back().insert(value.get<std::string>()).second) {
-      twice = value.get<std::string>();
-    }
-    return true;
-  };
-  Json json;
-  try {
-    json = Json::parse(text, watch);
-  } catch (const Json::exception& e) {
-    std::string why = e.what();
-    const auto bracket = why.find("] ");
-    if (bracket != std::string::npos) why.erase(0, bracket + 2);
-    std::replace(why.begin(), why.end(), '\n', ' ');
-    raise(source, "it is not valid JSON (" + why + ")", "correct the syntax there");
+  DocumentReader reader;
+  Json::sax_parse(text, &reader);
+  if (reader.isTooDeep()) {
+    raise(source, fmt::format("it is nested deeper than {} levels", kMostLevels),
+          "use fewer levels");
   }
-  if (!twice.empty()) {
-    raise(source, "the key \"" + twice + "\" occurs twice in one object", "remove one of them");
+  if (!reader.syntaxError().empty()) {
+    raise(source, "it is not valid JSON (" + reader.syntaxError() + ")",
+          "correct the syntax there");
   }
-  return json;
+  if (reader.repeatedKey()) {
+    raise(source, "the key \"" + *reader.repeatedKey() + "\" occurs twice in one object",
+          "remove one of them");
+  }
+  return reader.takeDocument();
 }
 
 }  // namespace palpate

@@ -1,5 +1,6 @@
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -8,6 +9,7 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
+#include "palpate/devices/json/json_node.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/tick/step.h"
 #include "palpate/samplers/grid/analytic_field.h"
@@ -495,6 +497,24 @@ TEST_CASE("invalid JSON and duplicate keys are rejected", "[scene]") {
   CHECK_THAT(parseError(R"({"palpate": NaN})"), Contains("not valid JSON"));
   CHECK_THAT(parseError(std::string(100000, '[') + std::string(100000, ']')),
              Contains("nested deeper"));
+}
+
+TEST_CASE("reading JSON takes time in proportion to its length", "[scene]") {
+  // The fastest of three readings. A quadratic reader takes 64 times as long for 8 times the text.
+  const auto seconds = [](int objects) {
+    std::string text = "[{\"a\": [1, 2]}";
+    for (int i = 1; i < objects; ++i) text += ", {\"a\": [1, 2]}";
+    text += "]";
+    double least = 1e9;
+    for (int run = 0; run < 3; ++run) {
+      const std::clock_t start = std::clock();
+      const Json json = parseJson(text, "text", raiseAs<SceneError>);
+      REQUIRE(json.size() == static_cast<std::size_t>(objects));
+      least = std::min(least, static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
+    }
+    return least;
+  };
+  CHECK(seconds(32000) < 24.0 * seconds(4000));
 }
 
 TEST_CASE("an error found at load names the scene file and the JSON path", "[scene]") {
