@@ -49,7 +49,10 @@ std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<
 /// Finds a value that marks missing data, and removes it from the values and the samples. A sample
 /// with such a neighbour along an axis has unknown neighbours along this axis.
 void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
-  const std::optional<float> no_data = noDataOf(scalar.values);
+  // fraction of the samples; a value that is less frequent is an outlier
+  constexpr double kMany = 1e-3;
+  const std::optional<float> no_data =
+      noDataOf(scalar.values, kMany * static_cast<double>(scalar.values.size()));
   if (!no_data) return;
   scalar.no_data = *no_data;
   std::erase(scalar.values, *no_data);

@@ -65,9 +65,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   scalar.distinct = std::move(distinct);
 }
 
-std::optional<float> noDataOf(const std::vector<float>& sorted) {
-  // fraction of the samples; a value that is less frequent is an outlier
-  constexpr double kMany = 1e-3;
+std::optional<float> noDataOf(const std::vector<float>& sorted, double least) {
   // relative to the range of the other values; air is closer than this to flesh
   constexpr double kFar = 10.0;
   constexpr std::size_t kFew = 64;  // a grid with at most this number of values may contain labels
@@ -82,7 +80,7 @@ std::optional<float> noDataOf(const std::vector<float>& sorted) {
   for (const float value : {sorted.front(), sorted.back()}) {
     const auto [from, to] = std::equal_range(sorted.begin(), sorted.end(), value);
     const auto count = static_cast<double>(to - from);
-    if (count < kMany * static_cast<double>(sorted.size())) continue;
+    if (count < least) continue;
     const bool lowest = from == sorted.begin();
     if (lowest ? to == sorted.end() : from == sorted.begin()) continue;
     const double low = lowest ? *to : sorted.front();

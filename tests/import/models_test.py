@@ -439,6 +439,106 @@ class Netcdf(Case):
         self.assertEqual(set(alike["grid"]), {"a", "wind"})
         self.assertIn("u, v and w: joined", alike["note"])
 
+    def test_missing_values_of_an_attribute_with_more_digits_than_the_values(self):
+        values = [float(i) for i in range(36)]
+        values[7] = -9999.9
+        source = self.grid(more={"b": (netcdf.FLOAT, {"missing_value": (netcdf.DOUBLE, [-9999.9])}, values)})
+        self.assertEqual(self.imported(source)["grid"]["b"]["holes"], 1)
+
+    def test_a_sentinel_without_an_attribute_is_missing_data(self):
+        """No value is interpolated from it: the file's uneven levels are resampled."""
+        for sentinel, kind in ((-9999.0, netcdf.FLOAT), (1e20, netcdf.FLOAT), (-1e34, netcdf.DOUBLE)):
+            t = over(LEVELS, lambda x, y, p: heat(x, y, p) + 0.1 * x)
+            t[0] = t[5] = sentinel
+            field = ("lev", "lat", "lon")
+            report = self.imported(self.weather(more={"s": (kind, field, {}, t)}))
+            s = report["grid"]["s"]
+            self.assertIn("s: 2 values of", report["note"])
+            self.assertGreater(s["holes"], 0)
+            self.assertGreater(s["lowest"], 200)
+            self.assertLess(s["highest"], 400)
+        # A pressure that is exact on a boundary is a result, although no other value lies near it.
+        hot = [300.0 + 0.2 * i for i in range(36 * 4)]
+        hot[:40] = [1000.0] * 40
+        report = self.imported(self.grid(lon=tuple(range(12)), lat=(0, 1, 2, 3),
+                                         more={"b": (netcdf.FLOAT, {}, hot)}))
+        self.assertEqual(report["grid"]["b"]["holes"], 0)
+
+    def wrf(self, name="wrf.nc", places=True, attributes=True, heights=False, coordinates="XLONG XLAT"):
+        """Writes files as the model WRF does: components of the wind lie on the faces of the cells."""
+        nx, ny, nz = 9, 7, 5
+        full = {"west_east": nx, "south_north": ny, "bottom_top": nz}
+        dims = {"Time": 1, **full, **{n + "_stag": c + 1 for n, c in full.items()}}
+        mass = ("Time", "bottom_top", "south_north", "west_east")
+
+        def along(axes, function):
+            return [function(i, j, k) for k in range(dims[axes[1]]) for j in range(dims[axes[2]])
+                    for i in range(dims[axes[3]])]
+
+        def staggered(a):
+            return mass[:a] + (mass[a] + "_stag",) + mass[a + 1:]
+
+        kept = {"units": "m s-1", **({"coordinates": coordinates} if coordinates else {})}
+        variables = {
+            "T": (netcdf.FLOAT, mass, {**kept, "units": "K"}, along(mass, lambda i, j, k: 280 + i + 2 * j - 3 * k)),
+            "U": (netcdf.FLOAT, staggered(3), kept, along(staggered(3), lambda i, j, k: i - 0.5 + j)),
+            "V": (netcdf.FLOAT, staggered(2), kept, along(staggered(2), lambda i, j, k: 2 * (j - 0.5) + k)),
+            "W": (netcdf.FLOAT, staggered(1), kept, along(staggered(1), lambda i, j, k: 0.1 * (k - 0.5)))}
+        if heights:
+            top = along(staggered(1), lambda i, j, k: 9.81 * (1000.0 * k + (10.0 if i == 0 else 0.0)))
+            variables["PH"] = (netcdf.FLOAT, staggered(1), {}, [0.25 * v for v in top])
+            variables["PHB"] = (netcdf.FLOAT, staggered(1), {}, [0.75 * v for v in top])
+        if places:
+            plane = ("Time", "south_north", "west_east")
+            variables["XLAT"] = (netcdf.FLOAT, plane, {"units": "degree_north"},
+                                 [0.01 * (j - 3) for j in range(ny) for i in range(nx)])
+            variables["XLONG"] = (netcdf.FLOAT, plane, {"units": "degree_east"},
+                                  [10 + 0.02 * i for j in range(ny) for i in range(nx)])
+        spacing = {"DX": (netcdf.FLOAT, [3000.0]), "DY": (netcdf.FLOAT, [2000.0])} if attributes else {}
+        return netcdf.write(self.dir / name, dims, variables, attributes=spacing)
+
+    @suite.smoke
+    def test_a_wind_on_the_faces_of_cells_becomes_a_vector_at_their_centres(self):
+        for coordinates in ("XLONG XLAT", "XLONG_U XLAT_U XTIME", ""):
+            report = self.imported(self.wrf(coordinates=coordinates))
+            self.assertEqual(set(report["grid"]), {"wind", "T"})
+            self.assertIn("U, V, W: averaged from the cells' faces", report["note"])
+            self.assertNotIn("XLAT", report["note"])
+            voxel = report["grid"]["wind"]["voxel"]
+            self.assertEqual([round(v, 4) for v in voxel[:2]], [3, 2])
+            self.assertEqual(voxel, report["grid"]["T"]["voxel"])
+            stretch = 1.0
+            points = [(i, j, k) for i in (1, 4, 7) for j in (1, 3, 5) for k in (1, 2, 3)]
+            at = [(3 * i, 2 * j, voxel[2] * k) for i, j, k in points]
+            found = iter(points)
+            self.holds("wind", at, lambda *_: (lambda i, j, k: (i + j, 2.0 * j + k, 0.1 * k * stretch))(*next(found)),
+                       1e-4)
+            found = iter(points)
+            self.holds("T", at, lambda *_: (lambda i, j, k: 280.0 + i + 2 * j - 3 * k)(*next(found)), 1e-4)
+
+    def test_the_spacing_of_wrf_comes_from_its_places_if_no_attribute_states_it(self):
+        report = self.imported(self.wrf(attributes=False))
+        self.assertIn("mean distance between the points at XLAT and XLONG", report["note"])
+        for found, degrees in zip(report["grid"]["wind"]["voxel"], (0.02, 0.01)):
+            self.assertAlmostEqual(found, degrees * DEGREE, 3)
+
+    def test_the_levels_of_wrf_lie_at_their_mean_heights(self):
+        report = self.imported(self.wrf(heights=True))
+        self.assertIn("levels lie at their mean heights", report["note"])
+        self.assertIn("heights are exaggerated 2 times", report["note"])
+        z = report["grid"]["T"]["voxel"][2]
+        self.assertAlmostEqual(z, 2.0, 4)
+        self.holds("T", [(12, 6, 2 * (0.5 + 10e-3 / 9) + z * k) for k in (1, 2, 3)],
+                   lambda x, y, at: 280.0 + 4 + 6 - 3 * round((at - 1) / z), 1e-3)
+
+    def test_refuses_places_that_depend_on_two_dimensions_and_time(self):
+        for coordinates in ({"coordinates": "lon lat"}, {}):
+            source = netcdf.write(self.dir / "c.nc", {"time": 1, "z": 3, "y": 4, "x": 5}, {
+                "lat": (netcdf.FLOAT, ("time", "y", "x"), {"units": "degrees_north"}, [1.0] * 20),
+                "lon": (netcdf.FLOAT, ("time", "y", "x"), {"units": "degrees_east"}, [1.0] * 20),
+                "t": (netcdf.FLOAT, ("time", "z", "y", "x"), coordinates, [float(i) for i in range(60)])})
+            self.refused(source, "interpolate the variable to a regular grid")
+
     @suite.smoke
     def test_damaged_files_never_crash_the_importer(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
@@ -537,6 +637,126 @@ class Cgns(Case):
         source.write_bytes(whole[:len(whole) // 2])
         self.refused(source, "")
         self.survives(source, whole, 30, "CGNS")
+
+
+def image(path, value, size=(5, 4, 3), at=0.0, name="T"):
+    """Writes an image of VTK's XML format, on a lattice with a spacing of 1."""
+    extent = " ".join(f"0 {n - 1}" for n in size)
+    numbers = " ".join(str(float(value(i, j, k))) for k in range(size[2]) for j in range(size[1])
+                       for i in range(size[0]))
+    path.write_text(f"""<?xml version="1.0"?><VTKFile type="ImageData" version="1.0">
+<ImageData WholeExtent="{extent}" Origin="{at} 0 0" Spacing="1 1 1"><Piece Extent="{extent}"><PointData>
+<DataArray type="Float64" Name="{name}" format="ascii">{numbers}</DataArray>
+</PointData></Piece></ImageData></VTKFile>""")
+    return path
+
+
+class Collections(Case):
+    """ParaView's lists of files, each with its time (.pvd)."""
+
+    def collection(self, rows):
+        source = self.dir / "run.pvd"
+        source.write_text('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>'
+                          + "".join(f"<DataSet {row}/>" for row in rows) + "</Collection></VTKFile>")
+        return source
+
+    @suite.smoke
+    def test_each_time_of_a_collection_is_a_step(self):
+        (self.dir / "run").mkdir()
+        for n in range(3):
+            image(self.dir / f"run/{n}.vti", lambda i, j, k, n=n: 10 * n + i + j * k)
+        # The times decide the order, not the rows.
+        source = self.collection(f'timestep="{0.5 * n}" part="0" file="run/{n}.vti"' for n in (2, 0, 1))
+        for n in range(3):
+            report = self.imported(source, "--time", n)
+            self.assertEqual(report["time"], 0.5 * n)
+            self.holds("T", [(3, 2, 1)], lambda *_, n=n: 10.0 * n + 5, 1e-5)
+        self.assertIn("the first of 3 steps", self.imported(source)["note"])
+
+    def test_files_of_one_time_are_parts(self):
+        image(self.dir / "a.vti", lambda i, j, k: i)
+        image(self.dir / "b.vti", lambda i, j, k: 4 + i, at=4.0)
+        report = self.imported(self.collection(f'timestep="1" part="{p}" file="{n}.vti"'
+                                               for p, n in enumerate("ab")))
+        self.assertEqual(set(report["grid"]), {"T", "T_2"})
+        self.holds("T_2", [(6, 1, 1)], lambda *_: 6.0, 1e-5)
+
+    def test_names_missing_files_and_files_of_other_folders(self):
+        outside = tempfile.TemporaryDirectory()
+        self.addCleanup(outside.cleanup)
+        elsewhere = image(Path(outside.name) / "a.vti", lambda i, j, k: i)
+        source = self.collection([f'timestep="0" file="{elsewhere}"'])
+        self.refused(source, "a data file in another folder")
+        self.imported(source, "--follow")
+        self.out.unlink()
+        self.refused(self.collection(['timestep="0" file="gone.vti"']), "gone.vti cannot be read")
+        self.refused(self.collection(['timestep="soon" file="gone.vti"']), "time of gone.vti is not a number")
+        self.refused(self.collection([]), "names no file")
+        source.write_text('<VTKFile type="Collection"><Collection>')
+        self.refused(source, "not valid XML")
+
+
+class VtkHdf(Case):
+    """VTK's own format in HDF5 (.vtkhdf)."""
+
+    def image(self, version):
+        import h5py  # pylint: disable=import-outside-toplevel
+        path = self.dir / "a.vtkhdf"
+        with h5py.File(path, "w") as file:
+            group = file.create_group("VTKHDF")
+            group.attrs.create("Version", version, dtype="i8")
+            group.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", 9))
+            group.attrs.create("WholeExtent", (0, 4, 0, 3, 0, 2), dtype="i8")
+            for key, numbers in (("Origin", (0, 0, 0)), ("Spacing", (1, 2, 3)),
+                                 ("Direction", (1, 0, 0, 0, 1, 0, 0, 0, 1))):
+                group.attrs.create(key, numbers, dtype="f8")
+            values = [[[100.0 * k + 10 * j + i for i in range(5)] for j in range(4)] for k in range(3)]
+            group.create_group("PointData").create_dataset("T", data=values)
+        return path
+
+    @suite.smoke
+    def test_reads_an_image(self):
+        report = self.imported(self.image((1, 0)))
+        self.assertEqual(report["grid"]["T"]["voxel"], [1, 2, 3])
+        self.holds("T", [(3, 4, 3)], lambda *_: 123.0, 1e-5)
+
+    def test_names_a_version_that_vtk_cannot_read(self):
+        self.refused(self.image((9, 0)), "higher than this reader supports")
+
+
+class Sentinels(Case):
+    """Numbers by which solvers mark cells and points without data."""
+
+    def mesh(self, values, section):
+        """Writes cells that are not cubes, so that they are resampled."""
+        xs = [0, 1, 2.5, 4, 6, 7, 9, 10, 12]
+        lines = "".join(f"{a}_COORDINATES {len(xs)} double\n{' '.join(map(str, xs))}\n" for a in "XYZ")
+        path = self.dir / "a.vtk"
+        path.write_text(f"# vtk DataFile Version 3.0\na\nASCII\nDATASET RECTILINEAR_GRID\n"
+                        f"DIMENSIONS {len(xs)} {len(xs)} {len(xs)}\n{lines}{section} {len(values)}\n"
+                        f"SCALARS s double 1\nLOOKUP_TABLE default\n{' '.join(map(repr, values))}\n")
+        return path
+
+    def test_no_value_is_interpolated_from_a_sentinel(self):
+        for section, count in (("POINT_DATA", 9 ** 3), ("CELL_DATA", 8 ** 3)):
+            for sentinel in (-9999.0, 1e30, -1e34):
+                values = [20.0 + 0.01 * (i * 37 % count) for i in range(count)]
+                values[count // 2] = values[count // 3] = sentinel
+                report = self.imported(self.mesh(values, section), "--voxel", 0.5)
+                s = report["grid"]["s"]
+                self.assertIn(f"s: 2 values of {sentinel:.7g}", report["note"])
+                self.assertGreater(s["holes"], 0)
+                self.assertGreaterEqual(s["lowest"], 20.0)
+                self.assertLess(s["highest"], 28.0)
+
+    def test_results_and_labels_are_not_sentinels(self):
+        count = 9 ** 3
+        labels = [float(i % 5) for i in range(count)]
+        labels[:2] = [-9999.0, -9999.0]
+        peak = [20.0 + 0.01 * (i * 37 % count) for i in range(count)]
+        peak[5] = 500.0  # at one point
+        for values in (labels, peak):
+            self.assertEqual(self.imported(self.mesh(values, "POINT_DATA"))["grid"]["s"]["holes"], 0)
 
 
 class Others(Case):

@@ -8,8 +8,9 @@ NUMBERS = {BYTE: ctypes.c_byte, SHORT: ctypes.c_short, INT: ctypes.c_int,
 CLASSIC, NETCDF4 = 0, 0x1000
 
 
-def write(path, dimensions, variables, title="", form=CLASSIC, packed=False):
-    """Writes a file. dimensions: {name: length}. variables: {name: (type, dimensions, attributes, values)}."""
+def write(path, dimensions, variables, title="", form=CLASSIC, packed=False, attributes=None):
+    """Writes a file. dimensions: {name: length}. variables: {name: (type, dimensions, attributes, values)}.
+    attributes: those of the whole file."""
     library = ctypes.CDLL(ctypes.util.find_library("netcdf"))
 
     def call(name, *words):
@@ -36,12 +37,14 @@ def write(path, dimensions, variables, title="", form=CLASSIC, packed=False):
         call("nc_def_dim", file, name.encode(), size(length), ctypes.byref(ids[name]))
     if title:
         attribute(-1, "title", title)
+    for key, value in (attributes or {}).items():
+        attribute(-1, key, value)
     made = []
-    for name, (kind, along, attributes, values) in variables.items():
+    for name, (kind, along, own, values) in variables.items():
         variable = ctypes.c_int()
         call("nc_def_var", file, name.encode(), kind, len(along),
              (ctypes.c_int * len(along))(*(ids[d].value for d in along)), ctypes.byref(variable))
-        for key, value in attributes.items():
+        for key, value in own.items():
             attribute(variable, key, value)
         if packed and len(along) > 2:
             call("nc_def_var_deflate", file, variable, 0, 1, 9)

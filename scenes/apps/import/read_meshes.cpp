@@ -256,6 +256,7 @@ std::unique_ptr<Reader> openNetcdf(const Request& request) {
                       fmt::format("the file is truncated: it has {} of {} bytes", there, *size),
                       "copy or export the file again");
   }
+  if (auto hdf = openVtkHdf(request)) return hdf;
   if (isCgns(request)) return std::make_unique<CgnsReader>(request);
   vtkNew<vtkExodusIIReader> reader;
   if (reader->CanReadFile(request.file.c_str()) != 0) {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -17,204 +18,26 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/geography.h"
-#include "palpate/scenes/apps/import/grids.h"
-#include "palpate/scenes/apps/import/header_checks.h"
+#include "palpate/scenes/apps/import/netcdf_file.h"
 #include "palpate/scenes/apps/import/reader.h"
+#include "palpate/scenes/apps/import/sentinels.h"
+#include "palpate/scenes/apps/import/wrf_grid.h"
 
 namespace palpate::importer {
 namespace {
-
-/// Meaning of a dimension.
-enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime, kNoSpace };
-
-struct Dimension {
-  std::string name;
-  std::size_t length = 0;
-  int variable = -1;  ///< Index of the variable with its positions; -1: none.
-  Is is = Is::kUnknown;
-};
-
-struct Variable {
-  std::string name;
-  nc_type type = NC_NAT;
-  std::vector<int> dimensions;
-};
 
 bool contains(const std::string& text, std::string_view what) {
   return text.find(what) != std::string::npos;
 }
 
-/// An open file of the netCDF library.
-class File {
- public:
-  explicit File(const std::filesystem::path& path) : path_(path) {
-    check(nc_open(path.c_str(), NC_NOWRITE, &id_));
-    int dimensions = 0;
-    int variables = 0;
-    int unlimited = -1;
-    check(nc_inq(id_, &dimensions, &variables, nullptr, &unlimited));
-    std::array<char, NC_MAX_NAME + 1> name{};
-    for (int d = 0; d < dimensions; ++d) {
-      Dimension dimension;
-      check(nc_inq_dim(id_, d, name.data(), &dimension.length));
-      dimension.name = name.data();
-      if (d == unlimited) dimension.is = Is::kTime;
-      dimensions_.push_back(std::move(dimension));
-    }
-    for (int v = 0; v < variables; ++v) {
-      Variable variable;
-      int rank = 0;
-      check(nc_inq_varndims(id_, v, &rank));
-      variable.dimensions.resize(static_cast<std::size_t>(rank));
-      check(nc_inq_var(id_, v, name.data(), &variable.type, nullptr, variable.dimensions.data(),
-                       nullptr));
-      variable.name = name.data();
-      for (const int d : variable.dimensions) {
-        if (d < 0 || d >= dimensions)
-          refuse(fmt::format("the dimensions of the variable {} are invalid", variable.name));
-      }
-      variables_.push_back(std::move(variable));
-    }
-    for (std::size_t d = 0; d < dimensions_.size(); ++d) see(static_cast<int>(d));
-  }
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-  ~File() { nc_close(id_); }
-
-  [[nodiscard]] const std::vector<Variable>& variables() const { return variables_; }
-  [[nodiscard]] const Dimension& dimension(int d) const {
-    return dimensions_[static_cast<std::size_t>(d)];
-  }
-  [[nodiscard]] bool isPositions(int variable) const {
-    return std::any_of(dimensions_.begin(), dimensions_.end(),
-                       [&](const Dimension& d) { return d.variable == variable; });
-  }
-
-  /// Returns the text of an attribute; an empty text if it is absent.
-  [[nodiscard]] std::string text(int variable, const char* name) const {
-    nc_type type = NC_NAT;
-    std::size_t length = 0;
-    if (nc_inq_att(id_, variable, name, &type, &length) != NC_NOERR) return "";
-    std::string out;
-    constexpr std::size_t kLongest = 4096;
-    if (type == NC_CHAR && length <= kLongest) {
-      out.resize(length);
-      check(nc_get_att_text(id_, variable, name, out.data()));
-    } else if (type == NC_STRING && length == 1) {
-      char* string = nullptr;
-      check(nc_get_att_string(id_, variable, name, &string));
-      if (string != nullptr) out = std::string(string).substr(0, kLongest);
-      nc_free_string(1, &string);
-    }
-    while (!out.empty() && (out.back() == '\0' || out.back() == ' ')) out.pop_back();
-    return out;
-  }
-
-  /// Returns the numbers of an attribute; empty if it is absent.
-  [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const {
-    nc_type type = NC_NAT;
-    std::size_t length = 0;
-    constexpr std::size_t kMost = 1000;
-    if (nc_inq_att(id_, variable, name, &type, &length) != NC_NOERR || type == NC_CHAR ||
-        type > NC_UINT64 || length > kMost) {
-      return {};
-    }
-    std::vector<double> out(length);
-    check(nc_get_att_double(id_, variable, name, out.data()));
-    return out;
-  }
-
-  /// Reads the values of a variable from the indices `start` on, `count` along each dimension.
-  void read(int variable, const std::vector<std::size_t>& start,
-            const std::vector<std::size_t>& count, double* to) const {
-    check(nc_get_vara_double(id_, variable, start.data(), count.data(), to));
-  }
-
-  /// Returns the positions along a dimension; indices from 0 if the file has no positions.
-  [[nodiscard]] std::vector<double> positions(int d) const {
-    const Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];
-    checkAbsurd(static_cast<double>(dimension.length));
-    std::vector<double> out(dimension.length);
-    if (dimension.variable >= 0) {
-      read(dimension.variable, {0}, {dimension.length}, out.data());
-    } else {
-      for (std::size_t i = 0; i < out.size(); ++i) out[i] = static_cast<double>(i);
-    }
-    return out;
-  }
-
-  /// Throws VolumeError if there are more values than the file could hold at the best possible
-  /// compression.
-  void checkAbsurd(double values) const {
-    std::error_code error;
-    const auto there = static_cast<double>(std::filesystem::file_size(path_, error));
-    if (values <= kMostVoxels && leastDeflated(values) <= there) return;
-    refuse(fmt::format("the header states {:.3g} values, more than the file can hold", values));
-  }
-
- private:
-  void check(int status) const {
-    if (status == NC_NOERR) return;
-    refuse(fmt::format("the netCDF library cannot read the file ({})", nc_strerror(status)));
-  }
-  [[noreturn]] void refuse(const std::string& why) const {
-    throw VolumeError(path_.string(), why,
-                      "the file may be truncated or damaged: copy or export it again");
-  }
-
-  /// Finds the meaning of a dimension from the variable with the same name: from its axis, units,
-  /// standard name and name.
-  void see(int d) {
-    Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];
-    for (std::size_t v = 0; v < variables_.size(); ++v) {
-      const Variable& variable = variables_[v];
-      if (variable.name == dimension.name && variable.dimensions == std::vector{d} &&
-          variable.type != NC_CHAR && variable.type <= NC_UINT64) {
-        dimension.variable = static_cast<int>(v);
-      }
-    }
-    std::string name = dimension.name;
-    for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    const auto named = [&](std::initializer_list<const char*> names) {
-      return std::find(names.begin(), names.end(), name) != names.end();
-    };
-    // These dimensions are not in space: the members of an ensemble, and forecast steps beside a
-    // time dimension.
-    const std::string standard =
-        dimension.variable < 0 ? "" : text(dimension.variable, "standard_name");
-    if (standard == "realization" || standard == "forecast_period" ||
-        named({"number", "member", "ensemble", "realization", "step", "forecast_period"})) {
-      dimension.is = Is::kNoSpace;
-      return;
-    }
-    if (dimension.variable >= 0) {
-      const std::string axis = text(dimension.variable, "axis");
-      const std::string unit = text(dimension.variable, "units");
-      if (axis == "X" || contains(unit, "degrees_e") || contains(unit, "degree_e")) {
-        dimension.is = Is::kX;
-      } else if (axis == "Y" || contains(unit, "degrees_n") || contains(unit, "degree_n")) {
-        dimension.is = Is::kY;
-      } else if (axis == "T" || contains(unit, " since ")) {
-        dimension.is = Is::kTime;
-      } else if (axis == "Z" || hectopascals(unit) > 0.0 ||
-                 !text(dimension.variable, "positive").empty()) {
-        dimension.is = Is::kZ;
-      }
-      if (dimension.is != Is::kUnknown) return;
-    }
-    if (named({"x", "lon", "longitude", "west_east"})) dimension.is = Is::kX;
-    if (named({"y", "lat", "latitude", "south_north"})) dimension.is = Is::kY;
-    if (named({"z", "lev", "level", "plev", "height", "altitude", "depth", "bottom_top"})) {
-      dimension.is = Is::kZ;
-    }
-    if (named({"t", "time"})) dimension.is = Is::kTime;
-  }
-
-  std::filesystem::path path_;
-  int id_ = -1;
-  std::vector<Dimension> dimensions_;
-  std::vector<Variable> variables_;
-};
+/// Returns true for the units of longitudes and latitudes in the CF conventions, such as
+/// degrees_north and degreeE. The unit of a direction, degrees, is not among them.
+bool isOfEarth(std::string unit) {
+  for (char& c : unit) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return contains(unit, "degree_n") || contains(unit, "degrees_n") || contains(unit, "degreen") ||
+         contains(unit, "degreesn") || contains(unit, "degree_e") || contains(unit, "degrees_e") ||
+         contains(unit, "degreee") || contains(unit, "degreese");
+}
 
 /// A variable whose dimensions are a volume, or a volume and time.
 struct Field {
@@ -223,10 +46,126 @@ struct Field {
   std::optional<std::size_t> time;    ///< Index of its time dimension; no value if it has none.
 };
 
+/// Conversion of a variable's stored numbers to values.
+class Unpacking {
+ public:
+  Unpacking(const NetcdfFile& file, int v) : type_(file.variable(v).type) {
+    const auto first = [&](const char* name, double otherwise) {
+      const std::vector<double> numbers = file.numbers(v, name);
+      return numbers.empty() ? otherwise : numbers.front();
+    };
+    scale_ = first("scale_factor", 1.0);
+    offset_ = first("add_offset", 0.0);
+    missing_ = file.numbers(v, "missing_value");
+    missing_.push_back(first("_FillValue", fillOf(type_)));
+    low_ = first("valid_min", -std::numeric_limits<double>::infinity());
+    high_ = first("valid_max", std::numeric_limits<double>::infinity());
+    if (const auto range = file.numbers(v, "valid_range"); range.size() == 2) {
+      low_ = range[0];
+      high_ = range[1];
+    }
+    // An attribute may have more digits than the variable's type.
+    if (type_ == NC_FLOAT) {
+      for (double& value : missing_) value = static_cast<double>(static_cast<float>(value));
+    }
+    // The classic format has no unsigned types, so an attribute states that values are unsigned.
+    const bool is_unsigned = file.text(v, "_Unsigned") == "true";
+    const double bits = !is_unsigned        ? 0.0
+                        : type_ == NC_BYTE  ? 8.0
+                        : type_ == NC_SHORT ? 16.0
+                        : type_ == NC_INT   ? 32.0
+                                            : 0.0;
+    turn_ = bits > 0.0 ? std::exp2(bits) : 0.0;
+    for (double* bound : {&low_, &high_}) {
+      if (*bound < 0.0 && std::isfinite(*bound)) *bound += turn_;
+    }
+  }
+
+  /// Returns true if a float has the precision of the values.
+  [[nodiscard]] bool fitsFloat() const {
+    return isPacked() || type_ == NC_FLOAT || type_ == NC_BYTE || type_ == NC_UBYTE ||
+           type_ == NC_SHORT || type_ == NC_USHORT;
+  }
+
+  /// Returns the value of a stored number; NaN if the number marks missing data.
+  [[nodiscard]] double operator()(double stored) const {
+    const bool none = std::find(missing_.begin(), missing_.end(), stored) != missing_.end();
+    const double value = stored < 0.0 ? stored + turn_ : stored;
+    if (none || value < low_ || value > high_) return std::numeric_limits<double>::quiet_NaN();
+    return isPacked() ? scale_ * value + offset_ : value;
+  }
+
+ private:
+  [[nodiscard]] bool isPacked() const { return scale_ != 1.0 || offset_ != 0.0; }
+
+  /// Returns the library's fill value, which marks values that were never written. Types of one
+  /// byte have no fill value.
+  static double fillOf(nc_type type) {
+    switch (type) {
+      case NC_SHORT:
+        return NC_FILL_SHORT;
+      case NC_USHORT:
+        return NC_FILL_USHORT;
+      case NC_INT:
+        return NC_FILL_INT;
+      case NC_UINT:
+        return NC_FILL_UINT;
+      case NC_FLOAT:
+        return static_cast<double>(NC_FILL_FLOAT);
+      case NC_DOUBLE:
+        return NC_FILL_DOUBLE;
+      default:
+        return std::numeric_limits<double>::quiet_NaN();
+    }
+  }
+
+  nc_type type_ = NC_NAT;
+  double scale_ = 1.0;
+  double offset_ = 0.0;
+  std::vector<double> missing_;  ///< Stored numbers that mark missing data.
+  double low_ = 0.0;             ///< Lowest valid stored number; `high_` is the highest one.
+  double high_ = 0.0;
+  double turn_ = 0.0;  ///< Added to negative numbers, which stand for unsigned ones.
+};
+
+/// Averages values on the faces of cells to the centres.
+/// @param size   Number of values along x, y and z.
+/// @param faces  1 for each axis along which the values lie on faces, else 0.
+Values averagedToCentres(const Values& values, const std::array<std::size_t, 3>& size,
+                         const std::array<std::size_t, 3>& faces) {
+  if (faces == std::array<std::size_t, 3>{}) return values;
+  const std::array<std::size_t, 3> n{size[0] - faces[0], size[1] - faces[1], size[2] - faces[2]};
+  Values out(values.type(), 1, n[0] * n[1] * n[2]);
+  visit(values, [&](const auto* from) {
+    using T = std::remove_cv_t<std::remove_pointer_t<decltype(from)>>;
+    T* to = out.as<T>();
+    for (std::size_t k = 0; k < n[2]; ++k) {
+      for (std::size_t j = 0; j < n[1]; ++j) {
+        for (std::size_t i = 0; i < n[0]; ++i) {
+          double sum = 0.0;
+          for (std::size_t corner = 0; corner < 8; ++corner) {
+            const std::size_t x = i + (corner & 1U) * faces[0];
+            const std::size_t y = j + ((corner >> 1U) & 1U) * faces[1];
+            const std::size_t z = k + (corner >> 2U) * faces[2];
+            sum += static_cast<double>(from[(z * size[1] + y) * size[0] + x]);
+          }
+          *to++ = static_cast<T>(0.125 * sum);
+        }
+      }
+    }
+  });
+  return out;
+}
+
 class NetcdfReader final : public Reader {
  public:
-  explicit NetcdfReader(const Request& request) : request_(request), file_(request.file) {
+  explicit NetcdfReader(const Request& request)
+      : request_(request), file_(request.file), wrf_(wrfGridOf(file_)) {
     for (std::size_t v = 0; v < file_.variables().size(); ++v) find(static_cast<int>(v));
+    if (!flat_.empty()) {
+      left_.push_back(
+          fmt::format("{}: skipped: fewer than three dimensions of space", fmt::join(flat_, ", ")));
+    }
     if (fields_.empty()) {
       throw VolumeError(request.file.string(),
                         left_.empty()
@@ -251,7 +190,7 @@ class NetcdfReader final : public Reader {
     const bool asked = std::any_of(fields_.begin(), fields_.end(),
                                    [&](const Field& field) { return isAsked(nameOf(field)); });
     // Reads all fields on the same grid together.
-    std::map<std::vector<int>, std::vector<const Field*>> grids;
+    Grids grids;
     for (const Field& field : fields_) {
       if (asked && !isAsked(nameOf(field))) continue;
       const std::vector<int>& own = dimensionsOf(field);
@@ -261,21 +200,22 @@ class NetcdfReader final : public Reader {
         continue;
       }
       std::vector<int> axes;
-      for (const std::size_t a : field.axes) axes.push_back(own[a]);
+      for (const std::size_t a : field.axes) axes.push_back(file_.centresOf(own[a]));
       grids[axes].push_back(&field);
     }
+    noteWrf(grids, content.notes);
     double done = 0.0;
     for (const auto& [axes, fields] : grids) {
       EarthGrid grid;
       for (std::size_t a = 0; a < 3; ++a) grid.axes[a] = axisOf(axes[a], a);
       const int across = file_.dimension(axes[0]).variable;
-      grid.projected =
-          across >= 0 && file_.text(across, "standard_name") == "projection_x_coordinate";
+      grid.projected = isWrf(axes) || (across >= 0 && file_.text(across, "standard_name") ==
+                                                          "projection_x_coordinate");
       for (const Field* field : fields) {
         Array array;
         array.name = nameOf(*field);
         array.unit = file_.text(field->variable, "units");
-        array.values = valuesOf(*field, step);
+        array.values = valuesOf(*field, step, content.notes);
         grid.arrays.push_back(std::move(array));
         grid.standard.push_back(file_.text(field->variable, "standard_name"));
         if (request_.progress) request_.progress(++done / static_cast<double>(fields_.size()));
@@ -297,6 +237,60 @@ class NetcdfReader final : public Reader {
   }
   [[nodiscard]] const std::vector<int>& dimensionsOf(const Field& field) const {
     return file_.variables()[static_cast<std::size_t>(field.variable)].dimensions;
+  }
+
+  using Grids = std::map<std::vector<int>, std::vector<const Field*>>;
+
+  /// Returns true if the first two axes are those of WRF's grid.
+  [[nodiscard]] bool isWrf(const std::vector<int>& axes) const {
+    return wrf_ && axes[0] == wrf_->x && axes[1] == wrf_->y;
+  }
+
+  /// Adds notes about the places of WRF's points, and about values that lie on the cells' faces.
+  void noteWrf(const Grids& grids, std::vector<std::string>& notes) const {
+    std::vector<std::string> averaged;
+    bool any = false;
+    for (const auto& [axes, fields] : grids) {
+      any = any || isWrf(axes);
+      for (const Field* field : fields) {
+        if (isOnFaces(*field)) averaged.push_back(nameOf(*field));
+      }
+    }
+    if (any) notes.insert(notes.end(), wrf_->notes.begin(), wrf_->notes.end());
+    if (averaged.empty()) return;
+    notes.push_back(fmt::format("{}: averaged from the cells' faces to the cells' centres",
+                                fmt::join(averaged, ", ")));
+  }
+  [[nodiscard]] bool isOnFaces(const Field& field) const {
+    const std::vector<int>& own = dimensionsOf(field);
+    return std::any_of(field.axes.begin(), field.axes.end(),
+                       [&](std::size_t a) { return file_.dimension(own[a]).centres >= 0; });
+  }
+
+  /// Returns true if the grid may be curvilinear: another variable states the longitude or the
+  /// latitude of each point in the field's rows and columns.
+  [[nodiscard]] bool isCurved(int v, const Field& field) const {
+    const std::vector<int>& own = dimensionsOf(field);
+    const std::array plane{file_.centresOf(own[field.axes[0]]),
+                           file_.centresOf(own[field.axes[1]])};
+    const bool straight = std::all_of(plane.begin(), plane.end(),
+                                      [&](int d) { return file_.dimension(d).variable >= 0; });
+    const std::string named = " " + file_.text(v, "coordinates") + " ";
+    for (std::size_t o = 0; o < file_.variables().size(); ++o) {
+      const int other = static_cast<int>(o);
+      std::vector<int> space = file_.spaceOf(other);
+      if (space.size() != 2) continue;
+      for (int& d : space) d = file_.centresOf(d);
+      const std::string unit = file_.text(other, "units");
+      if (contains(unit, "degree") && contains(named, " " + file_.variable(other).name + " ")) {
+        return true;
+      }
+      if (!straight && isOfEarth(unit) &&
+          std::is_permutation(space.begin(), space.end(), plane.begin())) {
+        return true;
+      }
+    }
+    return false;
   }
 
   /// Adds a variable to the fields if its dimensions are a volume.
@@ -341,20 +335,18 @@ class NetcdfReader final : public Reader {
       unknown.pop_back();
     }
     if (!axes[0] || !axes[1] || !axes[2]) {
-      return leave("the variable has fewer than three dimensions of space");
+      if (!(isOfEarth(file_.text(v, "units")) && file_.spaceOf(v).size() == 2)) {
+        flat_.push_back(variable.name);
+      }
+      return;
     }
     for (std::size_t a = 0; a < 3; ++a) field.axes[a] = *axes[a];
-    // Rejects variables on curvilinear grids, whose positions depend on two dimensions.
-    const std::string coordinates = file_.text(v, "coordinates");
-    for (std::size_t c = 0; c < file_.variables().size(); ++c) {
-      const Variable& other = file_.variables()[c];
-      if (other.dimensions.size() == 2 &&
-          contains(" " + coordinates + " ", " " + other.name + " ") &&
-          contains(file_.text(static_cast<int>(c), "units"), "degree")) {
-        return leave(
-            "longitude and latitude each depend on two dimensions: interpolate the variable to a "
-            "regular grid, for example with cdo remapbil");
-      }
+    const std::vector<int> rows{file_.centresOf(variable.dimensions[field.axes[0]]),
+                                file_.centresOf(variable.dimensions[field.axes[1]])};
+    if (!isWrf(rows) && isCurved(v, field)) {
+      return leave(
+          "longitude and latitude each depend on two dimensions: interpolate the variable to a "
+          "regular grid, for example with cdo remapbil");
     }
     others.insert(others.end(), unknown.begin(), unknown.end());
     for (const std::size_t i : others) {
@@ -372,6 +364,18 @@ class NetcdfReader final : public Reader {
 
   [[nodiscard]] Axis axisOf(int d, std::size_t a) const {
     Axis axis;
+    if (wrf_ && (d == wrf_->x || d == wrf_->y)) {
+      axis.unit = "m";
+      for (std::size_t i = 0; i < file_.dimension(d).length; ++i) {
+        axis.at.push_back(static_cast<double>(i) * (d == wrf_->x ? wrf_->dx : wrf_->dy));
+      }
+      return axis;
+    }
+    if (wrf_ && d == wrf_->z && !wrf_->heights.empty()) {
+      axis.unit = "m";
+      axis.at = wrf_->heights;
+      return axis;
+    }
     axis.at = file_.positions(d);
     const int variable = file_.dimension(d).variable;
     if (variable < 0) {
@@ -388,8 +392,7 @@ class NetcdfReader final : public Reader {
       for (double& p : axis.at) {
         p *= hectopascals(axis.unit);
         if (!(p > 0.0)) {
-          throw VolumeError(request_.file.string(),
-                            fmt::format("the pressure {:g} hPa is not above 0", p),
+          throw VolumeError(request_.file.string(), "a pressure is not above 0",
                             "correct the coordinates");
         }
       }
@@ -402,43 +405,19 @@ class NetcdfReader final : public Reader {
   }
 
   /// Reads one step of a field with x fastest. Packed values are unpacked, and missing values are
-  /// NaN.
-  [[nodiscard]] Values valuesOf(const Field& field, std::size_t step) const {
+  /// NaN. Values on the faces of cells are averaged to the centres.
+  [[nodiscard]] Values valuesOf(const Field& field, std::size_t step,
+                                std::vector<std::string>& notes) const {
     const std::vector<int>& own = dimensionsOf(field);
     std::array<std::size_t, 3> size{};
-    for (std::size_t a = 0; a < 3; ++a) size[a] = file_.dimension(own[field.axes[a]]).length;
-    const int v = field.variable;
-    const auto first = [&](const char* name, double otherwise) {
-      const std::vector<double> numbers = file_.numbers(v, name);
-      return numbers.empty() ? otherwise : numbers.front();
-    };
-    const double scale = first("scale_factor", 1.0);
-    const double offset = first("add_offset", 0.0);
-    const bool packed = scale != 1.0 || offset != 0.0;
-    const nc_type type = file_.variables()[static_cast<std::size_t>(v)].type;
-    std::vector<double> missing = file_.numbers(v, "missing_value");
-    missing.push_back(first("_FillValue", fillOf(type)));
-    double low = first("valid_min", -std::numeric_limits<double>::infinity());
-    double high = first("valid_max", std::numeric_limits<double>::infinity());
-    if (const auto range = file_.numbers(v, "valid_range"); range.size() == 2) {
-      low = range[0];
-      high = range[1];
+    std::array<std::size_t, 3> faces{};
+    for (std::size_t a = 0; a < 3; ++a) {
+      size[a] = file_.dimension(own[field.axes[a]]).length;
+      faces[a] = file_.dimension(own[field.axes[a]]).centres >= 0 ? 1 : 0;
     }
-    // The classic format has no unsigned types, so an attribute states that values are unsigned.
-    const bool is_unsigned = file_.text(v, "_Unsigned") == "true";
-    const double bits = !is_unsigned       ? 0.0
-                        : type == NC_BYTE  ? 8.0
-                        : type == NC_SHORT ? 16.0
-                        : type == NC_INT   ? 32.0
-                                           : 0.0;
-    const double turn = bits > 0.0 ? std::exp2(bits) : 0.0;
-    for (double* bound : {&low, &high}) {
-      if (*bound < 0.0 && std::isfinite(*bound)) *bound += turn;
-    }
-
-    const bool fits = packed || type == NC_FLOAT || type == NC_BYTE || type == NC_UBYTE ||
-                      type == NC_SHORT || type == NC_USHORT;
-    Values out(fits ? Type::kFloat32 : Type::kFloat64, 1, size[0] * size[1] * size[2]);
+    const Unpacking unpack(file_, field.variable);
+    Values out(unpack.fitsFloat() ? Type::kFloat32 : Type::kFloat64, 1,
+               size[0] * size[1] * size[2]);
     // Reads one plane at a time. The file decides which axis of the plane is faster.
     std::vector<double> plane(size[0] * size[1]);
     const bool x_last = field.axes[0] > field.axes[1];
@@ -452,47 +431,23 @@ class NetcdfReader final : public Reader {
       T* to = given;
       for (std::size_t k = 0; k < size[2]; ++k) {
         start[field.axes[2]] = k;
-        file_.read(v, start, count, plane.data());
+        file_.read(field.variable, start, count, plane.data());
         for (std::size_t j = 0; j < size[1]; ++j) {
           for (std::size_t i = 0; i < size[0]; ++i) {
-            double value = plane[x_last ? j * size[0] + i : i * size[1] + j];
-            const bool none = std::find(missing.begin(), missing.end(), value) != missing.end();
-            if (value < 0.0) value += turn;
-            *to++ = none || value < low || value > high
-                        ? std::numeric_limits<T>::quiet_NaN()
-                        : static_cast<T>(packed ? scale * value + offset : value);
+            *to++ = static_cast<T>(unpack(plane[x_last ? j * size[0] + i : i * size[1] + j]));
           }
         }
       }
     });
-    return out;
-  }
-
-  /// Returns the library's fill value, which marks values that were never written. Types of one
-  /// byte have no fill value.
-  static double fillOf(nc_type type) {
-    switch (type) {
-      case NC_SHORT:
-        return NC_FILL_SHORT;
-      case NC_USHORT:
-        return NC_FILL_USHORT;
-      case NC_INT:
-        return NC_FILL_INT;
-      case NC_UINT:
-        return NC_FILL_UINT;
-      case NC_FLOAT:
-        return static_cast<double>(NC_FILL_FLOAT);
-      case NC_DOUBLE:
-        return NC_FILL_DOUBLE;
-      default:
-        return std::numeric_limits<double>::quiet_NaN();
-    }
+    return averagedToCentres(withoutSentinels(out, nameOf(field), notes), size, faces);
   }
 
   Request request_;
-  File file_;
+  NetcdfFile file_;
+  std::optional<WrfGrid> wrf_;
   std::vector<Field> fields_;
-  std::vector<std::string> left_;
+  std::vector<std::string> left_;  ///< Variables that are not imported, with the reason.
+  std::vector<std::string> flat_;  ///< Variables with fewer than three dimensions of space.
   int time_ = -1;
   std::vector<double> times_;
 };

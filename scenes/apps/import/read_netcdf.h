@@ -1,4 +1,5 @@
-/// Private to the importer: opens netCDF files that are neither Exodus II nor CGNS.
+/// Private to the importer: opens the formats that are kept in netCDF or HDF5 files, apart from
+/// Exodus II and CGNS.
 #pragma once
 
 #include <memory>
@@ -9,5 +10,8 @@ namespace palpate::importer {
 
 /// Opens a file with CF conventions. Throws VolumeError.
 [[nodiscard]] std::unique_ptr<Reader> openCf(const Request& request);
+
+/// Opens a file in VTK's HDF5 format (.vtkhdf). Returns null for other files.
+[[nodiscard]] std::unique_ptr<Reader> openVtkHdf(const Request& request);
 
 }  // namespace palpate::importer

@@ -1,17 +1,30 @@
-/// Reads the legacy and the XML formats of VTK.
+/// Reads the legacy and the XML formats of VTK, its format in HDF5, and ParaView's collections of
+/// XML files.
 #include <array>
+#include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <limits>
+#include <map>
 #include <regex>
 #include <string>
+#include <vector>
 
 #include <fmt/format.h>
 #include <vtkGenericDataObjectReader.h>
+#include <vtkHDFReader.h>
+#include <vtkMultiBlockDataSet.h>
 #include <vtkNew.h>
+#include <vtkSmartPointer.h>
+#include <vtkXMLDataElement.h>
 #include <vtkXMLGenericDataObjectReader.h>
+#include <vtkXMLUtilities.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/apps/import/header_checks.h"
+#include "palpate/scenes/apps/import/read_netcdf.h"
 #include "palpate/scenes/apps/import/reader.h"
 #include "palpate/scenes/apps/import/vtk_pieces.h"
 #include "palpate/scenes/apps/import/vtk_run.h"
@@ -74,13 +87,111 @@ void checkPieces(const std::filesystem::path& file) {
   }
 }
 
-Content readXml(const Request& request) {
-  checkPieces(request.file);
+vtkSmartPointer<vtkDataObject> readXmlData(const std::filesystem::path& file,
+                                           const Progress& progress) {
+  checkPieces(file);
   vtkNew<vtkXMLGenericDataObjectReader> reader;
-  reader->SetFileName(request.file.c_str());
-  run(reader, request.file.string(), request.progress);
+  reader->SetFileName(file.c_str());
+  run(reader, file.string(), progress);
+  return reader->GetOutput();
+}
+
+Content readXml(const Request& request) {
   Content content;
-  content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
+  content.pieces =
+      piecesOf(readXmlData(request.file, request.progress), request.file.string(), content.notes);
+  return content;
+}
+
+/// Returns true if an XML file of VTK is a collection of other files (.pvd).
+bool isCollection(const std::filesystem::path& file) {
+  constexpr std::size_t kBytes = 4096;
+  std::string text(kBytes, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  const auto at = text.find("<VTKFile");
+  if (at == std::string::npos) return false;
+  const std::string tag = text.substr(at, text.find('>', at) - at);
+  return tag.find("\"Collection\"") != std::string::npos ||
+         tag.find("'Collection'") != std::string::npos;
+}
+
+/// Reads ParaView's collections: each file is a part of the data at one time.
+class CollectionReader final : public Reader {
+ public:
+  explicit CollectionReader(const Request& request) : request_(request) {
+    vtkSmartPointer<vtkXMLDataElement> root;
+    runQuietly(
+        [&] { root.TakeReference(vtkXMLUtilities::ReadElementFromFile(request.file.c_str())); });
+    if (root == nullptr) {
+      refuse("the collection is not valid XML", "copy or export it again");
+    }
+    vtkXMLDataElement* all = root->FindNestedElementWithName("Collection");
+    for (int i = 0; all != nullptr && i < all->GetNumberOfNestedElements(); ++i) {
+      add(*all->GetNestedElement(i));
+    }
+    if (files_.empty()) {
+      refuse("the collection names no file", "export it with its data sets");
+    }
+  }
+
+  std::vector<double> times() const override {
+    std::vector<double> times;
+    for (const auto& [time, files] : files_) times.push_back(time);
+    return times.size() > 1 ? times : std::vector<double>();
+  }
+
+  Content read(std::size_t step) override {
+    const auto& parts = std::next(files_.begin(), static_cast<std::ptrdiff_t>(step))->second;
+    vtkSmartPointer<vtkDataObject> data;
+    if (parts.size() == 1) {
+      data = readXmlData(parts.front(), request_.progress);
+    } else {
+      auto blocks = vtkSmartPointer<vtkMultiBlockDataSet>::New();
+      for (std::size_t p = 0; p < parts.size(); ++p) {
+        blocks->SetBlock(static_cast<unsigned>(p), readXmlData(parts[p], request_.progress));
+      }
+      data = blocks;
+    }
+    Content content;
+    content.pieces = piecesOf(data, parts.front().string(), content.notes);
+    return content;
+  }
+
+ private:
+  [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const {
+    throw VolumeError(request_.file.string(), why, remedy);
+  }
+
+  void add(vtkXMLDataElement& element) {
+    if (element.GetName() == nullptr || std::string(element.GetName()) != "DataSet") return;
+    const char* name = element.GetAttribute("file");
+    if (name == nullptr || *name == '\0') {
+      refuse("a data set of the collection names no file", "export the collection again");
+    }
+    double time = 0.0;
+    const char* given = element.GetAttribute("timestep");
+    if (given != nullptr &&
+        (element.GetScalarAttribute("timestep", time) == 0 || !std::isfinite(time))) {
+      refuse(fmt::format("the time of {} is not a number", name), "export the collection again");
+    }
+    const std::filesystem::path file = request_.file.parent_path() / name;
+    (void)sizeOfData(request_.file, file, request_.follow);
+    files_[time].push_back(file);
+  }
+
+  Request request_;
+  std::map<double, std::vector<std::filesystem::path>> files_;  ///< The files, by their time.
+};
+
+Content readHdf(const Request& request) {
+  vtkNew<vtkHDFReader> reader;
+  reader->SetFileName(request.file.c_str());
+  run(reader, request.file.string(), request.progress,
+      "export it as .vti or .vtu, or with an older version of VTK's format");
+  Content content;
+  content.pieces = piecesOf(reader->GetOutputDataObject(0), request.file.string(), content.notes);
   return content;
 }
 
@@ -90,7 +201,17 @@ std::unique_ptr<Reader> openVtkLegacy(const Request& request) {
   return oneStep(request, readLegacy);
 }
 
+std::unique_ptr<Reader> openVtkHdf(const Request& request) {
+  bool is_vtk = false;
+  runQuietly([&] {
+    vtkNew<vtkHDFReader> reader;
+    is_vtk = reader->CanReadFile(request.file.c_str()) != 0;
+  });
+  return is_vtk ? oneStep(request, readHdf) : nullptr;
+}
+
 std::unique_ptr<Reader> openVtkXml(const Request& request) {
+  if (isCollection(request.file)) return std::make_unique<CollectionReader>(request);
   return oneStep(request, readXml);
 }
 

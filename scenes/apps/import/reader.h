@@ -172,7 +172,7 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openCgns(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);
-/// Opens netCDF and HDF5 files with CF conventions, Exodus II or CGNS.
+/// Opens netCDF and HDF5 files: CF conventions, WRF, Exodus II, CGNS or VTK's HDF5 format.
 [[nodiscard]] std::unique_ptr<Reader> openNetcdf(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNrrd(const Request& request);
 /// Opens an OpenFOAM case, given by its folder or by its file .foam for ParaView.
@@ -180,6 +180,7 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openPlot3d(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openRaw(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openVtkLegacy(const Request& request);
+/// Opens VTK's XML formats, and ParaView's collections of XML files (.pvd).
 [[nodiscard]] std::unique_ptr<Reader> openVtkXml(const Request& request);
 
 }  // namespace palpate::importer

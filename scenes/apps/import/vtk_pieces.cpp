@@ -15,6 +15,7 @@
 #include <vtkCompositeDataSet.h>
 #include <vtkDataSet.h>
 #include <vtkDataSetAttributes.h>
+#include <vtkDoubleArray.h>
 #include <vtkImageData.h>
 #include <vtkMatrix4x4.h>
 #include <vtkNew.h>
@@ -27,6 +28,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/apps/import/mesh.h"
+#include "palpate/scenes/apps/import/sentinels.h"
 #include "palpate/scenes/apps/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -99,15 +101,16 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
   }
 }
 
-/// Returns the arrays of the points or cells, without arrays that VTK has added.
-std::vector<Array> arraysOf(vtkDataSetAttributes* attributes) {
+/// Returns the arrays of the points or cells, without arrays that VTK has added. Values that mark
+/// missing data are NaN.
+std::vector<Array> arraysOf(vtkDataSetAttributes* attributes, std::vector<std::string>& notes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);
     if (values == nullptr || isNumbering(attributes, values)) continue;
     const std::string name = values->GetName() == nullptr ? "" : values->GetName();
     if (name == vtkDataSetAttributes::GhostArrayName() || name == "vtkValidPointMask") continue;
-    arrays.push_back({name, valuesOf(values), "", "", false});
+    arrays.push_back({name, withoutSentinels(valuesOf(values), name, notes), "", "", false});
   }
   return arrays;
 }
@@ -177,13 +180,14 @@ void hideBoth(Piece& image, Piece& cells) {
 /// Adds an image. If its cells have data, adds a second image, whose points are the centres of the
 /// cells.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
-               const std::string& file, std::vector<Piece>& pieces) {
+               const std::string& file, std::vector<Piece>& pieces,
+               std::vector<std::string>& notes) {
   checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
   checkLengths(data->GetCellData(), data->GetNumberOfCells(), file);
   Piece image;
   image.size = size;
   image.file_from_index = map;
-  image.arrays = arraysOf(data->GetPointData());
+  image.arrays = arraysOf(data->GetPointData(), notes);
   if (*std::min_element(size.begin(), size.end()) < 2) {  // rejected later
     pieces.push_back(std::move(image));
     return;
@@ -196,7 +200,7 @@ void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& m
   cells.file_from_index = map;
   cells.file_from_index.origin += map.linear * Vec3::Constant(0.5);
   cells.hidden = hiddenOf(data->GetCellData(), vtkDataSetAttributes::HIDDENCELL);
-  cells.arrays = arraysOf(data->GetCellData());
+  cells.arrays = arraysOf(data->GetCellData(), notes);
   hideBoth(image, cells);
   pieces.push_back(std::move(image));
   pieces.push_back(std::move(cells));
@@ -209,7 +213,7 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   std::array<int, 3> size{};
   if (auto* image = vtkImageData::SafeDownCast(data)) {
     image->GetDimensions(size.data());
-    takeImage(data, size, mapOf(image), file, pieces);
+    takeImage(data, size, mapOf(image), file, pieces, notes);
     return true;
   }
   auto* rectilinear = vtkRectilinearGrid::SafeDownCast(data);
@@ -222,7 +226,7 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
     }
     if (*std::min_element(size.begin(), size.end()) > 1) {
       if (const auto map = straightMapOf(data, size)) {
-        takeImage(data, size, *map, file, pieces);
+        takeImage(data, size, *map, file, pieces, notes);
         return true;
       }
     }
@@ -233,6 +237,31 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   if (solid == nullptr) return false;
   meshes.push_back(std::move(solid));
   return true;
+}
+
+/// Copies a mesh, and sets the values of its cells to NaN where they mark missing data, so that
+/// averages do not include them.
+vtkSmartPointer<vtkDataSet> markMissingCells(vtkDataSet* mesh,
+                                             const std::vector<std::string>& names,
+                                             std::vector<std::string>& notes) {
+  auto out = vtk::TakeSmartPointer(mesh->NewInstance());
+  out->ShallowCopy(mesh);
+  for (const std::string& name : names) {
+    const Values given = valuesOf(mesh->GetCellData()->GetArray(name.c_str()));
+    const Values values = withoutSentinels(given, name, notes);
+    if (values.data() == given.data()) continue;
+    vtkNew<vtkDoubleArray> array;
+    array->SetName(name.c_str());
+    array->SetNumberOfComponents(values.components());
+    array->SetNumberOfTuples(static_cast<vtkIdType>(values.tuples()));
+    for (std::size_t i = 0; i < values.tuples(); ++i) {
+      for (int c = 0; c < values.components(); ++c) {
+        array->SetComponent(static_cast<vtkIdType>(i), c, values.at(i, c));
+      }
+    }
+    out->GetCellData()->AddArray(array);
+  }
+  return out;
 }
 
 /// Joins all blocks to one mesh. Moves data of cells to the points.
@@ -276,7 +305,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   }
   if (!moved.empty()) {
     vtkNew<vtkCellDataToPointData> points;
-    points->SetInputData(mesh);
+    points->SetInputData(markMissingCells(mesh, moved, notes));
     points->SetProcessAllArrays(false);
     for (const std::string& name : moved) points->AddCellDataArray(name.c_str());
     points->PassCellDataOn();
@@ -286,7 +315,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
         fmt::format("{}: one value per cell: averaged to the points", fmt::join(moved, ", ")));
   }
   Piece piece;
-  piece.arrays = arraysOf(mesh->GetPointData());
+  piece.arrays = arraysOf(mesh->GetPointData(), notes);
   piece.mesh = meshOf(mesh);
   return piece;
 }

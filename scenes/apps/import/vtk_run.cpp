@@ -1,6 +1,7 @@
 #include "palpate/scenes/apps/import/vtk_run.h"
 
 #include <cctype>
+#include <functional>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -19,7 +20,8 @@ namespace {
 /// Returns the part "what" of a VTK message "ERROR: In FILE, line N\nvtkClass (0x...): what\n\n".
 std::string shortened(const std::string& text) {
   std::string out = text;
-  if (out.rfind("ERROR: In ", 0) == 0 || out.rfind("Generic", 0) == 0) {
+  if (out.rfind("ERROR: In ", 0) == 0 || out.rfind("Warning: In ", 0) == 0 ||
+      out.rfind("Generic", 0) == 0) {
     const auto colon = out.find("): ");
     const auto line = out.find('\n');
     if (colon != std::string::npos) {
@@ -66,11 +68,12 @@ class Ear final : public vtkOutputWindow {
   [[nodiscard]] const std::string& heard() const { return first_; }
 
  private:
-  /// Records a warning as an error if it reports damage: VTK reports "Error reading ascii data"
-  /// only as a warning.
+  /// Records a warning as an error if the result may be wrong. VTK reports "Error reading ascii
+  /// data" and a version "higher than this reader supports" only as warnings.
   void hearWarning(const char* text) {
-    if (text != nullptr && std::string_view(text).find("rror reading") != std::string_view::npos) {
-      DisplayErrorText(text);
+    if (text == nullptr) return;
+    for (const std::string_view bad : {"rror reading", "higher than this reader supports"}) {
+      if (std::string_view(text).find(bad) != std::string_view::npos) DisplayErrorText(text);
     }
   }
 
@@ -101,6 +104,11 @@ void tell(vtkObject* caller, unsigned long /*event*/, void* client, void* /*data
 }
 
 }  // namespace
+
+void runQuietly(const std::function<void()>& task) {
+  const Listening listening;
+  task();
+}
 
 void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progress,
          const std::string& remedy) {

@@ -1,6 +1,7 @@
 /// Runs VTK's readers and filters. Converts their errors to exceptions and reports their progress.
 #pragma once
 
+#include <functional>
 #include <string>
 
 #include <vtkAlgorithm.h>
@@ -14,5 +15,8 @@ namespace palpate::importer {
 void run(
     vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
     const std::string& remedy = "the file may be truncated or damaged: copy or export it again");
+
+/// Calls a task, and discards VTK's messages.
+void runQuietly(const std::function<void()>& task);
 
 }  // namespace palpate::importer

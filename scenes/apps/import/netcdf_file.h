@@ -1,0 +1,87 @@
+/// Private to the importer: opens a netCDF file by the netCDF library, and finds the meaning of its
+/// dimensions.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <netcdf.h>
+#include <string>
+#include <vector>
+
+namespace palpate::importer {
+
+/// Meaning of a dimension.
+enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime, kNoSpace };
+
+struct Dimension {
+  std::string name;
+  std::size_t length = 0;
+  int variable = -1;  ///< Index of the variable with its positions; -1: none.
+  Is is = Is::kUnknown;
+  /// If the points of this dimension are the faces of cells, as in WRF's staggered grid: index of
+  /// the dimension of the cells' centres. -1: none.
+  int centres = -1;
+};
+
+struct Variable {
+  std::string name;
+  nc_type type = NC_NAT;
+  std::vector<int> dimensions;
+};
+
+/// An open file of the netCDF library. All functions throw VolumeError if the file is damaged.
+class NetcdfFile {
+ public:
+  explicit NetcdfFile(const std::filesystem::path& path);
+  NetcdfFile(const NetcdfFile&) = delete;
+  NetcdfFile& operator=(const NetcdfFile&) = delete;
+  ~NetcdfFile() { nc_close(id_); }
+
+  [[nodiscard]] const std::vector<Variable>& variables() const { return variables_; }
+  [[nodiscard]] const Variable& variable(int v) const {
+    return variables_[static_cast<std::size_t>(v)];
+  }
+  [[nodiscard]] const Dimension& dimension(int d) const {
+    return dimensions_[static_cast<std::size_t>(d)];
+  }
+  /// Returns the dimension of the cells' centres if d is one of their faces, else d.
+  [[nodiscard]] int centresOf(int d) const {
+    return dimension(d).centres < 0 ? d : dimension(d).centres;
+  }
+  /// Returns the index of the dimension or the variable with a name; -1 if there is none.
+  [[nodiscard]] int dimensionNamed(const std::string& name) const;
+  [[nodiscard]] int variableNamed(const std::string& name) const;
+
+  /// Returns true if the variable has the positions along a dimension.
+  [[nodiscard]] bool isPositions(int variable) const;
+  /// Returns the dimensions of a variable that are not time.
+  [[nodiscard]] std::vector<int> spaceOf(int variable) const;
+
+  /// Returns the text of an attribute; an empty text if it is absent.
+  [[nodiscard]] std::string text(int variable, const char* name) const;
+  /// Returns the numbers of an attribute; empty if it is absent.
+  [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const;
+  /// Reads the values of a variable from the indices `start` on, `count` along each dimension.
+  void read(int variable, const std::vector<std::size_t>& start,
+            const std::vector<std::size_t>& count, double* to) const;
+  /// Returns the positions along a dimension; indices from 0 if the file has no positions.
+  [[nodiscard]] std::vector<double> positions(int d) const;
+
+  /// Throws VolumeError if there are more values than the file could hold at the best possible
+  /// compression.
+  void checkAbsurd(double values) const;
+
+ private:
+  void check(int status) const;
+  [[noreturn]] void refuse(const std::string& why) const;
+  void findMeaning(int d);
+  void findCentres(int d);
+
+  std::filesystem::path path_;
+  int id_ = -1;
+  std::vector<Dimension> dimensions_;
+  std::vector<Variable> variables_;
+};
+
+}  // namespace palpate::importer
