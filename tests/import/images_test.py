@@ -5,6 +5,7 @@ import csv
 import gzip
 import io
 import json
+import math
 import os
 import struct
 import sys
@@ -797,6 +798,55 @@ class Nifti(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
         path = self.write("a.nii", nifti((4, 5, 6, 1), *SHORT), SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_a_step_without_contrast_is_a_frame(self):
+        """A sequence needs all frames: a lost step is empty, a step without data has the background."""
+        def frame(radius):
+            return [100.0 if sum((c - 4) ** 2 for c in (i, j, k)) < radius ** 2 else 7.0
+                    for k in range(9) for j in range(9) for i in range(9)]
+        steps = [[7.0] * 729, frame(2), [0.0] * 729, [math.nan] * 729, frame(3)]
+        path = self.write("a.nii", nifti((9, 9, 9, 5), *FLOAT, step=0.5),
+                          *(struct.pack("<729f", *s) for s in steps))
+        notes = self.series(path)
+        for says in ("density: all voxels have the same value", "background of the last step, 7"):
+            self.assertIn(says, notes)
+        for n, middle in enumerate((7, 100, 0, 7, 100)):
+            row = self.sample(self.dir / f"out_{n:04d}.vdb", "density", [(4, 4, 4)])[0]
+            self.assertEqual((float(row["value"]), row["inside"]), (middle, "1"))
+        scene = {"palpate": 1, "volumes": {"g": {"file": "out_%04d.vdb", "frames": {"rate": 2},
+                                                 "place": {"scale": 0.001}}},
+                 "modes": [{"mode": "isosurface", "of": "g", "value": 50, "strength": 5}]}
+        done = process.run([str(BIN / "palpate"), "check", str(self.write("s.json", json.dumps(scene)))],
+                           capture_output=True, text=True, timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        # A single image without contrast is not a volume to feel.
+        self.refused(path, "all voxels have the same value")
+
+    def series(self, path):
+        done = process.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"), "--json",
+                            "--time", "all"], capture_output=True, text=True, timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return "\n".join(note for step in json.loads(done.stdout) for note in step["notes"])
+
+    def test_a_displacement_of_zero_is_a_field(self):
+        path = self.write("zero.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1006), bytes(4 * 360))
+        out = self.convert(path)
+        self.holds(out, "vector", IDENTITY, (0, 0, 0), lambda *_: (0.0, 0.0, 0.0))
+        # A warp uses the field as its reference phase.
+        field = [v for c in (0.1, 0.2, 0.3) for v in [c] * 120]
+        (self.dir / "u_0001.vdb").write_bytes(out.read_bytes())
+        other = self.write("one.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1006), struct.pack("<360f", *field))
+        (self.dir / "u_0002.vdb").write_bytes(self.convert(other).read_bytes())
+        body = self.write("b.nii", nifti(SIZE, *SHORT), SHORTS)
+        (self.dir / "b.vdb").write_bytes(self.convert(body).read_bytes())
+        warp = {"field": "u", "times": [0, 1]}
+        scene = {"palpate": 1, "volumes": {
+            "u": {"file": "u_%04d.vdb", "place": {"scale": 0.001}},
+            "b": {"file": "b.vdb", "place": {"scale": 0.001, "warp": warp}}},
+            "modes": [{"mode": "isosurface", "of": "b", "value": 50, "strength": 5}]}
+        done = process.run([str(BIN / "palpate"), "check", str(self.write("s.json", json.dumps(scene)))],
+                           capture_output=True, text=True, timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
 
     @suite.smoke
     def test_the_fifth_dimension_holds_vectors(self):

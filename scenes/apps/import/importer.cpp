@@ -112,8 +112,25 @@ ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
   return second;
 }
 
+/// Tolerance with which no voxel counts as background.
+constexpr double kKeepAll = -1.0;
+
+/// Returns true if an image is imported even if all its values are equal: a field of vectors may be
+/// a displacement of zero, and a step of a series is a frame of a sequence, which must not miss
+/// one.
+bool keepsConstant(const Options& options, const Array& array) {
+  return !options.iso && (options.time == "all" || array.values.components() == 3);
+}
+
+Values constantLike(const Values& values, double constant) {
+  Values out(Type::kFloat32, values.components(), values.tuples());
+  std::fill_n(out.as<float>(), out.size(), static_cast<float>(constant));
+  return out;
+}
+
 Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
-                   const Telling& telling, std::vector<std::string>& notes, const Shared& shared) {
+                   const Telling& telling, std::vector<std::string>& notes, const Shared& shared,
+                   Backgrounds& backgrounds) {
   telling.stage(array.name);
   hideFillValues(array, notes, shared);
   if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
@@ -142,14 +159,36 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
     // The filter leaves small values around each object, so they become inactive by default.
     if (!options.tolerance) tolerance = 1e-3 * smoothed.range;
   }
-  if (options.voxel > 0.0 && !options.iso) {
-    imported.made = gridOnCubes(piece, array, options.voxel, tolerance, in, telling.progress);
+  const bool on_cubes = options.voxel > 0.0 && !options.iso;
+  const auto make = [&](double within) {
+    return on_cubes ? gridOnCubes(piece, array, options.voxel, within, in, telling.progress)
+                    : gridFromImage(piece, array, within, in, telling.progress, shared);
+  };
+  imported.made = make(tolerance);
+  if (imported.made.active == 0 && keepsConstant(options, array)) {
+    if (imported.made.holes == imported.made.voxels) {
+      const double background = backgrounds[array.name];
+      array.values = constantLike(array.values, background);
+      piece.hidden = Values();
+      notes.push_back(
+          fmt::format("{}: no voxel has data: all get the background of the last step, "
+                      "{:g}",
+                      array.name, background));
+    } else {
+      notes.push_back(
+          fmt::format("{}: all voxels have the same value, and all are kept", array.name));
+    }
+    imported.made = make(kKeepAll);
+    imported.made.tolerance = 0.0;
+  } else if (array.values.components() == 1) {
+    backgrounds[array.name] = imported.made.background;
+  }
+  if (on_cubes) {
     imported.resampling = sumOf(errorOf(piece, array, imported.made),
                                 imported.resampling.value_or(ResamplingError{}));
     imported.voxel = options.voxel;
     imported.image = openvdb::CoordBBox();
   } else {
-    imported.made = gridFromImage(piece, array, tolerance, in, telling.progress, shared);
     imported.image =
         openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
   }
@@ -254,6 +293,12 @@ void checkAsked(const Request& request, const Content& content) {
 
 }  // namespace
 
+bool hasContrast(const Step& step) {
+  return std::any_of(step.grids.begin(), step.grids.end(), [](const Imported& imported) {
+    return imported.level_set || imported.made.lowest < imported.made.highest;
+  });
+}
+
 std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                 ProcessGroup& group) {
   Request request = options.request;
@@ -268,7 +313,7 @@ std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
 }
 
 Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
-                ProcessGroup& group) {
+                ProcessGroup& group, Backgrounds& backgrounds) {
   SingleProcess alone;
   const Shared shared(isInParts(options, group) ? group : alone);
   const std::string in = options.request.file.string();
@@ -294,8 +339,8 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
     for (Array& array : piece.arrays) {
       // Frees each array before the next one is converted, so that only one array is in memory
       // twice.
-      Imported imported =
-          fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes, shared);
+      Imported imported = fromImage(options, piece, std::exchange(array, {}), in, telling,
+                                    out.notes, shared, backgrounds);
       const std::string name = imported.made.grid->getName();
       if (imported.made.active == 0) {
         out.notes.push_back(fmt::format("{}: skipped: {}", name, emptyBecause(imported)));

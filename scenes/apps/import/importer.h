@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -68,12 +69,21 @@ struct Telling {
 [[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
                                               ProcessGroup& group);
 
-/// Reads a step, makes its grids and sets their metadata. If all arrays are constant, the step has
-/// no grids, and its notes state the reason. Throws Error.
+/// Background of each scalar array at the last step that had data, by the array's name. A step of a
+/// series without data gets this value, so that the sequence has all its frames.
+using Backgrounds = std::map<std::string, double>;
+
+/// Returns true if the values of a grid of the step vary.
+[[nodiscard]] bool hasContrast(const Step& step);
+
+/// Reads a step, makes its grids and sets their metadata. Leaves out scalars that are constant,
+/// unless --time all makes the frames of a sequence. If no grid is left, the notes state the
+/// reason. Throws Error.
 /// @param group  Process group. Each rank gets its part of an image's grid (Imported::share). A
 ///               grid from a mesh, from cubes or from --iso is whole on every rank.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
-                              const Telling& telling, ProcessGroup& group);
+                              const Telling& telling, ProcessGroup& group,
+                              Backgrounds& backgrounds);
 
 /// Writes the grids with Blosc compression, frees them, and reads them back as a scene does. Throws
 /// Error if a grid is then rejected; the file remains.

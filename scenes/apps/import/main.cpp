@@ -120,10 +120,11 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
 
   std::string text;
   std::string scene;
-  fs::path first;
+  fs::path first;  // the first step that the hand can feel
+  Backgrounds backgrounds;
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
-    Step step = importStep(options, *reader, number, telling, group);
+    Step step = importStep(options, *reader, number, telling, group, backgrounds);
     fs::path out = options.out;
     if (options.time == "all") {
       const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
@@ -136,13 +137,11 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
                     "import arrays whose values vary");
       }
       step.notes.emplace_back("no file for this step: no array has values that vary");
-    } else {
-      if (first.empty()) {
-        first = out;
-        if (!options.scene.empty()) {
-          addBodies(step);
-          scene = writeScene(options, out, step, teller);
-        }
+    } else if (first.empty() && (hasContrast(step) || steps.size() == 1)) {
+      if (hasContrast(step)) first = out;
+      if (!options.scene.empty()) {
+        addBodies(step);
+        scene = writeScene(options, out, step, teller);
       }
     }
     if (count > 1 && options.time.empty()) {
@@ -285,10 +284,11 @@ int main(int argc, char** argv) {
   app.name("palpate import");
   importer::Options options;
   importer::Request& request = options.request;
-  app.add_option(
-         "IN", request.file,
-         "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy or XML), Exodus II, CGNS, an "
-         "OpenFOAM case, netCDF (CF), PLOT3D with --solution, or raw values with --raw")
+  app.add_option("IN", request.file,
+                 "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy, XML, HDF5 or .pvd), "
+                 "Exodus II, "
+                 "CGNS, an OpenFOAM case, netCDF (CF or WRF), PLOT3D with --solution, or raw "
+                 "values with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write, or the folder with --bricks")->required();
   app.add_option("--field", request.fields,
@@ -314,7 +314,7 @@ int main(int argc, char** argv) {
                  "or tensor (6)")
       ->check(CLI::IsMember({"vector", "tensor"}));
   app.add_flag("--follow", request.follow,
-               "NRRD, MetaImage: also read data files in other folders than the header's");
+               "NRRD, MetaImage, .pvd: also read data files in other folders than the header's");
   app.add_option("--solution", request.solution, "PLOT3D: the solution (Q file) of the grid IN");
   app.add_option("--raw", request.raw,
                  "Layout of raw values: JSON, or the path of a JSON file; keys: size, type, "

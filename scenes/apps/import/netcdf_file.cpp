@@ -46,7 +46,8 @@ NetcdfFile::NetcdfFile(const std::filesystem::path& path) : path_(path) {
                      nullptr));
     variable.name = name.data();
     for (const int d : variable.dimensions) {
-      if (d < 0 || d >= dimensions) refuse("the dimensions of a variable are invalid");
+      if (d < 0 || d >= dimensions)
+        refuse(fmt::format("the dimensions of the variable {} are invalid", variable.name));
     }
     variables_.push_back(std::move(variable));
   }
