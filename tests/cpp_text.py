@@ -15,6 +15,9 @@ def code_of(text):
     """Returns the bytes of a source without comments and without empty lines. Comments for clang-tidy stay."""
     def kept(match):
         comment = match["comment"]
-        return b" " if comment and b"NOLINT" not in comment else match[0]
+        if comment:
+            return match[0] if b"NOLINT" in comment else b" "
+        # Lines of a raw string stay as they are.
+        return match[0].replace(b"\n", b"\0")
     lines = TOKEN.sub(kept, text).splitlines()
     return b"\n".join(line.rstrip() for line in lines if line.strip())

@@ -56,8 +56,9 @@ struct Iteration {
 };
 
 /// Returns true if primitives vary, and no varying primitive is a directed force or a plane on a
-/// surface. All primitives are then anchored at the proxy, except a front in snap-drag. The balance
-/// at the last reading then adds no energy; the rest of Newton's step might.
+/// surface. All primitives are then anchored at the proxy, except a front in snap-drag and the
+/// lines of traced streams (rail.h). The balance at the last reading then adds no energy; the rest
+/// of Newton's step might.
 [[nodiscard]] bool anchored(const BalanceMemory& b) noexcept;
 
 /// Reads properties at `at` [m]: step 1 of the paper's figure 1. RT: no allocation.

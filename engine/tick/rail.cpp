@@ -128,7 +128,12 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   const Vec3 aside = balance - line.position;
   constexpr double kStays = 1e-5;  // [voxels] along the line: a proxy with a shorter step rests
   const double straight = line.direction.dot(trial.end - line.position);
-  if (std::abs(straight) < kStays * along.voxel) return false;
+  if (std::abs(straight) < kStays * along.voxel) {
+    // What waits belongs to the line that was followed before.
+    if (rail.followed != one.of) rail.waiting.setZero();
+    rail.followed = one.of;
+    return false;
+  }
   // If the trial step ends before its target, or if a wall fixes the target, the curve gets the
   // same length. Any other complete step leads to the place nearest to the hand. If the scene has
   // only this stream, the trace itself reads the stream, so that the reading is valid for longer.
@@ -165,8 +170,9 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
                                line.strength / tick.balance.stiffness);
   const bool near = !fixed && std::abs(pull) <= most;
   RailLine* entry = entryFor(*one.of, rail);
-  if (entry == nullptr) return false;
+  if (entry == nullptr) entry = &rail.lines.back();  // that of a stream which is not followed
   *entry = {one.of, one.motion(), trace.direction, place, laid.ahead, line.strength};
+  rail.followed = one.of;
   rail.waiting = near ? Vec3(-pull * laid.ahead) : Vec3(Vec3::Zero());
   trial.end += place - (line.position + straight * line.direction);
   if (uncut && !ends) trial.cut = !trace.arrived;

@@ -40,6 +40,8 @@ struct Rail {
   /// negative of the pull that is left along the stream, or zero if that pull exceeds the
   /// tolerance.
   Vec3 waiting = Vec3::Zero();
+  /// The mode that added the line which the proxy follows; null before the first.
+  const ModeMemory* followed = nullptr;
 
   /// Returns the line of a mode; null if its curve was not traced.
   [[nodiscard]] const RailLine* lineOf(const ModeMemory& memory) const noexcept {
@@ -52,6 +54,7 @@ struct Rail {
   void clear() noexcept {
     laid = any = false;
     count = 0;
+    followed = nullptr;
     waiting.setZero();
   }
 };

@@ -422,7 +422,8 @@ Box boundsOfVoxels(const BrickLevel& level, const VoxelAt& lower, const VoxelAt&
   return bounds;
 }
 
-void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& info) {
+void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& info,
+                    std::array<VoxelAt, 2>& active_box) {
   const double active = FactsReader::number(statistics.at("active_voxels"));
   if (!(active >= 0.0 && active <= 1e19))
     throw std::range_error("its active_voxels is not in 0 to 1e19");
@@ -431,9 +432,9 @@ void readStatistics(const Json& statistics, const BrickLevel& finest, GridInfo& 
     info.refusal = "it has no active voxel: write it with its values active";
     return;
   }
-  const VoxelAt lower = FactsReader::voxel(statistics.at("active_lower"));
-  const VoxelAt upper = FactsReader::voxel(statistics.at("active_upper"));
-  info.bounds = boundsOfVoxels(finest, lower, upper);
+  active_box = {FactsReader::voxel(statistics.at("active_lower")),
+                FactsReader::voxel(statistics.at("active_upper"))};
+  info.bounds = boundsOfVoxels(finest, active_box[0], active_box[1]);
   info.lowest = FactsReader::number(statistics.at("lowest"));
   info.highest = FactsReader::number(statistics.at("highest"));
   info.mean = FactsReader::number(statistics.at("mean"));
@@ -511,7 +512,7 @@ void BrickFacts::readFacts(const Json& json, BrickManifest& manifest) {
   info.voxel = linear.colwise().norm().transpose();
   const Vec3 background(manifest.background_[0], manifest.background_[1], manifest.background_[2]);
   info.background = info.vector ? background.norm() : background.x();
-  readStatistics(facts.at("statistics"), manifest.levels_.front(), info);
+  readStatistics(facts.at("statistics"), manifest.levels_.front(), info, manifest.active_box_);
 }
 
 BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::string& called) {

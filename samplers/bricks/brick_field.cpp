@@ -71,7 +71,7 @@ class BrickLevelSource {
   BrickLevelSource(const BrickWindow& window, std::int32_t level)
       : window_(&window), level_(level) {
     // Voxel I of a level consists of the voxels 2 I and 2 I + 1 of the finer level.
-    const auto& [lower, upper] = window.manifest().extent();
+    const auto& [lower, upper] = window.manifest().activeBox();
     for (std::size_t a = 0; a < 3; ++a) {
       ends_.lower[a] = lower[a] >> level;
       ends_.upper[a] = upper[a] >> level;

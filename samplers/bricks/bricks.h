@@ -187,6 +187,8 @@ class BrickManifest {
   /// Returns the first and the last voxel of the box in which level 0 may differ from the
   /// background.
   [[nodiscard]] const std::array<VoxelAt, 2>& extent() const noexcept { return extent_; }
+  /// Returns the first and the last voxel of the box of the active voxels of level 0.
+  [[nodiscard]] const std::array<VoxelAt, 2>& activeBox() const noexcept { return active_box_; }
   /// Returns the metadata of the volume's file, such as units, as a JSON object.
   [[nodiscard]] const std::string& metadata() const noexcept { return metadata_; }
   /// Returns the sum of the sizes of all objects [bytes].
@@ -203,6 +205,7 @@ class BrickManifest {
   std::vector<std::vector<BrickEntry>> entries_;
   std::uint64_t identity_ = 0;
   std::array<VoxelAt, 2> extent_{};
+  std::array<VoxelAt, 2> active_box_{};
   std::string metadata_;
 };
 

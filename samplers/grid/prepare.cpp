@@ -135,7 +135,7 @@ std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool 
            "(or set \"non_finite\": \"fill\" in the scene)";
   }
   if (info.active_voxels == 0) {
-    return "it has no active voxel: write the grid with its values active";
+    return kNoActiveVoxel;
   }
   const Mat3 size = parts.front().linear.colwise().norm().asDiagonal();
   if (info.was_local && parts.size() == 3 && !parts.front().linear.cwiseAbs().isApprox(size)) {

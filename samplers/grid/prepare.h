@@ -9,6 +9,10 @@
 
 namespace palpate {
 
+/// The refusal of a grid in which nothing is.
+inline constexpr const char* kNoActiveVoxel =
+    "it has no active voxel: write the grid with its values active";
+
 /// A prepared grid: its description, and the data of its Volume.
 struct Prepared {
   GridInfo info;

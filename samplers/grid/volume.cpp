@@ -168,7 +168,7 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
     const auto colon = why.find(": ");
     const std::string reason = why.substr(0, colon);
     const std::string remedy = why.substr(colon + 2);
-    const bool empty = prepared.info.active_voxels == 0 && !prepared.grid->parts.empty();
+    const bool empty = why == kNoActiveVoxel && prepared.info.filled == 0;
     if (empty) throw NoDataError(name, reason, remedy);
     throw VolumeError(name, reason, remedy);
   }

@@ -109,7 +109,8 @@ ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestIn
   scalar.entropy = entropyOf(scalar.values);
   const LevelIntegrals levels = integrateLevels(samples, scalar, edges);
   scalar.boundaries = findBoundaries(levels, scalar, edge, input.inactive_is_data);
-  if (scalar.boundaries.empty()) {
+  // A front has data on both sides, so it is searched among all values only.
+  if (scalar.boundaries.empty() && !scalar.common) {
     if (const auto front = findFront(input, scalar)) scalar.boundaries.push_back(*front);
   }
   scalar.has_object = !scalar.boundaries.empty();

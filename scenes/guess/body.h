@@ -24,7 +24,8 @@ inline constexpr const char* kMetaBodyOf = "body_of";
 /// vessels in a lung. All other sets are left out, such as the table below a patient. Returns no
 /// value if the image has other units, or if nothing is left out.
 ///
-/// Cost: one pass over the box of the active voxels, and 24 bytes for each run of voxels along z.
+/// Cost: one pass over the box of the active voxels, and some 50 bytes for each run of voxels along
+/// z.
 [[nodiscard]] std::optional<LargestBody> findLargestBody(const SuggestInput& image);
 
 }  // namespace palpate::guess

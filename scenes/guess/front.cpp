@@ -142,7 +142,7 @@ std::optional<Boundary> findFront(const SuggestInput& input, const ScalarAnalysi
       });
   const double range = scalar.range();
   const auto steep = std::count_if(samples.begin(), samples.end(), [&](const LineSample& s) {
-    return s.known && crossesFront(s, range) && s.steepest > 0.0;
+    return s.known && crossesFront(s, range);
   });
   const auto count = static_cast<double>(samples.size());
   if (steep == 0 || static_cast<double>(steep) > kMostly * count) return std::nullopt;

@@ -62,9 +62,9 @@ struct LevelIntegrals {
 /// the distinct values, and the fractions of neighbours that are equal or skip a value.
 void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& scalar);
 
-/// Returns a value that marks missing data: it occurs at `least` places or more, and is far from all
-/// other values. Returns no value if the grid has so few different values that they may be labels.
-/// `sorted` is ascending and not empty.
+/// Returns a value that marks missing data: it occurs at `least` places or more, and is far from
+/// all other values. Returns no value if the grid has so few different values that they may be
+/// labels. `sorted` is ascending and not empty.
 [[nodiscard]] std::optional<float> noDataOf(const std::vector<float>& sorted, double least);
 
 /// Returns whether the values are the signed distance to a surface. Their gradient then has the

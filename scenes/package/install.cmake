@@ -28,7 +28,10 @@ if(NOT PALPATE_ENGINE_ONLY)
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   # Patterns for users' own profiles. Their schema is one folder up.
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/devices/hid/profiles ${PROJECT_SOURCE_DIR}/scenes/examples
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs USE_SOURCE_PERMISSIONS)
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs
+    PATTERN prepare EXCLUDE)
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/examples/prepare
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate/examples COMPONENT programs)
   # The book as Markdown, which a browser or a pager reads.
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/docs/
     DESTINATION ${CMAKE_INSTALL_DOCDIR}/book COMPONENT doc
