@@ -120,7 +120,8 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
 
   std::string text;
   std::string scene;
-  fs::path first;  // the first step that the hand can feel
+  fs::path first;  // the first step with contrast, else the first step
+  bool has_contrast = false;
   Backgrounds backgrounds;
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
@@ -137,9 +138,10 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
                     "import arrays whose values vary");
       }
       step.notes.emplace_back("no file for this step: no array has values that vary");
-    } else if (first.empty() && (hasContrast(step) || steps.size() == 1)) {
-      if (hasContrast(step)) first = out;
-      if (!options.scene.empty()) {
+    } else if (first.empty() || (!has_contrast && hasContrast(step))) {
+      first = out;
+      has_contrast = hasContrast(step);
+      if (!options.scene.empty() && (has_contrast || steps.size() == 1)) {
         addBodies(step);
         scene = writeScene(options, out, step, teller);
       }
