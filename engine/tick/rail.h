@@ -32,10 +32,10 @@ struct RailLine {
 struct Rail {
   static constexpr std::size_t kMost = 4;  ///< Largest number of lines.
 
-  bool laid = false;      ///< True if the curves were traced for the last balance.
-  bool any = false;       ///< True if a stream has a line.
-  std::size_t count = 0;  ///< Number of lines.
-  std::array<RailLine, kMost> lines;
+  bool laid = false;                  ///< True if the curves were traced for the last balance.
+  bool any = false;                   ///< True if a stream has a line.
+  std::size_t count = 0;              ///< Number of lines.
+  std::array<RailLine, kMost> lines;  ///< The lines; the first `count` are valid.
   /// Shift of the probe [m] that balances the line that the proxy follows at its place. It is the
   /// negative of the pull that is left along the stream, or zero if that pull exceeds the
   /// tolerance.

@@ -180,10 +180,10 @@ class TrilinearKernel {
   [[gnu::noinline]] void loadKnown(const Rows<Number, kWidth>& rows, std::uint64_t known,
                                    Turn turn) noexcept {
     using Voxel = std::array<int, 3>;
-    const auto isKnown = [known](const Voxel& v) {
+    const auto is_known = [known](const Voxel& v) {
       return (known >> bitOf<kWidth>(v[0], v[1], v[2]) & 1U) != 0;
     };
-    const auto numberAt = [&rows](const Voxel& v, std::size_t c) {
+    const auto number_at = [&rows](const Voxel& v, std::size_t c) {
       const Number* row = rows(static_cast<std::size_t>(v[0]), static_cast<std::size_t>(v[1]));
       return static_cast<double>(row[static_cast<std::size_t>(v[2]) * kC + c]);
     };
@@ -191,18 +191,18 @@ class TrilinearKernel {
     for (std::size_t n = 0; n < 8; ++n) {
       const auto bits = static_cast<int>(n);
       const Voxel here{1 + bits / 4, 1 + bits / 2 % 2, 1 + bits % 2};
-      for (std::size_t c = 0; c < kC; ++c) at[c][n] = numberAt(here, c);
+      for (std::size_t c = 0; c < kC; ++c) at[c][n] = number_at(here, c);
       for (std::size_t a = 0; a < 3; ++a) {
         Voxel low = here;
         Voxel high = here;
         --low[a];
         ++high[a];
-        if (!isKnown(low)) low = here;
-        if (!isKnown(high)) high = here;
-        const int steps = isKnown(here) ? high[a] - low[a] : 0;
+        if (!is_known(low)) low = here;
+        if (!is_known(high)) high = here;
+        const int steps = is_known(here) ? high[a] - low[a] : 0;
         const double scale = steps == 0 ? 0.0 : 1.0 / steps;
         for (std::size_t c = 0; c < kC; ++c) {
-          at[(1 + a) * kC + c][n] = scale * (numberAt(high, c) - numberAt(low, c));
+          at[(1 + a) * kC + c][n] = scale * (number_at(high, c) - number_at(low, c));
         }
       }
     }

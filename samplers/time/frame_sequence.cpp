@@ -85,10 +85,10 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   const GridInfo& is = out.volume->info();
   const GridInfo& like = first != nullptr ? first->info() : is;
   // A grid without a class is read like a fog.
-  const auto readAs = [](const GridInfo& of) {
+  const auto read_as = [](const GridInfo& of) {
     return of.grid_class == GridClass::kUnknown ? GridClass::kFog : of.grid_class;
   };
-  if (is.vector != like.vector || readAs(is) != readAs(like)) {
+  if (is.vector != like.vector || read_as(is) != read_as(like)) {
     const auto kind = [](const GridInfo& of) { return of.type + ", " + wordFor(of.grid_class); };
     throw VolumeError(
         request.file.string(),
@@ -383,8 +383,8 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
   first_ = begun.volume;
   frame_ = frameOf(begun.field);
   for (std::size_t i = 0; i < frames_.size(); ++i) {
-    Loaded next =
-        i == begin ? std::move(begun) : loadFrame(frames_[i], placement, sampling, first_.get());
+    Loaded next = i == begin ? std::exchange(begun, {})
+                             : loadFrame(frames_[i], placement, sampling, first_.get());
     if (i == 0) first_field_ = next.field;
     if (isEmpty(next)) {
       ++empty_;

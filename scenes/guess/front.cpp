@@ -30,9 +30,10 @@ template <class Reader>
 bool readLine(const Reader& reader, const SuggestInput& input, const openvdb::Coord& at,
               const openvdb::Vec3d& step, LineSample& sample) {
   std::array<float, 2 * kHalfLine + 1> values{};
-  for (int i = -kHalfLine; i <= kHalfLine; ++i) {
-    const openvdb::Coord c = at + openvdb::Coord::round(step * static_cast<double>(i));
-    float& value = values[static_cast<std::size_t>(i + kHalfLine)];
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double along = static_cast<double>(i) - kHalfLine;
+    const openvdb::Coord c = at + openvdb::Coord::round(step * along);
+    float& value = values[i];
     const bool active = reader.probeValue(c, value);
     const bool within = input.extent.empty() || input.extent.isInside(c);
     if (!(active || (input.inactive_is_data && within)) || !std::isfinite(value)) return false;

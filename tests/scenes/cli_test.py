@@ -513,7 +513,7 @@ class Room(Case):
             "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 3, "solid": "below"}]}))
         told = run("check", scene)
         for text in (told.stdout, told.stderr):
-            self.assertRegex(text, "stiffness 9000 N/m: unstable on the simulated arm, also while "
+            self.assertRegex(text, "stiffness 9000 N/m: unstable on the simulated arm, even while "
                                    r"held: use less than \d+ N/m\n")
         os.remove(scene)
 

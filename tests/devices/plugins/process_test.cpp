@@ -491,7 +491,7 @@ TEST_CASE("a failure to open a plug-in is reported with the reason", "[plugin]")
     ends = true;
   };
   host.stop = [&] { return ends.load(); };
-  CHECK(refusal([&] { (void)openOdd("slow", host); }).find("the program ended") !=
+  CHECK(refusal([&] { (void)openOdd("slow", host); }).find("the program was stopped") !=
         std::string::npos);
   CHECK(words.find("press its button") != std::string::npos);
 }
