@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -45,6 +46,19 @@ class Rooms(unittest.TestCase):
             self.assertNotEqual(hash_with("int a = 1;  // NOLINT(cert-err58-cpp)\n"), before)
             for a, b in (('R"(\n// 1\n)"', 'R"(\n// 2\n)"'), ('"/*1*/"', '"/*2*/"'), ("10'000 + '\"'; // x\n\"", "10'000 + '\"'; // y\n\"")):
                 self.assertEqual(hash_with(f"int a = {a}\n") == hash_with(f"int a = {b}\n"), "10'000" in a)
+
+
+class Shards(unittest.TestCase):
+    def test_a_name_with_a_semicolon_is_one_case(self):
+        with tempfile.TemporaryDirectory() as folder:
+            program, out = Path(folder) / "tests", Path(folder) / "tests.cmake"
+            program.write_text("#!/bin/sh\nprintf 'one\\n\\nits value; its slope\\nthree\\n'\n")
+            program.chmod(0o755)
+            subprocess.run(["cmake", "-D", f"PROGRAM={program}", "-D", f"OUT={out}", "-D", "ROOM=room",
+                            "-DSETS=all|spec|room|-|1;own|spec|room|host|1", "-P",
+                            gate.ROOT / "tests" / "support" / "list_shards.cmake"], check=True)
+            self.assertEqual(Path(f"{out}.counts").read_text(), "3 all\n")
+            self.assertIn("[==[own.its value; its slope]==]", out.read_text())
 
 
 class Report(unittest.TestCase):
