@@ -8,8 +8,7 @@
 
 namespace palpate {
 
-/// An error with a message of one line. what() has three parts: the subject, the reason and the
-/// remedy.
+/// An error with a message of one line: what() has the subject, the reason and the remedy.
 class Error : public std::runtime_error {
  public:
   Error(const std::string& subject, const std::string& reason, const std::string& remedy)
@@ -33,14 +32,13 @@ class Error : public std::runtime_error {
 /// A file or grid that cannot be used.
 class VolumeError : public Error {
  public:
-  using Error::Error;  ///< Takes the subject, the reason and the remedy.
+  using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
 };
 
-/// A scene description that is wrong. The subject is the JSON path of the error, such as
-/// /modes/0/of.
+/// A wrong scene description. The subject is the JSON path of the error, such as /modes/0/of.
 class SceneError : public Error {
  public:
-  using Error::Error;  ///< Takes the subject, the reason and the remedy.
+  using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
   /// Returns the same error with the file or path of the description before its subject.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
     return {place + ": " + error.subject(), error.reason(), error.remedy()};
@@ -50,11 +48,10 @@ class SceneError : public Error {
 /// A device, or the description of a simulated device, that cannot be used.
 class DeviceError : public Error {
  public:
-  using Error::Error;  ///< Takes the subject, the reason and the remedy.
+  using Error::Error;  ///< The arguments are the subject, the reason and the remedy.
 };
 
-/// Returns the candidate whose spelling is nearest to `name`, for remedies. Returns an empty string
-/// if no candidate is near.
+/// Returns the candidate with the spelling nearest to `name`, for remedies; empty if all are far.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

@@ -1,6 +1,5 @@
-/// Floating-point mode of ticks, independent of the mode that the host application has set. The
-/// application may flush denormals to zero, round upwards or trap at a NaN. This changes no bit of
-/// a tick's results, and the tick does not trap.
+/// Floating-point mode of ticks. A host application may flush denormals to zero, round upwards or
+/// trap at a NaN; ticks then still give the same bits, and do not trap.
 #pragma once
 
 #if defined(__x86_64__)
@@ -11,9 +10,8 @@
 
 namespace palpate {
 
-/// Sets the floating-point mode of this thread to the default of IEEE 754 while the object lives:
-/// rounding to nearest, with denormals, without traps. The destructor restores the previous mode.
-/// RT: no allocation. Cost: some 2 ns.
+/// Sets this thread's floating-point mode to the default of IEEE 754 while the object lives:
+/// rounding to nearest, with denormals, without traps. RT: no allocation. Cost: some 2 ns.
 class ScopedFloatMode {
  public:
   ScopedFloatMode(const ScopedFloatMode&) = delete;
@@ -29,7 +27,7 @@ class ScopedFloatMode {
 
  private:
   static constexpr unsigned kPlain = 0x1F80;  // value of MXCSR after a reset
-  // its lowest bits, which record exceptions that have occurred
+  // its lowest bits, which record exceptions
   static constexpr unsigned kSticky = 0x3F;
   [[nodiscard]] bool differs() const noexcept {
     return (before_ & ~kSticky) != kPlain;

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 
 /// Marks a function that a tick calls: no allocation, no lock, no system call. RealtimeSanitizer
-/// checks this if the compiler has it (clang 20). With other compilers the tests count allocations.
+/// checks this if the compiler has it (clang 20); otherwise the tests count allocations.
 #if defined(__has_cpp_attribute)
 #if __has_cpp_attribute(clang::nonblocking)
 #define PALPATE_NONBLOCKING [[clang::nonblocking]]

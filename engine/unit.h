@@ -7,7 +7,7 @@
 
 namespace palpate {
 
-/// Writes v/|v| to `direction`. Returns false and writes nothing if v has no direction. RT: no
+/// Writes v/|v| to `direction`. If v has no direction, returns false and does not write. RT: no
 /// allocation.
 [[nodiscard]] inline bool unit(const Vec3& v, Vec3& direction) noexcept {
   const double length = v.norm();

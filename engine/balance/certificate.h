@@ -1,5 +1,4 @@
-/// Private to engine/balance: an upper bound on the distance from a guess to the balance, by the
-/// duality gap.
+/// Private to engine/balance: an upper bound on the distance from a guess to the balance.
 #pragma once
 
 #include <algorithm>
@@ -10,15 +9,14 @@
 
 namespace palpate::solver {
 
-/// A multiplier counts as parallel to its displacement d if the cosine of the angle between them is
-/// at least this.
+/// A multiplier counts as parallel to its displacement d if their cosine is at least this.
 inline constexpr double kAlong = 1.0 - 1e-4;
 
-/// Returns an upper bound on |y - y*|, the distance from the place `at` to the balance y*, by the
-/// duality gap. The gap is a sum of terms >= 0, so rounding does not cancel them. The function
-/// computes the gap for two dual points and returns the smaller bound. The first dual point
-/// consists of the multipliers. In the second, d/|d| replaces each multiplier that is parallel to d
-/// = P y - b. `by_multipliers` becomes true if the second bound is not smaller than the first.
+/// Returns an upper bound on |y - y*|, the distance from the place `at` to the balance y*. The
+/// duality gap is a sum of terms >= 0, so rounding does not cancel them. The function computes the
+/// gap for two dual points and returns the smaller bound. The first consists of the multipliers. In
+/// the second, d/|d| replaces each multiplier that is parallel to d = P y - b. `by_multipliers`
+/// becomes true if the second bound is not smaller.
 inline double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
   constexpr double kLastDigits = 4.0 * kEpsilon;
   const Terms& t = problem.terms;
@@ -42,8 +40,7 @@ inline double certify(const Problem& problem, const Vec3& at, bool& by_multiplie
     const double sigma = t.sigma[i];
     const double distance = std::sqrt(dx * dx + dy * dy + dz * dz);
     const double held = zx * dx + zy * dy + zz * dz;
-    // The difference `distance - held` is accurate only to the last digits of both numbers. The
-    // bound includes this rounding error.
+    // `distance - held` is accurate only to the last digits of both numbers.
     const double loss = sigma * (larger(distance - held, 0.0) + kLastDigits * distance);
     const bool off = held > kAlong * distance;
     const double per = 1.0 / larger(distance, std::numeric_limits<double>::min());
@@ -63,8 +60,7 @@ inline double certify(const Problem& problem, const Vec3& at, bool& by_multiplie
   return std::sqrt(std::min(by_z, by_d));
 }
 
-/// Replaces each multiplier that is parallel to its displacement d by d/|d|. The result is the
-/// second dual point of certify().
+/// Replaces the multipliers by the second dual point of certify().
 inline void turnAlongDisplacements(Problem& problem, const Vec3& at) noexcept {
   const Terms& t = problem.terms;
   for (std::size_t i = 0; i < t.count; ++i) {

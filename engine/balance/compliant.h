@@ -1,6 +1,6 @@
 /// Private to engine/balance: finds the balance of several frictions by Newton's method. A kink is
-/// a plane, line or point at which the force of a primitive jumps. Here each force rises over a
-/// short distance, the compliance of the kink. At the end the compliance is removed.
+/// a plane, line or point at which a primitive's force jumps. Here each force rises over a short
+/// distance, the compliance of the kink, which is removed at the end.
 #pragma once
 
 #include <algorithm>
@@ -25,7 +25,6 @@ inline constexpr double kEnough = 1e-10;
 inline constexpr double kRoughly = 1e-6;
 inline constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
-/// Returns the projector perpendicular to the unit vector q.
 inline Mat3 acrossOf(const Vec3& q) noexcept {
   return Mat3::Identity() - q * q.transpose();
 }
@@ -35,15 +34,14 @@ inline Vec3 inBall(const Vec3& v) noexcept {
   return length > 1.0 ? Vec3(v / length) : v;
 }
 /// Returns the derivative of v/m by v. T projects on the possible directions of v. If the kink
-/// sticks, m is constant. If the kink slips, m = |v|, and the dual b replaces one factor v/|v|.
+/// sticks, m is constant. If it slips, m = |v|, and the dual b replaces one factor v/|v|.
 inline Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool sticks) noexcept {
   const double length = v.norm();
   if (sticks || !(length > 0.0)) return T / m;
   return (T - b * (v / length).transpose()) / m;
 }
 
-/// A balance in which every kink has the compliance c. All places are relative to the old proxy,
-/// which is the proxy before the balance.
+/// A balance in which every kink has the compliance c. All places are relative to the old proxy.
 class Compliant {
  public:
   Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
@@ -106,18 +104,17 @@ class Compliant {
     if (!known_) dropKept();
   }
 
-  /// Finds the loads and frictions, and removes the compliance. Returns false if Newton's method
-  /// found a solution from none of its starts.
+  /// Finds the loads and frictions, and removes the compliance. Returns false without a solution.
   bool solve() noexcept {
     if (known_ && warmStart() && removeCompliance()) return true;
     dropKept();
     return (followHomotopy(most_ / 2) || startSticking()) && removeCompliance();
   }
 
-  /// Finds how the kinks within a distance of c from x share the spring's force at x. Replaces the
-  /// spring by a softer spring with the same force at x. The force of the softer spring is almost
-  /// the same at all places near x, so the place can move until the loads balance. Returns false if
-  /// no loads are found. The loads are then meaningless.
+  /// Finds how the kinks within a distance of c from x share the spring's force at x. A softer
+  /// spring with the same force at x replaces the spring: its force hardly depends on the place
+  /// near x, so the place moves until the loads balance. On failure, returns false; the loads are
+  /// then meaningless.
   bool loadsAt(const Vec3& x) noexcept {
     constexpr double kGivesWay = 1e-3;  // stiffness of the softer spring, as a share of k
     spring_ = x + (spring_ - x) / kGivesWay;
@@ -125,10 +122,9 @@ class Compliant {
     return newton(hard_, kMostHard, kMostHard, enough_);
   }
 
-  /// Moves to x and takes the compliance `hard_`.
+  /// Moves to x and sets the compliance to `hard_`.
   void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
 
-  /// Returns the friction of a plane [N].
   [[nodiscard]] static double frictionOf(const RoughPlane& p) noexcept {
     return p.coefficient * p.load;
   }
@@ -155,8 +151,7 @@ class Compliant {
   // smallest compliance while loads are kept, as a share of `hard_`
   static constexpr double kLeastKept = 1e-2;
 
-  /// Returns the largest |R| that counts as a solution at compliance c, as a share of S. The limit
-  /// grows as c falls, because the rounding error of the loads grows.
+  /// Returns the largest |R| that counts as a solution, as a share of S; more for a smaller c.
   [[nodiscard]] double enoughAt(double c) const noexcept {
     return std::max(kEnough, rounding_ * hard_ / c);
   }
@@ -170,8 +165,8 @@ class Compliant {
     for (Pull& p : pulls()) p.kept_pull.setZero();
   }
 
-  /// Slip v: displacement from the place where the kink holds the proxy, including the kept pull. m
-  /// is c if the kink sticks, else |v| but at least c.
+  /// Slip v: the displacement from the place where the kink holds the proxy, plus the kept pull. m
+  /// is c if the kink sticks, else max(|v|, c).
   struct Slip {
     Vec3 v;
     double m;
@@ -189,8 +184,7 @@ class Compliant {
     return p.line ? across(p.q, d) : d;
   }
 
-  /// Computes the load and the piece of each plane, and the dual of each friction, line and point,
-  /// from the present place.
+  /// Computes loads, pieces and duals from the present place.
   void read(double c) noexcept {
     for (RoughPlane& p : planes()) {
       const double share = p.kept_load / p.strength - (p.q.dot(x_) - p.foot) / c;
@@ -217,7 +211,7 @@ class Compliant {
     believePlace();
   }
 
-  /// Returns the residual force R(x) at the place of the last read() [N].
+  /// Returns R(x) at the place of the last read() [N].
   [[nodiscard]] Vec3 residual() const noexcept {
     Vec3 R = stiffness_ * (spring_ - x_);
     for (const RoughPlane& p : planes()) R += p.load * (p.q - p.coefficient * p.read);
@@ -225,8 +219,7 @@ class Compliant {
     return R;
   }
 
-  /// Makes one Newton step with the present pieces and duals. Returns false if the step is not
-  /// finite.
+  /// Makes one Newton step with the present pieces and duals. Returns false if it is not finite.
   bool step(double c) noexcept {
     Mat3 J = stiffness_ * Mat3::Identity();
     Vec3 R = stiffness_ * (spring_ - x_);
@@ -274,15 +267,15 @@ class Compliant {
     return true;
   }
 
-  /// Moves to from + t d, calls read(), and returns R.d at that place.
+  /// Moves to from + t d, calls read(), and returns R.d there.
   double slopeAt(double c, const Vec3& from, const Vec3& d, double t) noexcept {
     x_ = from + t * d;
     read(c);
     return residual().dot(d);
   }
 
-  /// If a step overshot, shortens it to where R.d has fallen to a tenth of its value at the start
-  /// of the step. Returns false if it did not overshoot.
+  /// If a step overshot, shortens it to where R.d has fallen to a tenth of its value at the start.
+  /// Returns false if it did not overshoot.
   bool shortenOvershoot(double c, const Vec3& from, const Vec3& d) noexcept {
     const double end = slopeAt(c, from, d, 1.0);
     const double start = slopeAt(c, from, d, 0.0);
@@ -302,8 +295,7 @@ class Compliant {
     return true;
   }
 
-  /// Halves the step until |R| is smaller than at the start of the step. Returns false after six
-  /// halvings without success. This happens if the steps of two pieces lead to each other.
+  /// Halves the step until |R| is smaller than at its start. Returns false after six halvings.
   bool backtrack(double c, const Vec3& from, const Vec3& d, double start) noexcept {
     Vec3 part = 0.5 * d;
     for (int i = 0; i < 6; ++i, part *= 0.5) {
@@ -314,11 +306,10 @@ class Compliant {
     return false;
   }
 
-  /// Jumps over a fold. A fold is a place at which the solution that Newton's method followed
-  /// ceases to exist. There the determinant of J has changed its sign. Newton's method then
-  /// converges to a place with a minimum of |R| above zero. This function moves against the
-  /// direction of Newton's step until the determinant changes its sign again. Another solution
-  /// begins there (Branin 1972). Returns false if that place is not found.
+  /// Jumps over a fold: a place at which the solution that Newton's method followed ceases to
+  /// exist. There the determinant of J changes its sign, and Newton's method converges to a minimum
+  /// of |R| above zero. This function moves against Newton's step until the sign changes again.
+  /// Another solution begins there (Branin 1972). Returns false if that place is not found.
   bool crossFold(double c, const Vec3& from, const Vec3& d) noexcept {
     Vec3 onwards = -d;
     for (int i = 0; i < 7 && solves_ < most_; ++i, onwards *= 2.0) {
@@ -332,8 +323,7 @@ class Compliant {
   }
 
   /// Runs Newton's method at compliance c until |R| <= enough S. The first step uses the present
-  /// pieces, which are those of the last tick or of the last c. Returns false after `most` steps,
-  /// or after `patience` steps that do not halve |R|.
+  /// pieces. Returns false after `most` steps, or after `patience` steps that do not halve |R|.
   bool newton(double c, int most, int patience, double enough) noexcept {
     double last = kUnbounded;
     double least = kUnbounded;
@@ -445,13 +435,12 @@ class Compliant {
     return false;
   }
 
-  /// Removes the compliance by the method of multipliers. A kink keeps the load that it bears, and
-  /// the place moves onto the kink. A smaller c makes this motion faster. A friction that slips
-  /// keeps its pull as well. The reason is a proxy that comes to rest, whose friction is at its
-  /// threshold: without the kept pull, the friction would alternate between sticking and slipping.
-  /// The method may not converge if frictions press each other's planes. Then only c is reduced.
-  /// Returns false if the place was found with values kept from the last tick, and no solution is
-  /// near it without them.
+  /// Removes the compliance by the method of multipliers: a kink keeps the load that it bears, and
+  /// the place moves onto the kink. A smaller c makes this faster. A slipping friction keeps its
+  /// pull as well; otherwise, when a proxy comes to rest, its friction would alternate between
+  /// sticking and slipping. The method may not converge if frictions press each other's planes;
+  /// then only c is reduced. Returns false if the place was found with values kept from the last
+  /// tick, and no solution is near it without them.
   bool removeCompliance() noexcept {
     constexpr int kRounds = 8;
     const Vec3 soft = x_;
@@ -487,7 +476,7 @@ class Compliant {
   FrictionStart& memory_;
   double strengths_ = 0.0;  ///< The sum of strengths, S [N].
   double length_ = 0.0;     ///< S/k [m].
-  double hard_ = 0.0;       ///< The wanted compliance [m].
+  double hard_ = 0.0;       ///< The compliance to reach [m].
   double enough_ = 0.0;
   bool turned_ = false;  ///< True if the determinant in the last step was below zero.
   /// Part of |R| that rounding causes at the compliance `hard_`, as a share of S.
@@ -496,7 +485,7 @@ class Compliant {
   Vec3 x_ = Vec3::Zero();
   Vec3 best_ = Vec3::Zero();
   double least_ = kUnbounded;
-  int most_;  ///< Largest number of linear solves.
+  int most_;
   int solves_ = 0;
 };
 

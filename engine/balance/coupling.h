@@ -15,21 +15,21 @@ struct CouplingParams {
 };
 
 /// Time over which the change of a spring's length is measured [s], approximately. Over a single
-/// tick, one step of the encoder would give a rate in proportion to the rate of the loop. A time
-/// longer than this delays the damping: docs/stability.md, "How long damping looks back".
+/// tick, one step of the encoder would give a rate in proportion to the rate of the loop. A longer
+/// time delays the damping: docs/stability.md, "The time span of the damper".
 inline constexpr double kRateTime = 2e-3;
 
-/// Measures the rate of a spring's length. The rate is the difference from the earlier length whose
-/// age is nearest to `time` [s], divided by that age.
+/// Measures the rate of a spring's length: the difference from the earlier length with an age
+/// nearest to `time` [s], divided by that age.
 class LengthRate {
  public:
   /// @param time  Age of the reading to compare with [s]; 0 selects the previous reading.
   explicit LengthRate(double time = kRateTime) noexcept : time_(time) {}
   /// Adds a length [m], `dt` [s] after the previous, and returns the rate [m/s]. The rate of the
-  /// first length is 0. If dt is not above 0, the length is ignored and the rate is 0. At most
-  /// kMost readings are kept. RT: no allocation.
+  /// first length is 0. If dt is not above 0, the length is ignored and the rate is 0. RT: no
+  /// allocation.
   [[nodiscard]] double next(double length, double dt) noexcept PALPATE_NONBLOCKING;
-  /// Forgets all lengths. The rate of the next length is 0.
+  /// Forgets all lengths.
   void forget() noexcept { count_ = 0; }
 
   /// Largest number of stored lengths, enough for 2 ms at 64 kHz.
@@ -45,19 +45,18 @@ class LengthRate {
   double now_ = 0.0;
   std::size_t count_ = 0;
   std::size_t last_ = 0;
-  std::size_t then_ = 0;  ///< Index of the stored length whose age is nearest to `time`.
+  std::size_t then_ = 0;  ///< Index of the stored length with an age nearest to `time`.
   std::array<Reading, kMost> readings_{};
 };
 
 /// Returns the force on the hand [N], eq. (3): k (x_proxy - x_probe) + D (v_proxy - v_probe).
 ///
-/// As in the paper (D = 0 in section 4.2), the balance has no damping. Damping affects the output
-/// only. Departure from the paper: the damper acts along the spring, on the rate of its length. It
-/// can at most cancel or double the spring's force. With eq. (3) as written, the damper pulls a
-/// leaving hand back into the surface, and drives the hand along a curve. Every jump of the proxy
-/// (contact, yield) would also cause a jump of the force in proportion to D. Along the spring, the
-/// damper adds a hysteresis of force over length, which always dissipates. In free space, where the
-/// proxy is at the probe, the force is exactly zero.
+/// As in the paper, the balance has no damping; damping affects the output only. Departure from the
+/// paper: the damper acts along the spring, on the rate of its length, and can at most cancel or
+/// double the spring's force. With eq. (3) as written, the damper pulls a leaving hand back into
+/// the surface, and drives the hand along a curve. Every jump of the proxy would also cause a jump
+/// of the force in proportion to D. Along the spring, the damper always dissipates. In free space,
+/// where the proxy is at the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
 /// @param length_rate  Rate of change of the offset's length [m/s]: LengthRate.
@@ -65,15 +64,12 @@ class LengthRate {
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  double length_rate) noexcept PALPATE_NONBLOCKING;
 
-/// Largest rate of a varying stiffness [N/m per s]. With 5 mm of spring the force changes by 25
-/// N/s, which feels smooth.
+/// Largest rate of a varying stiffness [N/m per s]: 25 N/s with 5 mm of spring, which feels smooth.
 inline constexpr double kStiffnessRate = 5000.0;
-/// Largest energy in the tank of a varying stiffness [J]. It is enough for a rise from 300 to 800
-/// N/m at 6 mm.
+/// Largest energy in the tank of a varying stiffness [J]. It pays for 300 to 800 N/m at 6 mm.
 inline constexpr double kStiffnessTank = 0.01;
 
-/// A coupling stiffness that a transfer function sets, and the energy that is available to raise
-/// the stiffness.
+/// A varying stiffness, and the energy that is available to raise it.
 struct VaryingStiffness {
   double value = 0.0;  ///< Stiffness k [N/m]; 0 if not yet set.
   /// Energy that the proxy has dissipated and that a rise of the stiffness may use [J].
@@ -82,13 +78,11 @@ struct VaryingStiffness {
 
 /// Moves the stiffness towards `wanted` at a limited rate, so that the spring stays passive. A
 /// stiffer spring holds (k_new - k)/2 |offset|^2 more energy, which must come from the tank. The
-/// tank is filled by the energy that the proxy's own motion dissipates (friction, viscosity,
-/// yielding), and by the energy that a softening spring releases. In free space the stiffness
-/// therefore changes at the full rate. While the proxy is pressed against a hard surface, the
-/// stiffness waits until the proxy dissipates energy or the hand retreats.
+/// tank is filled by the energy that the proxy's motion dissipates (friction, viscosity, yielding),
+/// and by the energy that a softening spring releases. While the proxy is pressed against a hard
+/// surface, the stiffness waits until the proxy dissipates energy or the hand retreats.
 ///
-/// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, the stiffness does not
-///                    change.
+/// @param wanted      Stiffness to reach [N/m]. If not finite or <= 0, it does not change.
 /// @param offset      x_proxy - x_probe [m].
 /// @param dissipated  Energy dissipated in this tick [J]; negative counts as 0.
 /// @param dt          Time since the last call [s]. If not above 0, the stiffness does not change.

@@ -28,7 +28,6 @@ using friction::OnePlane;
 //         remove c by the method of multipliers: kinks keep their loads, x moves onto them
 //     set each friction's strength to mu times its plane's load, and let solveProxy prove the place
 
-/// Writes the force of each primitive on the proxy [N]. Leaves out directed forces.
 void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const RoughPlane& p : found.planes()) {
     forces[p.plane] = p.load * p.q;
@@ -37,11 +36,10 @@ void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const Pull& p : found.pulls()) forces[p.index] = -p.strength * p.pull;
 }
 
-/// Returns true if the primitives at x hold more directions than are independent. The load can then
-/// be distributed in many ways.
+/// Returns true if the load of the primitives at x can be distributed in many ways.
 bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexcept {
   constexpr double kHere = 1e-9;  // [m]: a primitive within this distance of x holds at x
-  constexpr double kSome = 1e-6;  // eigenvalues of the sum of projectors below this count as zero
+  constexpr double kSome = 1e-6;  // smaller eigenvalues of the sum of projectors count as zero
   Mat3 held = Mat3::Zero();
   int directions = 0;
   for (const Primitive& p : primitives) {
@@ -75,8 +73,7 @@ bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexce
   return directions > (eigen.eigenvalues().array() > kSome).count();
 }
 
-/// Solves a set without friction. If the loads are not unique, finds those of the least sum
-/// |f|^2/s.
+/// Solves a set without friction. If loads are not unique, takes those of the least sum |f|^2/s.
 SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet& set,
                         const Vec3& proxy, const SolverParams& params, WarmStart& warm,
                         FrictionStart& start, std::span<Vec3> forces) noexcept {

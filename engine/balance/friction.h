@@ -1,5 +1,4 @@
-/// Coulomb friction in the balance. The strength of a friction depends on its load in this tick,
-/// not on that of the last tick.
+/// Coulomb friction in the balance. A friction's strength follows its load in the same tick.
 #pragma once
 
 #include <cstddef>
@@ -16,8 +15,7 @@ namespace palpate {
 /// State of a plane: it does not touch the proxy, holds it, or yields to it.
 enum class Piece : std::uint8_t { kFree, kHolds, kYields };
 
-/// One plane of a balance and its friction. A force law has several pieces (Piece); the members
-/// state which piece applies.
+/// One plane of a balance and its friction.
 struct RoughPlane {
   Vec3 q;              ///< Unit normal.
   double foot;         ///< Height of the plane over the old proxy: q.(x_i - proxy) [m].
@@ -33,8 +31,8 @@ struct RoughPlane {
   Vec3 pull;         ///< b: the friction is -mu n b, |b| <= 1.
   Vec3 read;         ///< b, computed from the place by Compliant::read().
   Vec3 kept_pull;    ///< b at zero slip.
-  Piece piece;       ///< Piece, computed from the place by Compliant::read().
-  bool sticks;       ///< True if |b| < 1, computed from the place by Compliant::read().
+  Piece piece;       ///< Computed from the place by Compliant::read().
+  bool sticks;       ///< True if |b| < 1; computed by Compliant::read().
 };
 
 /// One point or line of a balance, in the same form as RoughPlane.
@@ -47,11 +45,10 @@ struct Pull {
   Vec3 pull;          ///< z: the force is -s z, |z| <= 1.
   Vec3 read;          ///< z, computed from the place by Compliant::read().
   Vec3 kept_pull;     ///< z at zero displacement.
-  bool holds;         ///< True if |z| < 1, computed from the place by Compliant::read().
+  bool holds;         ///< True if |z| < 1; computed by Compliant::read().
 };
 
-/// Frictions of the last balance, from which the search for the next balance starts. The
-/// constructor allocates all memory.
+/// Start of the next search: frictions of the last balance. The constructor allocates all memory.
 struct FrictionStart {
   FrictionStart() : planes(kMaxPrimitives), pulls(kMaxPrimitives), held(kMaxPrimitives, 0.0) {}
   void forget() noexcept { count = 0; }  ///< Makes the next balance start without memory.
@@ -62,7 +59,7 @@ struct FrictionStart {
   Vec3 motion = Vec3::Zero();      ///< proxy - old proxy of the last balance [m].
   std::size_t plane_count = 0;     ///< Number of `planes` in use.
   std::size_t pull_count = 0;      ///< Number of `pulls` in use.
-  std::size_t count = 0;  ///< Number of links of the last balance; 0 if there is no memory.
+  std::size_t count = 0;           ///< Number of links of the last balance; 0 without memory.
 };
 
 /// Finds the balance in which the line of each entry in set.links() has the strength of Coulomb's
@@ -70,25 +67,23 @@ struct FrictionStart {
 ///
 ///     s_t = mu n,   n the load of its plane in the same balance,
 ///
-/// and writes those strengths to the set. Every kink gets the compliance c = 1 um. Then loads and
-/// frictions are functions of the place,
+/// and writes those strengths to the set. Every kink gets the compliance c = 1 um. Loads and
+/// frictions are then functions of the place,
 ///
 ///     n_i = s_i clamp(-h_i/c, 0, 1),   f_i = -mu_i n_i beta(u_i/c),   f_j = -s_j beta(d_j/c),
 ///     beta(v) = v / max(1, |v|),   h the height, u the slip, d the distance from point or line,
 ///
-/// and R(x) = k (w - x) + sum of forces = 0 is a vector equation for the three coordinates of x. It
-/// has a solution for any mu, k and angle, because its forces are bounded (Brouwer). In a wedge
-/// that friction can jam, there are several solutions. The search finds the one that continues that
-/// of the last tick. The method is Newton with the duals b and z in its derivative (Hintermueller
-/// and Stadler 2006), and a line search on R.d. If a solution ceases to exist, the search jumps to
-/// another solution. The search starts from the pieces of the last tick. If this fails, it proceeds
-/// from soft kinks to hard ones. If this fails too, it starts with all frictions sticking. Then the
-/// method of multipliers removes c. The multipliers are kept from tick to tick. Finally solveProxy
-/// runs with those strengths, and bounds the error of the place. If no balance is found, each
-/// friction takes the larger of its strength in the last tick and in the trial with the least |R|.
-/// So a failed search does not make a friction slip. In all cases, the primitives are anchored at
-/// the old proxy, or at its foot as described below. So the balance adds no energy beyond the
-/// effect of error_bound.
+/// and R(x) = k (w - x) + sum of forces = 0 is a vector equation for x. It has a solution for any
+/// mu, k and angle, because its forces are bounded (Brouwer). In a wedge that friction can jam,
+/// there are several solutions. The search continues that of the last tick, or jumps if it ceases
+/// to exist. The method is Newton with the duals b and z in its derivative (Hintermueller and
+/// Stadler 2006); friction.cpp lists the steps.
+///
+/// The method of multipliers removes c. Finally solveProxy runs with those strengths, and bounds
+/// the error of the place. If no balance is found, each friction takes the larger of its strength
+/// in the last tick and in the trial with the least |R|, so that a failed search does not make a
+/// friction slip. In all cases, the primitives are anchored at the old proxy, or at its foot (see
+/// below). So the balance adds no energy beyond the effect of error_bound.
 ///
 /// @param forces  At least as many entries as primitives. Receives the forces as in solveProxy. If
 ///                several kinks share a load, a balance without memory has the least sum |f|^2/s.
@@ -99,10 +94,10 @@ struct FrictionStart {
 ///                that a law was not met. If frictions press each other's planes, error_bound can
 ///                exceed the tolerance although the law is met.
 ///
-/// A common case is one plane with friction and drags (points at the place where the friction
-/// grips). If the plane bears the spring and all drags, there is one solution, in closed form or by
-/// a scalar equation. If the plane has moved in front of the grip, friction and drags hold the
-/// proxy at the foot of the grip on the plane. Their position in `set` then becomes the foot.
+/// A common case is one plane with friction and drags (points where the friction grips). If the
+/// plane bears the spring and all drags, the solution is unique: a closed form or a scalar
+/// equation. If the plane has moved in front of the grip, friction and drags hold the proxy at the
+/// foot of the grip on the plane. Their position in `set` becomes the foot.
 ///
 /// RT: no allocation. Cost: one solveProxy without links; a closed form for one plane and drags;
 /// otherwise some 10 to 20 3x3 solves, limited to SolverParams::max_iterations, and one solveProxy.

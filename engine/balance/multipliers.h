@@ -14,12 +14,11 @@ namespace palpate::solver {
 
 /// A line search ends when the slope has fallen to this share of its first value.
 inline constexpr double kSlopeLeft = 0.03;
-/// If |z|^2 is below this, the multiplier is inside its ball, and the primitive holds the proxy on
-/// its kink.
+/// If |z|^2 is below this, the multiplier is inside its ball: the primitive is on its kink.
 inline constexpr double kOnKink = 1.0 - 1e-12;
 
-/// Returns u = z + d/gamma of term i, projected on the range of P. Rounding leaves a part of d
-/// outside that range, which the primitive cannot exert as a force and which 1/gamma would amplify.
+/// Returns u = z + d/gamma of term i, projected, because 1/gamma amplifies rounding outside P's
+/// range.
 inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, double x, double y,
                            double z) noexcept {
   const auto [dx, dy, dz] = displacement(t, i, x, y, z);
@@ -29,8 +28,8 @@ inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, doub
 
 /// Two ways to decide whether a primitive is on its kink.
 enum class Pieces : std::uint8_t {
-  kActual,    ///< By u: the primitive is on its kink if |u| <= 1.
-  kBelieved,  ///< By the multiplier: the primitive is on its kink if |z| < 1.
+  kActual,    ///< Decides by u: the primitive is on its kink if |u| <= 1.
+  kBelieved,  ///< Decides by the multiplier: the primitive is on its kink if |z| < 1.
 };
 
 /// Returns the gradient at y of the potential in which the Moreau envelope around z replaces each
@@ -77,8 +76,7 @@ inline Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat
     gx += sigma * ex;
     gy += sigma * ey;
     gz += sigma * ez;
-    // The Hessian of a term is c P on its kink and c (P - e e^T) off its kink, where P = e e^T for
-    // a plane.
+    // The Hessian of a term is c P on its kink and c (P - e e^T) off it; P = e e^T for a plane.
     const double c = per_gamma * sigma * shrink * (on ? 1.0 : alpha);
     const double curl = on ? 0.0 : c;
     const double cb = c * beta;
@@ -129,8 +127,7 @@ class Line {
     }
   }
 
-  /// Returns the derivative of the envelope by t. It rises with t, and rounding does not dominate
-  /// it as it would a difference of energies.
+  /// Returns the derivative of the envelope by t, which rises with t.
   [[nodiscard]] double slope(double at) const noexcept {
     const Terms& t = terms_;
     double sum = 0.0;
@@ -144,10 +141,10 @@ class Line {
     return slope_ + at * curvature_ + gamma_ * sum;
   }
 
-  /// Returns the t between 0 and 1 at which the slope has nearly vanished. The slope is `at_start`
-  /// < 0 at 0 and `at_end` > 0 at 1. The search is bracketed, by Chandrupatla's mix of inverse
-  /// quadratic interpolation and halving. Kinks may be many orders of magnitude nearer to 0 than to
-  /// 1. So the halving applies to the exponent of t.
+  /// Returns the t between 0 and 1 at which the slope is at most kSlopeLeft of its value at 0. The
+  /// slope is `at_start` < 0 at 0 and `at_end` > 0 at 1. The search is bracketed, by Chandrupatla's
+  /// mix of inverse quadratic interpolation and halving. Kinks may be many orders of magnitude
+  /// nearer to 0 than to 1, so the halving applies to the exponent of t.
   [[nodiscard]] double lowest(double at_start, double at_end) const noexcept {
     constexpr int kMostTrials = 40;
     constexpr double kNearest = 1e-15;
@@ -215,8 +212,7 @@ inline void updateMultipliers(Problem& problem, double gamma, const Vec3& at) no
     double ny = shrink * uy;
     double nz = shrink * uz;
     if constexpr (pieces == Pieces::kBelieved) {
-      // If a term that was assumed to be off its kink ends on the opposite side of the kink, it is
-      // on the kink.
+      // A term that was assumed to be off its kink, but ends on the opposite side, is on its kink.
       const bool crossed = ux * zx + uy * zy + uz * zz < 0.0;
       nx = crossed ? 0.9 * zx : nx;
       ny = crossed ? 0.9 * zy : ny;
@@ -246,16 +242,15 @@ inline bool minimiseEnvelope(Problem& problem, double gamma, double enough, int 
   return false;
 }
 
-/// Searches the balance in the general case. A guess is accepted if certify() bounds its error by
-/// the tolerance.
+/// Searches for the balance in the general case, until certify() accepts a guess.
 class Search {
  public:
   Search(Problem& problem, const SolverParams& params) noexcept
       : problem_(problem), params_(params) {}
 
-  /// Assumes that the primitives that held the proxy in the last tick still hold it. Newton's
-  /// method minimises the norms of all other primitives. The kinks of the holding primitives become
-  /// almost rigid springs. Returns true if a bound proves the result.
+  /// Assumes that the primitives that held the proxy in the last tick still hold it: their kinks
+  /// become springs with a compliance of kGamma. Newton's method minimises the norms of all other
+  /// primitives. Returns true if a bound proves the result.
   bool warm(Vec3 y) noexcept {
     constexpr double kGamma = 1e-10;
     constexpr int kMostSolves = 4;
@@ -270,7 +265,7 @@ class Search {
     return false;
   }
 
-  /// Runs the proximal method of multipliers. In each round, Newton minimises envelopes around z,
+  /// Runs the proximal method of multipliers: in each round, Newton minimises envelopes around z,
   /// and then gamma is reduced. The result is exact at kinks, and the conditioning does not worsen
   /// with a smaller tolerance. The method starts without memory, because a start at the edge of the
   /// unit balls can stop Newton. Returns true if a bound proves the result.
@@ -280,12 +275,10 @@ class Search {
     constexpr double kLastGamma = 1e-13;
     // if gamma is below this, the origin moves to the iterate in each round
     constexpr double kNear = 1e-3;
-    // Each envelope is minimised only to some hundred gamma, because the multipliers compensate for
-    // the error.
+    // A rough minimum of each envelope is enough, because the multipliers compensate for the error.
     constexpr double kLoose = 1e5;
-    // A round that takes more steps than this means that gamma was reduced too fast. gamma is then
-    // increased, and reduced more slowly from then on. With an unchanged factor, the rounds could
-    // repeat forever.
+    // If a round takes more steps than this, gamma was reduced too fast. gamma is then increased,
+    // and reduced more slowly from then on; otherwise the rounds could repeat forever.
     constexpr int kMostOfRound = 8;
     constexpr double kRelax = 12.0;
     constexpr double kCareful = 0.35;
@@ -312,8 +305,7 @@ class Search {
     return false;
   }
 
-  /// Returns true if a bound proves that the guess is within the tolerance. Tries both dual points
-  /// of certify().
+  /// Returns true if a bound proves that the guess is within the tolerance.
   bool prove(const Vec3& guess) noexcept {
     bool by_multipliers = true;
     const double bound = certify(problem_, guess, by_multipliers);
@@ -326,7 +318,6 @@ class Search {
     return true;
   }
 
-  /// Return the best guess so far, its bound [m], and the number of linear solves.
   [[nodiscard]] Vec3 offset() const noexcept { return problem_.offset(best_); }
   [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
   [[nodiscard]] int solves() const noexcept { return solves_; }

@@ -16,8 +16,8 @@ struct Rows {
   std::array<double, 3> way{};
   std::size_t count = 0;
 
-  /// Adds the condition q.step = length [m]. Returns false and adds no row if at most 2 % of q is
-  /// outside the span of the earlier rows.
+  /// Adds the row q.step = length [m]. Returns false and adds no row if there are three, or if at
+  /// most 2 % of q is outside the span of the earlier rows.
   bool add(Vec3 q, double length) noexcept {
     for (std::size_t i = 0; i < count; ++i) {
       const double share = q.dot(direction[i]);
@@ -31,7 +31,6 @@ struct Rows {
     way[count++] = length / norm;
     return true;
   }
-  /// Returns the shortest step that satisfies all rows [m].
   [[nodiscard]] Vec3 step() const noexcept {
     Vec3 sum = Vec3::Zero();
     for (std::size_t i = 0; i < count; ++i) sum += way[i] * direction[i];
@@ -39,8 +38,7 @@ struct Rows {
   }
 };
 
-/// Conditions of the primitives that hold: rows along their forces, and rows that keep the place on
-/// the primitives.
+/// Rows along the forces of holding primitives, and rows that keep the place on the primitives.
 struct Held {
   Rows forces;
   Rows places;
@@ -81,8 +79,8 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
 }
 
 /// Returns x = S^-1 b if all eigenvalues of the symmetric part of S are above kFloor. Otherwise the
-/// balance is a ridge (newton.h), and the function returns a step down from the ridge. That step
-/// uses the magnitudes of the eigenvalues, each at least kFloor.
+/// balance is a ridge (newton.h), and the step leads down from it, by the magnitudes of the
+/// eigenvalues, each at least kFloor.
 constexpr double kFloor = 0.05;
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
@@ -188,8 +186,7 @@ Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double 
   if (held.forces.count == 0) {
     step = freeStep<3>(free, places, A, pulls, along);
   } else if (held.forces.count == 1) {
-    // The free directions of the place are those of the forces, rotated by the angle between normal
-    // and slope.
+    // The free directions of the place are those of the forces, rotated from normal to slope.
     const Vec3& n = held.forces.direction[0];
     const Vec3& c = held.places.direction[0];
     free[0] = n.unitOrthogonal();

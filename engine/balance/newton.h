@@ -1,4 +1,4 @@
-/// Newton's step on a balance whose primitives vary with the place at which they are read.
+/// Newton's step on a balance with primitives that vary with the place at which they are read.
 #pragma once
 
 #include <cstddef>
@@ -12,8 +12,8 @@ namespace palpate {
 /// Returns the step [m] from x to the place where the primitives would balance if they were read
 /// there, to second order.
 ///
-/// Primitives that are read at x balance at G(x); a tick searches x = G(x). To move to G and read
-/// again is Picard's iteration. Under a load L on a surface of radius r, it multiplies the error by
+/// Primitives that are read at x balance at G(x); a tick searches x = G(x). Picard's iteration
+/// moves to G and reads again. Under a load L on a surface of radius r, it multiplies the error by
 /// L / (k r) in each reading. So it does not converge in a fillet with a radius below L / k.
 /// Newton's method on the forces (eq. 14) and the surfaces together,
 ///
@@ -21,17 +21,17 @@ namespace palpate {
 ///     M = sum_i (L_i dn_i/dx + [i at full strength] n_i (ds_i/dx)^T) / k,
 ///     c_i . step = -height_i   for every plane that holds, 0 < L_i < s_i,
 ///
-/// converges. The unknown change of the loads has no component perpendicular to all n, and the step
-/// is free perpendicular to all c. Directed forces and yielding primitives act with their full
-/// strength, so their ds/dx counts. D is the derivative at G of the pull of sliding lines and
-/// points, divided by k. It neglects that a friction's strength depends on its load. M' is M
-/// without the planes of surfaces. r is the place where the primitives were read; before a tick's
-/// first reading, it is that of the last tick. For a primitive that holds and does not turn, the
-/// condition is that of the balance. The method distinguishes n from c and includes the turn of n
-/// along n. n and c differ most in a groove. With n in place of c, every step would be too short by
-/// the same factor. Beyond the centre of curvature of a convex edge, the balance is a ridge. Then
-/// the step leads down from the ridge. It uses the magnitudes of the eigenvalues, each at least
-/// 0.05.
+/// converges. The change of the loads has no component perpendicular to all n, and the step is free
+/// perpendicular to all c. Directed forces and yielding primitives act with their full strength, so
+/// their ds/dx counts. D is the derivative at G of the pull of sliding lines and points, divided by
+/// k; it neglects that a friction's strength depends on its load. M' is M without the planes of
+/// surfaces. r is the place where the primitives were read; before a tick's first reading, it is
+/// that of the last tick. For a primitive that holds and does not turn, the condition is that of
+/// the balance.
+///
+/// n and c differ most in a groove. With n in place of c, every step would be too short by the same
+/// factor. Beyond the centre of curvature of a convex edge, the balance is a ridge. Then the step
+/// leads down from the ridge: it uses the magnitudes of the eigenvalues, each at least 0.05.
 ///
 /// @param balance     G(x), the balance of the primitives [m].
 /// @param from        x, where the step begins [m].
@@ -40,7 +40,7 @@ namespace palpate {
 /// @param primitives  The primitives in balance.
 /// @param forces      Force of each primitive on the proxy [N].
 /// @param varying     Entries of the primitives that vary, in the same order.
-/// RT: no allocation. Cost: O(primitives) if a primitive varies, else none.
+/// RT: no allocation. Cost: O(primitives) if a primitive varies, else 0.
 [[nodiscard]] Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read,
                               double stiffness, std::span<const Primitive> primitives,
                               std::span<const Vec3> forces,

@@ -13,15 +13,14 @@
 
 namespace palpate::friction {
 
-/// Returns the part of v perpendicular to the unit vector q.
 inline Vec3 across(const Vec3& q, const Vec3& v) noexcept {
   return v - q.dot(v) * q;
 }
 
 /// Balances one plane, its friction and drags. Drags are points at the old proxy, where the
-/// friction grips. All lengths are in metres, and forces are divided by k. N is the depth of the
-/// spring's end behind the plane, and T is its distance from the grip along the plane. r is the
-/// distance of the proxy from the grip, and u the part of r along the plane.
+/// friction grips. Lengths are in metres, and forces are divided by k. N is the depth of the
+/// spring's end behind the plane, T its distance from the grip along the plane. r is the distance
+/// of the proxy from the grip, and u the part of r along the plane.
 ///
 /// If the plane bears N and also all drags, the proxy is on the plane. The plane may be some
 /// micrometres in front of the grip. Drags would then press on the plane, friction would slip at
@@ -55,8 +54,7 @@ class OnePlane {
     }
   }
 
-  /// Returns true if the only primitives with strength are one plane, its friction, drags and
-  /// directed forces.
+  /// Returns true if all strength belongs to one plane, its friction, drags and directed forces.
   [[nodiscard]] static bool fits(const PrimitiveSet& set) noexcept {
     if (set.links().size() != 1) return false;
     const FrictionLink& link = set.links()[0];
@@ -103,14 +101,13 @@ class OnePlane {
     return true;
   }
 
-  /// Returns the result and fills `forces` as solveProxy does. Writes the strength and place of the
-  /// friction and the place of the drags to the set.
+  /// Returns the result and fills `forces` as solveProxy does. Writes friction and drags to the
+  /// set.
   SolveResult tell(const Vec3& probe, PrimitiveSet& set, std::span<Vec3> forces) const noexcept {
     SolveResult result;
     result.offset = from_ + moved_;
     result.proxy = probe + result.offset;
-    // Bound on rounding, of sums and of positions relative to the probe, to the plane and to the
-    // drags.
+    // Bound on rounding: of sums, and of positions relative to the probe, the plane and the drags.
     const double reach = from_.lpNorm<Eigen::Infinity>() +
                          (grip_ - plane_.position).lpNorm<Eigen::Infinity>() + size_ +
                          (foot_.isZero(0.0) ? 0.0 : grip_.lpNorm<Eigen::Infinity>());
@@ -139,8 +136,8 @@ class OnePlane {
     return length > drags_ ? Vec3((1.0 - drags_ / length) * pull) : Vec3(Vec3::Zero());
   }
 
-  /// Loads the drags with `pull`, which is their load if friction is at its limit. If the proxy has
-  /// not moved, friction and drags share the load in proportion to their strengths.
+  /// Loads the drags with `pull`, their load if friction is at its limit. If the proxy has not
+  /// moved, friction and drags share the load in proportion to their strengths.
   void share(Vec3 pull) noexcept {
     if (!(drags_ > 0.0)) return;
     const double sliding = link_.coefficient * load_;
@@ -174,8 +171,7 @@ class OnePlane {
         const double slope = 1.0 + drags_ * height_ * (height_ + mu * u) / (r * r * r);
         double next = u - left / slope;
         if (!(next >= low && next <= high)) next = 0.5 * (low + high);
-        // The accuracy is limited by the rounding of the left side and by that of the direction
-        // from the grip.
+        // The rounding of the left side and of the direction from the grip limits the accuracy.
         const double least = std::numeric_limits<double>::epsilon() * (r + way / slope);
         const bool there = std::abs(next - u) <= 4.0 * least;
         u = next;
@@ -200,9 +196,9 @@ class OnePlane {
   Vec3 from_;  ///< Vector from the probe to the grip.
   Vec3 q_;
   double height_;  ///< Height of the grip over the plane.
-  double most_;    ///< Strength of the plane.
+  double most_;
   double drags_ = 0.0;
-  double size_ = 0.0;  ///< Sum of all strengths.
+  double size_ = 0.0;
   Vec3 spring_;  ///< End of the spring, displaced by directed forces. This and the members below
                  ///< are relative to the grip.
   Vec3 foot_ = Vec3::Zero();

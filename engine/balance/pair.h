@@ -10,10 +10,10 @@
 
 namespace palpate::solver {
 
-/// Balances a plane and one other primitive, such as a surface with its friction or drag, by a
-/// scalar equation. This is the most common case. The plane's force a = sigma_plane zeta shifts the
-/// spring's end for the other primitive, which a soft threshold then balances. zeta is -1 behind
-/// the plane, 1 in front of it, and between on it. This condition is monotone in the force.
+/// Balances a plane and one other primitive, such as a surface with its friction or drag: the most
+/// common case. The plane's force a = sigma_plane zeta shifts the spring's end for the other
+/// primitive, which a soft threshold then balances. zeta is -1 behind the plane, 1 in front of it,
+/// and between on it. This condition is monotone in the force.
 ///
 /// Let e = P q, let d be the displacement of the other primitive from its kink before its own force
 /// acts, and s = q.d. Then a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, and the height over
@@ -22,7 +22,7 @@ namespace palpate::solver {
 ///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,
 ///
 /// with s_0 and h_0 at a = 0. h(s) is linear where the other primitive holds (|d| <= sigma). Beyond
-/// that range it is convex on one side and concave on the opposite side.
+/// that range it is convex on one side and concave on the other.
 class Pair {
  public:
   Pair(const Problem& problem, std::size_t plane, std::size_t other) noexcept
@@ -41,8 +41,7 @@ class Pair {
         h0_(q_.dot(kink_) - foot_),
         aside2_((d_ - (s0_ / e2_) * e_).squaredNorm()) {}
 
-  /// Finds the plane's force at which the magnitude of the height is at most `enough`. Returns the
-  /// number of heights evaluated.
+  /// Finds the plane's force at which |height| <= `enough`. Returns the number of evaluations.
   int solve(double enough) noexcept {
     double low = s0_ - most_ * e2_;
     double high = s0_ + most_ * e2_;
@@ -71,8 +70,7 @@ class Pair {
     return evaluations;
   }
 
-  /// Returns the proxy. Off the kink, y - b has the direction of d to the last digit, even if it is
-  /// very small.
+  /// Returns the proxy. Off the kink, y - b has the direction of d to the last digit.
   [[nodiscard]] Vec3 proxy() const noexcept {
     const Vec3 d = d_ - force_ * e_;
     const Vec3 kink = kink_ - force_ * (q_ - e_);
@@ -80,7 +78,7 @@ class Pair {
     return r > sigma_ ? Vec3(kink + ((r - sigma_) / r) * d) : kink;
   }
 
-  /// Return the multipliers of the plane and of the other primitive.
+  /// Multipliers of the plane and of the other primitive.
   [[nodiscard]] Vec3 planeMultiplier() const noexcept { return (force_ / most_) * q_; }
   [[nodiscard]] Vec3 otherMultiplier() const noexcept {
     const Vec3 d = d_ - force_ * e_;
@@ -108,7 +106,7 @@ class Pair {
   }
 
   /// Runs Newton from `start` within [low, high], where h(low) <= 0 <= h(high). There h is convex
-  /// or concave, so that Newton overshoots at most once. Returns the number of heights evaluated.
+  /// or concave, so Newton overshoots at most once. Returns the number of heights evaluated.
   int slide(double low, double high, double start, double enough, double& s) const noexcept {
     constexpr int kMost = 22;
     const double last_digit = kEpsilon * (std::abs(s0_) + most_ * e2_);
@@ -133,8 +131,7 @@ class Pair {
   double sigma_;  ///< sigma of the other primitive
   Vec3 e_;
   Vec3 d_;  ///< d at zero force of the plane
-  /// place on the kink of the other primitive that is nearest to the spring's end, at zero force of
-  /// the plane
+  /// point of the other primitive's kink that is nearest to the spring's end, at zero plane force
   Vec3 kink_;
   double e2_;
   double slope_;
@@ -144,8 +141,7 @@ class Pair {
   double force_ = 0.0;  ///< a, the force of the plane
 };
 
-/// Balances the primitives by Pair. Returns false if neither primitive is a plane, if they are
-/// almost orthogonal, or if the bound exceeds the tolerance.
+/// Balances the primitives by Pair. Returns false without a plane, or if the bound is too large.
 inline bool trySolvePair(const Problem& problem, const SolverParams& params,
                          SolveResult& result) noexcept {
   const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;

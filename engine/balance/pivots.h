@@ -1,5 +1,4 @@
-/// Private to engine/balance: the balance of planes alone, by pivots between the cells into which
-/// they divide space.
+/// Private to engine/balance: the balance of planes alone, by pivots between their cells.
 #pragma once
 
 #include <algorithm>
@@ -14,9 +13,8 @@ namespace palpate::solver {
 
 /// Balances planes by pivots. The planes divide space into cells, and the potential is quadratic in
 /// each cell. In each pivot, y moves along a straight line to a plane that holds or to the minimum
-/// of its cell. A plane of the active set whose force would exceed its strength is released. Kinks
-/// are not smoothed. At most three planes hold at the same time. A few pivots are enough for any
-/// number of planes, unless many kinks meet at the proxy.
+/// of its cell. A plane with a force above its strength is released. At most three planes hold at
+/// the same time. A few pivots are enough, unless many kinks meet at the proxy.
 class Pivots {
  public:
   explicit Pivots(Problem& problem) noexcept : problem_(problem), terms_(problem.terms) {}
@@ -26,8 +24,7 @@ class Pivots {
     return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
   }
 
-  /// Moves y towards the balance and sets the multipliers there. Returns false if the balance was
-  /// not reached.
+  /// Moves y towards the balance and sets the multipliers. Returns false if y did not arrive.
   bool solve(Vec3& y) noexcept {
     place(y);
     while (pivots_ < kMostPivots) {
@@ -45,9 +42,8 @@ class Pivots {
     setMultipliers(gradient(y));
     return false;
   }
-  /// Computes the solution once more after the origin was moved to it, and sets the multipliers.
-  /// Near the origin, heights are accurate to their own last digits. The heights of the planes that
-  /// hold are zero.
+  /// Computes the solution again after the origin was moved to it, and sets the multipliers. Near
+  /// the origin, heights are accurate to their own last digits.
   [[nodiscard]] Vec3 onHeld() noexcept {
     Vec3 y = Vec3::Zero();
     for (std::size_t k = 0; k < held_; ++k) {
@@ -61,8 +57,7 @@ class Pivots {
 
  private:
   static double square(double x) noexcept { return x * x; }
-  /// Height q.y - q.b of term i, its rate along the step, and its side, which is 0 if the plane
-  /// holds.
+  /// Height q.y - q.b of term i, its rate along the step, and its side (0 if the plane holds).
   [[nodiscard]] double& height(std::size_t i) const noexcept { return terms_.u[0][i]; }
   [[nodiscard]] double& rate(std::size_t i) const noexcept { return terms_.u[1][i]; }
   [[nodiscard]] double& side(std::size_t i) const noexcept { return terms_.u[2][i]; }
@@ -91,8 +86,7 @@ class Pivots {
     return {gx, gy, gz};
   }
 
-  /// Returns the component of v perpendicular to the normals that hold. Projects twice, for the
-  /// accuracy of Gram-Schmidt.
+  /// Returns the part of v perpendicular to the normals that hold. Projects twice for accuracy.
   [[nodiscard]] Vec3 across(Vec3 v) const noexcept {
     for (int twice = 0; twice < 2; ++twice) {
       for (std::size_t k = 0; k < held_; ++k) v -= basis_[k].dot(v) * basis_[k];
@@ -119,8 +113,7 @@ class Pivots {
     for (std::size_t i = 0; i < t.count; ++i) {
       t.u[1][i] = t.q[0][i] * dx + t.q[1][i] * dy + t.q[2][i] * dz;
     }
-    // Finds the plane at which the step ends and those that it passes. This is a weighted median,
-    // found by repeated partition about one plane.
+    // The plane at which the step ends is a weighted median, found by repeated partition.
     std::size_t count = 0;
     for (std::size_t i = 0; i < t.count; ++i) {
       const double toward = -side(i) * rate(i);
@@ -165,8 +158,7 @@ class Pivots {
     return way;
   }
 
-  /// Returns the forces of the planes that hold: sum of push_k q_k = -g, solved from the last plane
-  /// on.
+  /// Returns the forces of the planes that hold: sum of push_k q_k = -g.
   [[nodiscard]] std::array<double, 3> pushes(const Vec3& g) const noexcept {
     std::array<double, 3> push{};
     Vec3 left = -g;
@@ -178,8 +170,8 @@ class Pivots {
     return push;
   }
 
-  /// Releases the plane of the active set whose force exceeds its strength by the most. Returns
-  /// false if none does.
+  /// Releases the plane with the largest excess of force over strength. Returns false without an
+  /// excess.
   bool release(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     double worst = 64.0 * kEpsilon;
@@ -201,8 +193,7 @@ class Pivots {
     return true;
   }
 
-  /// Sets the multipliers at the present place, from the sides of planes and the forces of planes
-  /// that hold.
+  /// Sets the multipliers at the present place.
   void setMultipliers(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));
@@ -221,7 +212,7 @@ class Pivots {
     double way;
     std::size_t plane;
   };
-  std::array<Met, kMaxPrimitives> met_;  ///< Working memory of lineSearch().
+  std::array<Met, kMaxPrimitives> met_;
   std::array<std::size_t, 3> holder_{};
   std::array<Vec3, 3> basis_;  ///< The normals that hold, each made orthogonal to those before it.
   std::size_t held_ = 0;

@@ -10,9 +10,8 @@
 
 namespace palpate {
 
-/// Kind of a primitive. The list is that of the paper: directed force, and constraints of three,
-/// two and one degrees of freedom. Do not add a default to a `switch` over it, so that the compiler
-/// warns about a missing kind.
+/// Kind of a primitive, as in the paper. Do not add a default to a `switch` over it, so that the
+/// compiler warns about a missing kind.
 enum class PrimitiveKind : std::uint8_t {
   kForce,  ///< eq. (8): constant force along `direction`; `position` is ignored.
   kPoint,  ///< eq. (9): constant pull towards `position`; `direction` is ignored.
@@ -35,28 +34,27 @@ struct Primitive {
 /// strength is >= 0 and its direction has unit length. RT: no allocation.
 [[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the distance [m] of x from the point or line, or the depth behind the plane. There the
-/// primitive would exert no force. 0 for a directed force. RT: no allocation.
+/// Returns the distance [m] of x from the point or line, or the depth behind the plane. 0 for a
+/// directed force. RT: no allocation.
 [[nodiscard]] double distanceTo(const Primitive& primitive,
                                 const Vec3& x) noexcept PALPATE_NONBLOCKING;
 
-/// State of a primitive in a balance: it bears no load, holds or yields.
+/// State of a primitive in a balance.
 enum class Load : std::uint8_t {
-  kNone,      ///< load <= 1e-12 N: the primitive bears no load.
+  kNone,      ///< load <= 1e-12 N
   kHeld,      ///< 0 < load < strength: the balance is on the primitive.
   kYielding,  ///< load = strength: the primitive cannot hold the proxy.
 };
 /// Returns the load of a primitive, given its force on the proxy [N]. RT: no allocation.
 [[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
-  constexpr double kLeast = 1e-12;  // [N]: a load up to this counts as none
+  constexpr double kLeast = 1e-12;  // [N]
   constexpr double kAll = 1.0 - 1e-9;
   const double load = force.norm();
   if (!(load > kLeast)) return Load::kNone;
   return load >= kAll * primitive.strength ? Load::kYielding : Load::kHeld;
 }
 
-/// Derivatives of a primitive by the place x where properties were read. Newton's step uses them
-/// (newton.h).
+/// Derivatives of a primitive by the place x of the reading, for Newton's step (newton.h).
 struct Varying {
   std::size_t index = 0;      ///< Index of the primitive that varies.
   Mat3 turn = Mat3::Zero();   ///< dn/dx [1/m], where n is the direction of a force or a plane.
@@ -73,7 +71,7 @@ struct Varying {
 inline constexpr std::size_t kMaxPrimitives = 1024;
 
 /// Coulomb friction: a line through the old proxy along a plane's normal. Its strength is mu times
-/// the load of the plane in the same balance. See friction.h.
+/// the load of the plane in the same balance (friction.h).
 struct FrictionLink {
   std::size_t plane = 0;     ///< Index of the plane in its set.
   std::size_t line = 0;      ///< Index of the friction's line in the same set.
@@ -91,9 +89,8 @@ class PrimitiveSet {
     items_[count_++] = primitive;
     return true;
   }
-  /// Appends friction at `position` [m] to the plane that was appended last. Returns false if the
-  /// set is full, the last primitive is not a plane, or the coefficient is not within 0 to 1e9. RT:
-  /// no allocation.
+  /// Appends friction at `position` [m] to the last primitive. Returns false if the set is full,
+  /// that primitive is not a plane, or the coefficient is not within 0 to 1e9. RT: no allocation.
   [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
     const std::size_t plane = count_ - 1;
     if (count_ == 0 || items_[plane].kind != PrimitiveKind::kPlane || !(coefficient >= 0.0) ||
@@ -104,9 +101,8 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
-  /// Returns the Varying entry of the primitive that was appended last, for writing. A second call
-  /// returns the same entry. If the set is empty, the returned entry belongs to no primitive. RT:
-  /// no allocation.
+  /// Returns the Varying entry of the last primitive, for writing. A second call returns the same
+  /// entry. If the set is empty, the entry belongs to no primitive. RT: no allocation.
   Varying& vary() noexcept {
     if (count_ == 0) return varying_[0];
     if (varying_count_ == 0 || varying_[varying_count_ - 1].index + 1 != count_) {
@@ -123,8 +119,7 @@ class PrimitiveSet {
   /// Moves primitive i to `position` [m]. RT: no allocation.
   void setPosition(std::size_t i, const Vec3& position) noexcept { items_[i].position = position; }
 
-  /// Removes all primitives, friction links and Varying entries, and keeps the memory. RT: no
-  /// allocation.
+  /// Removes all primitives, links and Varying entries; keeps the memory. RT: no allocation.
   void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
   /// Number of primitives, friction lines included.
   [[nodiscard]] std::size_t size() const noexcept { return count_; }

@@ -30,18 +30,17 @@ using namespace solver;
 //     eq. (14)        minus the gradient; on a kink, where P y = b, any -sigma z with |z| <= 1
 //     eq. (15)        y, and a z for each primitive, with gradient zero
 //
-// balance(), at the end of this file, tries the methods in this order, exact and cheap ones first.
-// It balances orthogonal primitives one by one, a plane and one other primitive by a scalar
-// equation (pair.h), and planes alone by pivots (pivots.h). Then it tries Newton on the primitives
-// that held the proxy in the last tick, and finally the method of multipliers (multipliers.h). A
-// bound proves each result (certificate.h). docs/decisions/0005 and 0012 give the reasons.
+// balance(), at the end of this file, tries the methods in this order: orthogonal primitives one by
+// one; a plane and one other primitive (pair.h); planes alone (pivots.h); Newton on the primitives
+// that held the proxy in the last tick, then the method of multipliers (multipliers.h). A bound
+// proves each result (certificate.h). docs/decisions/0005 and 0012 give the reasons.
 
 /// Returns true if the projectors annihilate each other, within rounding.
 bool orthogonal(const Terms& terms) noexcept {
   constexpr double kNothing = 1e-30;
   for (std::size_t i = 1; i < terms.count; ++i) {
     for (std::size_t j = 0; j < i; ++j) {
-      // One of the two must be a plane whose normal the other's projector maps to zero.
+      // One primitive must be a plane, and the other's projector must map its normal to zero.
       const std::size_t plane = terms.alpha[i] == 0.0 ? i : j;
       const std::size_t other = plane == i ? j : i;
       if (terms.alpha[plane] != 0.0) return false;
@@ -51,24 +50,22 @@ bool orthogonal(const Terms& terms) noexcept {
   return true;
 }
 
-/// Balances orthogonal primitives. Each acts as if it were alone, by the soft threshold, and the
-/// result is exact. Only in this case is eq. (2) correct.
+/// Balances orthogonal primitives, exactly: each acts as if it were alone. Eq. (2) is correct only
+/// in this case.
 Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   const Terms& terms = problem.terms;
   Vec3 pull = Vec3::Zero();
   for (std::size_t i = 0; i < terms.count; ++i) {
     const Vec3 d = project(terms, i, problem.spring) - get(terms.b, i);
     const double r = d.norm();
-    // On its kink, a primitive cancels all of d. Off its kink, it cancels as much of d as its
-    // strength allows.
+    // On its kink, a primitive cancels all of d; off its kink, as much as its strength allows.
     pull += r > terms.sigma[i] ? Vec3((terms.sigma[i] / r) * d) : d;
     set(terms.z, i, d / std::max(r, terms.sigma[i]));
   }
   return problem.w - problem.length * pull;
 }
 
-/// Normalises a nearly unit vector (isValid() checks that) by two Newton steps. The first is exact
-/// to 1e-12.
+/// Normalises a nearly unit vector by two Newton steps. The first is exact to 1e-12.
 Vec3 unit(const Vec3& q) noexcept {
   const double once = 1.5 - 0.5 * q.squaredNorm();
   return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
@@ -84,8 +81,7 @@ bool slab(std::span<const Primitive> primitives, std::size_t i) noexcept {
          a.strength == b.strength && a.position == b.position && a.direction == -b.direction;
 }
 
-/// Returns the strength of a primitive's norm [N]. As max(0, t) = (t + |t|)/2, a plane is half a
-/// directed force and half a norm.
+/// Returns the strength of a primitive's norm [N]; for a plane half, as max(0, t) = (t + |t|)/2.
 double share(const Primitive& primitive) noexcept {
   switch (primitive.kind) {
     case PrimitiveKind::kPoint:
@@ -99,21 +95,18 @@ double share(const Primitive& primitive) noexcept {
   return 0.0;
 }
 
-/// Results of makeProblem besides the problem itself.
 struct Remainder {
   Vec3 origin = Vec3::Zero();  ///< origin of the terms, from the probe [m]
   double bound = 0.0;  ///< largest effect of rounding and of omitted primitives on the result [m]
 };
 
-/// Makes the dimensionless problem from eqs (8) to (13). `terms` is empty if only directed forces
-/// are left.
+/// Makes the problem from eqs (8) to (13); `terms` is empty if only directed forces are left.
 Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
                     const Terms& storage, Remainder& remainder) noexcept {
   Problem problem;
   problem.terms = storage;
 
-  // Lengths that determine the bound on rounding [m]: the largest distance, and the sum of the
-  // magnitudes of directed forces divided by k.
+  // For the bound on rounding [m]: the largest distance, and the sum of |directed force| / k.
   const double per_stiffness = 1.0 / stiffness;
   double sum = 0.0;
   double reach = 0.0;
@@ -143,9 +136,9 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
     return problem;
   }
 
-  // The origin is the nearest anchor that the proxy can reach. So kinks with a common anchor
+  // The origin is the nearest anchor that the proxy can reach, so that kinks with a common anchor
   // coincide to the last digit. If all anchors are farther than T/k, the origin is the spring's
-  // end. Primitives that are too weak to matter are omitted, and the bound includes their effect.
+  // end. The bound includes the effect of omitted weak primitives.
   constexpr double kNothing = 1e-20;
   Terms& terms = problem.terms;
   remainder.origin = problem.w;
@@ -184,8 +177,6 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   return problem;
 }
 
-/// Balances two or more primitives in the general case, if they are not orthogonal and not a plane
-/// and one other primitive.
 void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
                     const SolverParams& params, WarmStart* warm, SolveResult& result) noexcept {
   result.solver = SolverKind::kGeneral;
@@ -226,8 +217,7 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
   }
 }
 
-/// Writes the force of each primitive on the proxy [N], the sum of its constant part and of -sigma
-/// z.
+/// Writes the force of each primitive on the proxy [N]: its constant part plus -sigma z.
 void writeForces(const Terms& terms, std::span<const Primitive> primitives,
                  std::span<Vec3> forces) noexcept {
   for (std::size_t i = 0; i < primitives.size(); ++i) {
@@ -250,7 +240,6 @@ void writeForces(const Terms& terms, std::span<const Primitive> primitives,
   }
 }
 
-/// Balances the primitives by the first method that fits.
 template <std::size_t Capacity>
 void balance(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
              const Vec3& start, const SolverParams& params, WarmStart* warm, std::span<Vec3> forces,
@@ -283,7 +272,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   warm->motion = probe + result.offset - start;
 }
 
-/// Balances no primitive or one primitive without the general setup. This is enough for most ticks.
+/// Balances at most one primitive without the general setup. This is enough for most ticks.
 SolveResult balanceFew(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
                        const Vec3& start, WarmStart* warm, std::span<Vec3> forces) noexcept {
   SolveResult result;
@@ -326,8 +315,7 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
                     std::all_of(primitives.begin(), primitives.end(), isValid);
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
-    // Few primitives need only a few cache lines of stack for their terms, which is enough for most
-    // ticks.
+    // A small capacity touches only a few cache lines of stack, which is enough for most ticks.
     if (primitives.size() <= 1) {
       result = balanceFew(probe, stiffness, primitives, start, warm, forces);
     } else if (primitives.size() <= kFew) {

@@ -1,5 +1,4 @@
-/// The solver: finds the place where the primitives balance the coupling spring. Lundin et al.,
-/// section 4.2.
+/// The solver: balances primitives and the coupling spring (Lundin et al., section 4.2).
 #pragma once
 
 #include <cstdint>
@@ -13,35 +12,30 @@ namespace palpate {
 
 /// How a solve ended. With every value, `proxy` is finite if `start` is.
 enum class SolveStatus : std::uint8_t {
-  kConverged,  ///< error_bound is within the tolerance, or as small as the rounding of the input
-               ///< allows.
-  kIterationLimit,  ///< proxy is the best point found; error_bound bounds its distance from the
-                    ///< balance.
+  kConverged,       ///< error_bound is within the tolerance, or as small as rounding allows.
+  kIterationLimit,  ///< proxy is the best point found, within error_bound of the balance.
   kBadInput,        ///< The input is invalid: a NaN, an infinity, stiffness <= 0, strength < 0, a
-              ///< direction that is not of unit length, an unknown kind, too many primitives, or
-              ///< numbers whose products or quotients overflow. proxy is `start`; offset is
-              ///< meaningless, so send no force; error_bound is infinite.
+              ///< direction that is not of unit length, an unknown kind, too many primitives, or an
+              ///< overflow. proxy is `start`; offset is meaningless, so send no force; error_bound
+              ///< is infinite.
 };
 
 /// The method that found the result.
 enum class SolverKind : std::uint8_t {
   kClosedForm,  ///< Any primitive alone, orthogonal primitives, and directed forces.
-  kPair,        ///< A scalar equation, for a plane and one other primitive, or for a plane with its
-                ///< friction and drags.
-  kGeneral,     ///< Pivots between planes, or Newton on 3x3 systems with memory or by the method of
-                ///< multipliers.
+  kPair,        ///< A plane with another primitive, or with friction and drags: a scalar equation.
+  kGeneral,     ///< Pivots between planes, Newton with memory, or the method of multipliers.
 };
 
-/// Stopping criteria of solveProxy: the wanted accuracy, and a limit of the work.
+/// Stopping criteria of solveProxy.
 struct SolverParams {
   /// Wanted error_bound as a share of T/k. T is the sum of the strengths of points and lines, and
   /// of half the strengths of planes. T/k is the largest distance by which these can move the
-  /// proxy. It is at most S/k, where S is the sum of all strengths. Rounding nearly always allows
-  /// 1e-8, and seldom less. If <= 0 or NaN, the solver goes on as far as rounding allows.
+  /// proxy. Rounding allows 1e-8 in most sets. If <= 0 or NaN, the solver goes on as far as
+  /// rounding allows.
   double tolerance = 1e-6;
   /// Largest number of 3x3 linear solves, >= 1, in addition to at most 40 pivots between planes. In
-  /// a test, ten million random balances took at most 50 each, and 286 balances from a search for
-  /// hard ones at most 80.
+  /// a test, ten million random balances took at most 50 each, and hard ones at most 80.
   int max_iterations = 120;
 };
 
@@ -49,48 +43,45 @@ struct SolverParams {
 struct SolveResult {
   Vec3 proxy = Vec3::Zero();   ///< Place of the balance [m].
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], without the rounding to the probe's
-                               ///< magnitude. The spring's force is k times this.
+                               ///< magnitude; k times this is the spring's force.
   double error_bound = 0.0;    ///< Upper bound of the distance between probe + offset and the exact
                                ///< balance of the given primitives [m]. It includes the last digits
   ///< of their directions and of their positions relative to the probe.
-  int iterations = 0;  ///< Number of pivots and 3x3 linear solves of all methods tried. For a plane
-                       ///< and one other primitive, the number of evaluations of the scalar
-                       ///< equation. 0 for the closed form.
-  SolverKind solver = SolverKind::kClosedForm;   ///< Method that gave `proxy`; meaningless after
-                                                 ///< kBadInput.
+  int iterations = 0;  ///< Number of pivots and 3x3 linear solves of all methods tried; for kPair,
+                       ///< the number of evaluations of the scalar equation. 0 for the closed form.
+  SolverKind solver =
+      SolverKind::kClosedForm;  ///< Method that gave `proxy`; meaningless after kBadInput.
   SolveStatus status = SolveStatus::kConverged;  ///< Determines which other members are valid.
 };
 
-/// Result of the last balance, used as the start of the next one, because the same primitives
-/// usually hold the proxy in the next tick. The primitives must be in the same order. The memory is
-/// used only if the number of primitives is the same and the last balance was kGeneral and
-/// kConverged. Wrong memory costs a few more solves but never makes the result wrong. The
-/// constructor allocates all memory.
+/// Result of the last balance, from which the next one starts, because the same primitives usually
+/// hold the proxy. The memory is used only if the number of primitives is the same and the last
+/// balance was kGeneral and kConverged. The primitives must be in the same order. Wrong memory
+/// costs a few more solves but never makes the result wrong. The constructor allocates all memory.
 struct WarmStart {
   WarmStart() : multipliers(kMaxPrimitives, Vec3::Zero()) {}
   /// Makes the next balance start without memory.
   void forget() noexcept { count = 0; }
 
-  std::vector<Vec3> multipliers;  ///< One for each primitive: -f/s for points and lines. For planes
-                                  ///< -(f - s q/2)/(s/2), from the force without its constant half.
-  Vec3 motion = Vec3::Zero();     ///< proxy - start of the last balance [m].
-  std::size_t count = 0;  ///< Number of primitives of the last balance; 0 if there is no memory.
+  std::vector<Vec3>
+      multipliers;             ///< -f/s for each point and line; -(f - s q/2)/(s/2) for each plane.
+  Vec3 motion = Vec3::Zero();  ///< proxy - start of the last balance [m].
+  std::size_t count = 0;       ///< Number of primitives of the last balance; 0 without memory.
 };
 
-/// Finds the position of the proxy at which the primitives balance the coupling spring.
-///
-/// Minimises the potential whose gradient is minus the residual force of eq. (14),
+/// Finds the position of the proxy at which the primitives balance the coupling spring: the
+/// minimiser of the potential whose negative gradient is the residual force of eq. (14),
 ///
 ///     E(x) = k/2 |x - probe|^2 - sum_force s q.x + sum_point s |x - x_i|
 ///            + sum_line s |(I - q q^T)(x - x_i)| + sum_plane s max(0, q.(x_i - x)),
 ///
-/// whose minimiser is the solution of eq. (15). With k > 0 and strengths >= 0 the potential is
-/// strongly convex, so the solution is unique. Within error_bound it does not depend on `start` and
-/// `warm`. Departures from the paper: at a kink (proxy exactly on a plane, line or point) eq. (14)
-/// takes the primitive's force as zero. This solver allows any force of the subgradient there,
-/// because the balance usually lies on a kink. Section 4.2 searches the smallest |f_res|, which is
-/// not always the balance (tests/engine/paper_test.cpp has a case). So this solver stops by the
-/// duality gap: |x - x*| <= sqrt(2 gap / k).
+/// which solves eq. (15). With k > 0 and strengths >= 0 the potential is strongly convex, so the
+/// solution is unique. Within error_bound it does not depend on `start` and `warm`. Departures from
+/// the paper: (1) At a kink (proxy exactly on a plane, line or point) eq. (14) takes the
+/// primitive's force as zero. This solver allows any force of the subgradient there, because the
+/// balance usually lies on a kink. (2) Section 4.2 searches the smallest |f_res|, which is not
+/// always the balance (tests/engine/paper_test.cpp has a case). This solver stops by the duality
+/// gap: |x - x*| <= sqrt(2 gap / k).
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   Coupling stiffness k of eq. (3) [N/m], > 0.
@@ -105,9 +96,9 @@ struct WarmStart {
 ///                    (parallel planes), the forces are one possible distribution. Meaningless
 ///                    after kBadInput.
 ///
-/// RT: no allocation, no lock, no system call; about 150 KB of stack, touched only as far as the
-/// primitives need it. Cost: O(primitives) per iteration. Deterministic: the same input and `warm`
-/// give the same bits.
+/// RT: no allocation, no lock, no system call; about 150 KB of stack, touched only as far as
+/// needed. Cost: O(primitives) per iteration. Deterministic: the same input and `warm` give the
+/// same bits.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
                                      std::span<const Primitive> primitives, const Vec3& start,
                                      const SolverParams& params = {}, WarmStart* warm = nullptr,

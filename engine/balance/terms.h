@@ -1,5 +1,4 @@
-/// Private to engine/balance: the primitives of one balance as dimensionless terms of the potential
-/// in solver.h.
+/// Private to engine/balance: the primitives as dimensionless terms of the potential in solver.h.
 #pragma once
 
 #include <array>
@@ -15,11 +14,10 @@ inline constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
 /// The primitives of one balance, without directed forces, as terms sigma |P y - b|. P = alpha I +
 /// beta q q^T is the projector on the constrained directions: three for a point, two for a line,
-/// one for a plane. Each member is an array over the terms, so that the loops below process several
-/// terms at a time.
+/// one for a plane. Each member is an array over the terms, so that the loops are vectorised.
 ///
-/// b = P a, where a is the anchor. The position of the anchor along its line or plane has no
-/// effect. If the kink is near the origin, b is small, and distances to the kink keep their digits.
+/// b = P a, where a is the anchor: its position along the line or plane has no effect. If the kink
+/// is near the origin, b is small, and distances to the kink keep their digits.
 struct Terms {
   std::size_t count = 0;
   double* sigma;
@@ -35,8 +33,8 @@ struct Terms {
 
   /// Sets b to P (scale (b - origin)).
   void placeFeet(const Vec3& origin, double scale) noexcept;
-  /// Projects the multipliers of the last tick into the range of P of this tick. Keeps their
-  /// length, at most 1, which states whether the primitive held the proxy.
+  /// Projects the last tick's multipliers into this tick's range of P. Keeps their length, at most
+  /// 1, which states whether the primitive held the proxy.
   void turnMultipliers() noexcept;
 
   static constexpr std::size_t kFields = 15;
@@ -44,8 +42,7 @@ struct Terms {
 
 template <std::size_t Capacity>
 struct Storage {
-  // Has one cache line more than needed. With a power of two, all fields would share one set of the
-  // cache.
+  // If their size were a power of two, all fields would share one set of the cache.
   std::array<std::array<double, Capacity + 8>, Terms::kFields> fields;
   std::array<std::size_t, Capacity> source;
 
@@ -71,8 +68,7 @@ inline void set(const std::array<double*, 3>& field, std::size_t i, const Vec3& 
   for (std::size_t axis = 0; axis < 3; ++axis) field[axis][i] = v[static_cast<Eigen::Index>(axis)];
 }
 
-/// Returns the larger value. std::max returns a reference, which prevents the compiler from
-/// vectorising the loops.
+/// Returns the larger value. std::max returns a reference, which prevents vectorisation.
 inline double larger(double a, double b) noexcept {
   return a > b ? a : b;
 }
@@ -95,7 +91,7 @@ inline Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
   return x;
 }
 
-/// Three doubles. Unlike a Vec3, the compiler keeps them in vector registers in the loops below.
+/// The compiler keeps a Triple, unlike a Vec3, in vector registers in the loops below.
 struct Triple {
   double x;
   double y;
@@ -124,8 +120,7 @@ inline void Terms::placeFeet(const Vec3& origin, double scale) noexcept {
   const double oz = origin.z();
 #pragma omp simd
   for (std::size_t i = 0; i < count; ++i) {
-    // The projection is repeated. The rounding error outside the range of P is not small compared
-    // with b if the kink is near the origin.
+    // Projects twice: near the origin, b can be as small as the rounding error outside P's range.
     const auto [ax, ay, az] = constrained(*this, i, scale * (b[0][i] - ox), scale * (b[1][i] - oy),
                                           scale * (b[2][i] - oz));
     const auto [bx, by, bz] = constrained(*this, i, ax, ay, az);

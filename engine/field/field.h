@@ -1,4 +1,4 @@
-/// Interfaces of the engine's data sources. A .vdb grid or a formula implements them.
+/// Interfaces of the engine's data sources, such as a .vdb grid or a formula.
 #pragma once
 
 #include <array>
@@ -15,24 +15,22 @@ namespace palpate {
 
 /// A scalar property at one point.
 struct ScalarSample {
-  double value = 0.0;            ///< V, in the data's unit.
-  Vec3 gradient = Vec3::Zero();  ///< Continuous gradient of V, per unit of the data's own space
-                                 ///< (not per metre). Its direction is in W.
-  bool inside = false;           ///< False where data are not valid: modes add no primitives.
-  bool coarse = false;  ///< The value comes from coarser data or from data of another moment,
-                        ///< because the right data were missing.
+  double value = 0.0;  ///< V, in the data's unit.
+  Vec3 gradient =
+      Vec3::Zero();     ///< Continuous gradient of V in W, per unit of the data's own space.
+  bool inside = false;  ///< True if the data are valid here; else modes add no primitives.
+  bool coarse = false;  ///< True if coarser data, or data of another moment, replaced missing data.
 };
 
 /// A vector property at one point, in W.
 struct VectorSample {
   Vec3 value = Vec3::Zero();     ///< v, in the data's unit.
   Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d v_i / d x_j, per unit of the data's space.
-  bool inside = false;           ///< False where data are not valid: modes add no primitives.
+  bool inside = false;           ///< True if the data are valid here; else modes add no primitives.
   bool coarse = false;           ///< Same as ScalarSample::coarse.
 };
 
-/// The state at the start of a tick, as passed to a field. Positions are in the resting frame of
-/// the field.
+/// The state at the start of a tick. Positions are in the resting frame of the field.
 struct Attention {
   Vec3 proxy = Vec3::Zero();  ///< Proxy [m].
   Vec3 probe = Vec3::Zero();  ///< Position of the hand [m].
@@ -41,8 +39,7 @@ struct Attention {
   double rate = 0.0;          ///< Rate of `play` since the last tick [s/s].
 };
 
-/// Mutable state that one thread needs to read one field, such as an accessor and the last cell. A
-/// Reader owns one FieldCache for each of its fields.
+/// Mutable state with which one thread reads one field, such as the last cell. A Reader owns it.
 struct alignas(64) FieldCache {
   /// Memory for the field's own data structure. Valid after AnyField::reset().
   std::array<std::byte, 1984> bytes;
@@ -51,11 +48,11 @@ struct alignas(64) FieldCache {
 /// The result of a search along a straight path for the place where a value falls through a level.
 struct Crossing {
   bool found = false;  ///< True if the value falls through the level.
-  double share = 1.0;  ///< Share of the path up to the fall, 0 to 1; if not found, the share that
-                       ///< was searched.
+  double share =
+      1.0;  ///< Share of the path up to the fall, 0 to 1; if not found, the searched share.
   /// Number of cells searched; for a field without cells, the number of values read.
   int cells = 0;
-  bool behind = false;  ///< True if nothing was found because the whole path is below the level.
+  bool behind = false;  ///< True if the whole path is below the level.
 };
 
 /// Placement of a field in W.
@@ -67,18 +64,17 @@ struct FieldFrame {
   /// True if the scalar is a signed distance, in units of the field's own space.
   bool distance = false;
   Mat3 reach = Mat3::Zero();  ///< The gradient is a difference over one step to either side along
-                              ///< each lattice axis. The columns are these steps [m]; zero if the
-                              ///< gradient is not a difference.
+                              ///< each lattice axis. The columns are these steps [m]; zero if it is
+                              ///< not a difference.
 };
 
 /// Returns the id of a new field, unique in the process.
 [[nodiscard]] std::uint64_t nextFieldId() noexcept;
 
-/// Base class of scalar and vector fields. A field is const and shared between threads. All state
-/// that a read changes is in the FieldCache.
+/// A field is const and shared between threads. A FieldCache holds all state that a read changes.
 class AnyField {
  public:
-  /// Makes a field with the placement `frame` and a new id.
+  /// Makes a field with a new id.
   explicit AnyField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
   AnyField(const AnyField&) = delete;
   AnyField& operator=(const AnyField&) = delete;
@@ -86,28 +82,26 @@ class AnyField {
 
   /// Prepares `cache` for reads of this field. RT: no allocation.
   virtual void reset(FieldCache& cache) const noexcept = 0;
-  /// Returns a radius about p_W [m] within which the field is empty: `inside` is false, the value
-  /// is the background and the derivatives are zero. Returns 0 if the radius is unknown. RT: no
-  /// allocation. Cost: a few ns.
+  /// Returns a radius about p_W [m] within which the field is empty (no data, background value,
+  /// zero derivatives); 0 if unknown. RT: no allocation. Cost: a few ns.
   [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
     return 0.0;
   }
 
   /// Announces a tick that may read the field with this cache. The loop calls it only if attends()
   /// is true. The positions in `at` let other threads fetch data ahead of the hand. Returns true if
-  /// the values differ from those of the last tick and no motion has carried the proxy along. RT:
+  /// the values differ from those of the last tick, and no motion has carried the proxy along. RT:
   /// no allocation, no lock.
   virtual bool attend(const Attention& /*at*/,
                       FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {
     return false;
   }
   /// Announces the end of a tick for which attend() was called. The field is not read with this
-  /// cache until attend() announces the next tick. RT: no allocation.
+  /// cache until the next attend(). RT: no allocation.
   virtual void leave(FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
   /// Returns true if the field needs calls of attend() and leave().
   [[nodiscard]] virtual bool attends() const noexcept { return false; }
-  /// Returns true while the source of the field's data is missing (Fault::kVolume). RT: no
-  /// allocation.
+  /// Returns true while the source of the data is missing (Fault::kVolume). RT: no allocation.
   [[nodiscard]] virtual bool lost() const noexcept { return false; }
 
   /// Returns the placement of the field in W. It never changes.
@@ -124,8 +118,8 @@ class ScalarField : public AnyField {
  public:
   using AnyField::AnyField;
 
-  /// Returns value and gradient at p_W [m]. If p_W is NaN or far away, `inside` is false. RT: no
-  /// allocation, no lock. Cost: tens of ns.
+  /// Returns value and gradient at p_W [m]. If p_W is not finite or outside of the data, `inside`
+  /// is false. RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
   /// Returns V at p_W [m] at less cost than sample(). RT: no allocation.
@@ -133,25 +127,22 @@ class ScalarField : public AnyField {
                                      FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).value;
   }
-  /// Returns the slope of the interpolated V at p_W. In a trilinear field this is the slope of the
-  /// cell's polynomial. It jumps at the faces of cells, and `gradient` does not. Cheap after
-  /// sample() at the same place.
+  /// Returns the slope of the interpolated V at p_W; in a trilinear field, that of the cell's
+  /// polynomial, which jumps at faces. Cheap after sample() at the same place.
   [[nodiscard]] virtual Vec3 cellGradient(const Vec3& p_W,
                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).gradient;
   }
   /// Returns the Jacobian of `gradient`, d gradient_i / d p_j [its unit / m], both in W. Cheap
-  /// after sample() at the same place. The default takes differences of six samples. RT: no
-  /// allocation.
+  /// after sample() at the same place. The default takes six samples. RT: no allocation.
   [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
                                               FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
   /// Finds the first place on the path from a_W to b_W [m] where h = sign (V - level) falls below
-  /// zero, within the data. There a proxy from the free side touches the surface. If h <= 0 at
-  /// a_W, the crossing is at a_W if h falls there, otherwise where h falls below zero after h was
-  /// above zero. The default reads a value every half voxel; a grid searches exactly. The search
-  /// covers at most 128 voxels (in a grid 256 cells). An end that is not finite gives no result.
-  /// RT: no allocation. Cost: a sample every half voxel; in a grid, some 50 ns for each cell except
-  /// the one read last.
+  /// zero, within the data. There a proxy from the free side touches the surface. If h <= 0 at a_W,
+  /// the crossing is at a_W if h falls there, otherwise where h falls below zero after h was above
+  /// zero. The default reads a value every half voxel; a grid searches exactly. The search covers
+  /// at most 128 voxels (in a grid 256 cells). An end that is not finite gives no result. RT: no
+  /// allocation. Cost: a sample every half voxel; in a grid, some 50 ns for each cell.
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
@@ -162,13 +153,12 @@ class VectorField : public AnyField {
  public:
   using AnyField::AnyField;
 
-  /// Returns value and Jacobian at p_W [m]. If p_W is NaN or far away, `inside` is false. RT: no
-  /// allocation, no lock. Cost: tens of ns.
+  /// Returns value and Jacobian at p_W [m]. If p_W is not finite or outside of the data, `inside`
+  /// is false. RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
-  /// Traces the stream through p_W [m]; see trace.h. The default treats the field as one smooth
-  /// piece; a grid traces cell by cell. RT: no allocation. Cost: one value of v, and four for each
-  /// step. Rejected steps count.
+  /// Traces the stream through p_W [m] (trace.h), as one smooth piece; a grid traces cell by cell.
+  /// RT: no allocation. Cost: one value of v, and four for each tried step.
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 };

@@ -17,21 +17,17 @@ namespace palpate {
 }
 
 /// Returns Q = (|O|^2 - |S|^2) / 2 with Frobenius norms (Hunt, Wray and Moin 1988). Q > 0 in a
-/// vortex, where rotation prevails. Departure: if the flow is not free of divergence, Q is still
-/// this difference, not the second invariant of J.
+/// vortex, where rotation prevails. Departure: for a flow with divergence, Q is still this
+/// difference, not the second invariant of J.
 [[nodiscard]] inline double qCriterion(const Mat3& J) noexcept {
   // tr(J J) = |S|^2 - |O|^2.
   return -0.5 * (J(0, 0) * J(0, 0) + J(1, 1) * J(1, 1) + J(2, 2) * J(2, 2)) -
          (J(0, 1) * J(1, 0) + J(0, 2) * J(2, 0) + J(1, 2) * J(2, 1));
 }
 
-/// Returns the middle eigenvalue of S^2 + O^2 (Jeong and Hussain 1995). It is below zero in a
-/// vortex.
-///
-/// The result is accurate to a few roundings of |J|^2, also if eigenvalues coincide. It is 0 if |J|
-/// < 1e-160, NaN if J is not finite, and infinite if the square overflows.
-///
-/// RT: no allocation. Cost: some 60 ns.
+/// Returns the middle eigenvalue of S^2 + O^2 (Jeong and Hussain 1995), < 0 in a vortex. Accurate
+/// to a few roundings of |J|^2, even if eigenvalues coincide. It is 0 if |J| < 1e-160, NaN if J is
+/// not finite, and infinite if the square overflows. RT: no allocation. Cost: some 60 ns.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
 /// The shortest vector that has a direction, in the data's unit. The reciprocal of a shorter length
@@ -46,8 +42,7 @@ inline constexpr double kShortest = 1e-100;
   return v / length;
 }
 
-/// Returns the derivative of the direction of v, d(v/|v|)/dx, from v's Jacobian; zero if v has no
-/// direction.
+/// Returns the derivative of v's direction, d(v/|v|)/dx; zero if v has no direction.
 [[nodiscard]] inline Mat3 turnOf(const Vec3& v, const Mat3& J) noexcept {
   const Vec3 q = unit(v);
   if (q.isZero(0.0)) return Mat3::Zero();

@@ -60,7 +60,6 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
     turns.push_back(turn.normalized());
     knots_.push_back({key.time, Pose::rigid(turns.back().toRotationMatrix(), key.translate)});
     if (i == 0) continue;
-    // The rotation from the last keyframe takes the shorter arc.
     Eigen::Quaterniond way = turns[i - 1].conjugate() * turns[i];
     if (std::abs(way.w()) < 1e-6) {
       throw SceneError(here + "/rotation_wxyz",

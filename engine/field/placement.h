@@ -17,10 +17,10 @@ namespace palpate {
 /// A map from the resting frame of a volume, in which its field is given, to W. The map is rigid;
 /// for a volume that deforms, it is the linear map about one place.
 struct Pose {
-  Mat3 linear = Mat3::Identity();  ///< Linear part of the map; in a rigid map a rotation about W's
-                                   ///< origin. Applied before `translate`.
-  Mat3 back = Mat3::Identity();    ///< The inverse of `linear`.
-  Vec3 translate = Vec3::Zero();   ///< Shift [m].
+  Mat3 linear =
+      Mat3::Identity();  ///< Linear part, applied before `translate`; in a rigid map a rotation.
+  Mat3 back = Mat3::Identity();   ///< The inverse of `linear`.
+  Vec3 translate = Vec3::Zero();  ///< Shift [m].
 
   /// Returns the rigid map that first rotates and then shifts.
   [[nodiscard]] static Pose rigid(const Mat3& rotation, const Vec3& translate) noexcept {
@@ -32,18 +32,17 @@ struct Pose {
   }
   /// Maps a point p of W to the resting frame [m].
   [[nodiscard]] Vec3 toRest(const Vec3& p) const noexcept { return back * (p - translate); }
-  /// Maps a vector that moves with the material, such as a velocity or a fibre's direction, to W.
+  /// Maps a vector that moves with the material, such as a fibre's direction, to W.
   [[nodiscard]] Vec3 vector(const Vec3& v_rest) const noexcept { return linear * v_rest; }
   /// Maps a gradient, or a surface normal, to W.
   [[nodiscard]] Vec3 gradient(const Vec3& g_rest) const noexcept {
     return back.transpose() * g_rest;
   }
-  /// Maps the spatial derivative of a gradient to W, if the pose does not vary near that place.
+  /// Maps the spatial derivative of a gradient to W, if the pose does not vary nearby.
   [[nodiscard]] Mat3 gradientJacobian(const Mat3& of_rest) const noexcept {
     return back.transpose() * of_rest * back;
   }
-  /// Maps the spatial derivative of a material vector to W, if the pose does not vary near that
-  /// place.
+  /// Maps the spatial derivative of a material vector to W, if the pose does not vary nearby.
   [[nodiscard]] Mat3 vectorJacobian(const Mat3& of_rest) const noexcept {
     return linear * of_rest * back;
   }
@@ -61,13 +60,12 @@ struct Keyframe {
 };
 
 /// Motion of a volume. Between keyframes the volume rotates by the shorter arc and shifts, both at
-/// constant rates. Before the first and after the last keyframe it stands still, unless the motion
-/// repeats. A warp deforms the volume in the frame of this rigid motion. Const; shared by all
-/// volumes that move together.
+/// constant rates. Outside of the keyframes it stands still, unless the motion repeats. A warp
+/// deforms the volume in the frame of this rigid motion. Const; volumes may share it.
 class Motion {
  public:
   /// Makes a motion from keyframes. Throws SceneError, with `path` before the JSON path of the
-  /// error (such as /2/time), in these cases: there is no keyframe; times do not ascend or exceed
+  /// error (such as /2/time), in these cases: a keyframe is missing; times do not ascend or exceed
   /// 1e9 s; a shift is 1e6 m or more; a rotation is zero; two successive rotations are half a turn
   /// apart; a repeated motion has one keyframe or does not end at its start.
   explicit Motion(std::span<const Keyframe> keyframes, bool repeat = false,
@@ -75,15 +73,14 @@ class Motion {
   /// Makes a motion that only deforms the volume.
   explicit Motion(WarpPtr warp);
 
-  /// Returns the rigid pose of the keyframes at `time` [s]. RT: no allocation. Cost: O(log
-  /// keyframes), one sine and cosine.
+  /// Returns the keyframes' rigid pose at `time` [s]. RT: no allocation. Cost: O(log keyframes).
   [[nodiscard]] Pose poseAt(double time) const noexcept PALPATE_NONBLOCKING;
   /// Returns the deformation about p_W [m]; the identity without a warp. RT: no allocation. Cost: a
   /// reading of the warp, and the pose.
   [[nodiscard]] Deformation deformationAt(const Vec3& p_W,
                                           double time) const noexcept PALPATE_NONBLOCKING;
-  /// Returns the pose at `time` [s] with a deformation that is already known, from the same or
-  /// another time. RT: no allocation. Cost: that of poseAt(time).
+  /// Returns the pose at `time` [s] with a known deformation, which may be of another time. RT: no
+  /// allocation.
   [[nodiscard]] Pose poseAt(double time,
                             const Deformation& about) const noexcept PALPATE_NONBLOCKING;
   /// Returns the pose at `time` [s] about p_W [m]. RT: no allocation.
@@ -91,15 +88,13 @@ class Motion {
     return poseAt(time, deformationAt(p_W, time));
   }
   /// Returns the pose at `time` [s] about the material point that rests at p_rest [m]. Newton's
-  /// method finds the point's present place, with at most 8 readings of the warp. RT: no
-  /// allocation.
+  /// method finds the point's place, with at most 8 readings of the warp. RT: no allocation.
   [[nodiscard]] Pose poseOf(const Vec3& p_rest, double time) const noexcept PALPATE_NONBLOCKING;
   /// Returns the warp; null if the motion is rigid.
   [[nodiscard]] const WarpPtr& warp() const noexcept { return warp_; }
 
-  /// Returns a box in W that contains a box of the resting frame at all times of the motion. It is
-  /// exact to 0.2 % of the radius at which the corners turn. With a warp, the box contains all
-  /// places that the material can reach.
+  /// Returns a box in W that contains a box of the resting frame, and all places that its material
+  /// can reach, at all times. It is exact to 0.2 % of the radius at which the corners turn.
   [[nodiscard]] Box sweep(const Box& at_rest) const;
   /// Returns a box, in the resting frame, of all places to which the warp can move the material of
   /// the box `at_rest`. Without a warp this is the same box.
@@ -110,11 +105,9 @@ class Motion {
 
   /// Number of keyframes, >= 1.
   [[nodiscard]] std::size_t size() const noexcept { return knots_.size(); }
-  /// Returns the time of the first keyframe [s]. Until then the volume stands at the pose of that
-  /// keyframe.
+  /// Returns the time of the first keyframe [s]; until then the volume stands still.
   [[nodiscard]] double from() const noexcept { return knots_.front().time; }
-  /// Returns the time of the last keyframe [s]. Then the volume stands still, or the motion repeats
-  /// from from().
+  /// Returns the time of the last keyframe [s], when the motion ends or repeats.
   [[nodiscard]] double to() const noexcept { return knots_.back().time; }
   /// True if the motion repeats after to().
   [[nodiscard]] bool repeats() const noexcept { return repeat_; }
@@ -128,7 +121,7 @@ class Motion {
     Pose pose;
     /// Axis of the rotation in the resting frame, before `pose` rotates it.
     Vec3 axis = Vec3::UnitX();
-    double angle = 0.0;       ///< Angle of the rotation [rad].
+    double angle = 0.0;
     Vec3 way = Vec3::Zero();  ///< Shift to the next keyframe [m].
   };
   [[nodiscard]] static Pose between(const Knot& knot, double share) noexcept PALPATE_NONBLOCKING;
@@ -148,16 +141,15 @@ struct Body {
   Pose target;        ///< Pose at the end of the tick, predicted at its begin.
   Deformation about;  ///< Deformation by the last reading.
   Deformation ahead;  ///< Deformation from which `target` was predicted.
-  double sure = 0.0;  ///< A prediction with a larger error than this is replaced by a reading of
-                      ///< the warp [m].
+  double sure = 0.0;  ///< Largest error of a prediction [m]; beyond it, the warp is read instead.
   Pose carry;         ///< Motion from the last pose to this one, in W.
-  Vec3 from = Vec3::Zero();  ///< Place of the proxy before it moves, in the resting frame [m]. The
-                             ///< volume carries it along.
-  Vec3 carried = Vec3::Zero();  ///< The same place in W [m].
-  Vec3 seen = Vec3::Zero();     ///< Place where properties are read, in the resting frame [m].
-  Vec3 swept = Vec3::Zero();    ///< Vector from `seen` to the place where the path to `seen` ended,
-                                ///< by the pose before the reading [m]. Zero for a rigid pose. The
-                                ///< next path begins at that place.
+  Vec3 from = Vec3::Zero();  ///< Place of the proxy before it moves, in the resting frame [m].
+  Vec3 carried =
+      Vec3::Zero();          ///< `from` in W [m]: the place to which the volume carries the proxy.
+  Vec3 seen = Vec3::Zero();  ///< Place where properties are read, in the resting frame [m].
+  Vec3 swept =
+      Vec3::Zero();  ///< Vector from `seen` to the end of the path to `seen`, by the pose before
+                     ///< the reading [m]; the next path begins there. Zero for a rigid pose.
   /// True if the volume has moved since the proxy last moved. If false, `carried` equals the proxy.
   bool moved = false;
 };

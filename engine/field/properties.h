@@ -10,22 +10,21 @@ namespace palpate {
 /// Largest number of scalars, and also of vectors, that the modes of one scene may read.
 inline constexpr int kMaxProperties = 64;
 
-/// Properties sampled at the proxy: step 1 of the paper's figure 1. The graph assigns an index to
-/// each. Modes read no other data of the volumes.
+/// Properties sampled at the proxy: step 1 of the paper's figure 1.
 struct Properties {
   /// A scalar property at the place of the reading.
   struct Scalar {
-    /// Value in the data's unit. If the volume was not sampled, the background.
+    /// Value in the data's unit; if the volume was not sampled, the background.
     double value = 0.0;
-    bool inside = false;        ///< False where there is no data.
-    Vec3 slope = Vec3::Zero();  ///< Slope of the interpolated value [its unit / m], in W. Zero if
-                                ///< it is unknown, or if no mode's strength depends on the value.
+    bool inside = false;        ///< True if there are data here.
+    Vec3 slope = Vec3::Zero();  ///< Slope of the interpolated value [its unit / m], in W; zero if
+                                ///< unknown or not needed.
   };
   /// A vector property at the place of the reading.
   struct Vector {
     /// Value in W. Derived vectors are per unit of the data's own space.
     Vec3 value = Vec3::Zero();
-    bool inside = false;           ///< False where there is no data.
+    bool inside = false;           ///< True if there are data here.
     Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W. Zero for a
                                    ///< curl, and for a gradient that no primitive follows.
   };

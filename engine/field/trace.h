@@ -1,5 +1,4 @@
-/// Tracing of a stream, the curve that has the direction v / |v| everywhere. trace_cells.h has the
-/// method.
+/// Tracing of a stream, the curve with the direction v / |v| everywhere. Method: trace_cells.h.
 #pragma once
 
 #include "palpate/engine/types.h"
@@ -10,19 +9,17 @@ namespace palpate {
 struct TraceOrder {
   /// Decides which direction is forward if v has no sign, as with fibre axes.
   Vec3 along = Vec3::UnitX();
-  double length = 0.0;   ///< Arc length [m], negative for backwards. With `to_hand`, the largest
-                         ///< length in either direction.
-  bool to_hand = false;  ///< True to trace towards the hand, up to the first place that is nearest
-                         ///< to the hand.
-  Vec3 hand = Vec3::Zero();        ///< Vector from the start to the hand [m]; decides `hairpin`.
+  double length =
+      0.0;  ///< Arc length [m], < 0 for backwards; with `to_hand`, the largest in either direction.
+  bool to_hand = false;      ///< True to trace to the first place that is nearest to the hand.
+  Vec3 hand = Vec3::Zero();  ///< Vector from the start to the hand [m]; decides `hairpin`.
   Mat3 metric = Mat3::Identity();  ///< Metric M of distances to the hand: |d|^2 = d^T M d.
   /// A trace to the hand ends when the pull along the curve is this small [voxels].
   double near = 1e-3;
-  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve at the start, if known
-                             ///< (Trace::bend) [1/voxel].
+  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve at the start, if known [1/voxel].
   double tolerance = 1e-4;   ///< Largest error of a step [voxels].
-  int max_steps = 16;  ///< Largest number of steps, >= 1. Steps that were too long and repeated are
-                       ///< limited to four times this number.
+  int max_steps =
+      16;  ///< Largest number of steps, >= 1; with rejected steps, at most four times this number.
   double stride = 0.5;  ///< First step to try [voxels]: Trace::stride of the last trace.
 };
 

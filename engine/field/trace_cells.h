@@ -1,7 +1,6 @@
-/// Traces a stream one grid cell at a time, by RK4 with two error estimates. A trilinear field has
-/// kinks at the faces of its cells, and a step over a kink is of second order only. A step that
-/// ends at the face keeps the fourth order. A short step within a cell, such as the path of a hand
-/// in a tick, uses the midpoint rule.
+/// Traces a stream cell by cell, by RK4 with two error estimates. A trilinear field has kinks at
+/// the faces of its cells, and a step over a kink is of second order only. A step that ends at the
+/// face keeps the fourth order. A short step within a cell uses the midpoint rule.
 #pragma once
 
 #include <algorithm>
@@ -23,23 +22,23 @@ namespace palpate {
 ///     Vec3 value(const Vec3& u)         v by the cell's own polynomial, a little outside as well
 ///     Vec3 rate(const Vec3& v)          du / ds of a unit vector of W, s in voxels
 ///
-/// Cell coordinates are used for u, for the direction of `enter` and for the resulting position.
-/// The resulting direction is in W. `length`, order.length and order.hand are in voxels. The trace
-/// ends where v has no direction.
+/// u, the `direction` of `enter` and the resulting position are in cell coordinates. The resulting
+/// direction is in W. `length`, order.length and order.hand are in voxels. The trace ends where v
+/// has no direction.
 ///
 /// A trace to the hand descends from its start to a minimum of E(s) = d.Md / 2, with d = hand -
 /// x(s) and M = order.metric:
 ///
 ///     g = -E' = x'.Md,   -g' = E'' = x'.Mx' - x''.Md,   Newton's step g / max(E'', 0.1 x'.Mx')
 ///
-/// Beyond the centre of curvature E'' <= 0. There the trace continues, because the distance falls
-/// while g > 0. The trace ends at the first root of g. If a step passes the root, it is shortened
-/// to the root of g on the cubic of that step.
+/// E'' <= 0 beyond the centre of curvature. There the trace continues, because the distance falls
+/// while g > 0. The trace ends at the first root of g. A step that passes the root is shortened to
+/// the root of g on its cubic.
 template <class Flow>
 class CellTrace {
  public:
   /// Begins at `start`, in cell coordinates. `flow` and `order` must outlive the object. The first
-  /// step to try is order.stride, limited to 0.05 to 1 voxel.
+  /// step is order.stride, within 0.05 to 1 voxel.
   CellTrace(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept
       : flow_(flow),
         order_(order),
@@ -75,14 +74,14 @@ class CellTrace {
   }
 
  private:
-  static constexpr double kLeast = 0.05;   // shortest step [voxels]
-  static constexpr double kLongest = 1.0;  // longest step [voxels]
-  // factor that lengthens a step to a face, so that it reaches the face
+  static constexpr double kLeast = 0.05;   // [voxels]
+  static constexpr double kLongest = 1.0;  // [voxels]
+  // lengthens a step so that it certainly reaches the face
   static constexpr double kPast = 1.03;
-  static constexpr double kMostGrowth = 4.0;  // largest growth of a step, for a step without error
+  static constexpr double kMostGrowth = 4.0;  // growth after a step without error
   static constexpr double kRough =
-      1.0 / 75.0;  // weight of the rough error estimate, found by measurement
-  // [voxels]: a trace with no more length left than this is complete
+      1.0 / 75.0;  // weight of the rough error estimate, by measurement
+  // [voxels]: the trace is complete if less length is left
   static constexpr double kEnough = 1e-12;
   // [voxels]: longest step that follows the known bend alone
   static constexpr double kNudge = 0.02;
@@ -94,8 +93,7 @@ class CellTrace {
   static constexpr double kStuck = 1e-6;
   enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
-  /// Enters the first cell in the direction of the trace. Returns false if there is no data or no
-  /// direction.
+  /// Enters the first cell in the direction of the trace. Returns false without data or direction.
   [[nodiscard]] bool begin() noexcept {
     const Vec3 pull = order_.metric * order_.hand;
     if (order_.to_hand && way_.dot(pull) < 0.0) turnRound();
@@ -111,8 +109,7 @@ class CellTrace {
     way_ = -way_;
   }
 
-  /// Writes v/|v| to `d`, with the sign that agrees with `like`. Returns false where v has no
-  /// direction.
+  /// Writes v/|v|, turned towards `like`, to `d`. Returns false where v has no direction.
   bool direction(const Vec3& u, const Vec3& like, Vec3& d) noexcept {
     ++samples_;
     const Vec3 v = flow_.value(u);
@@ -124,7 +121,7 @@ class CellTrace {
     return true;
   }
 
-  /// Returns the distance to the face ahead [voxels], on the parabola that continues the last bend.
+  /// Returns the distance to the face ahead [voxels], on the parabola with the last bend.
   [[nodiscard]] double toFace() const noexcept {
     double face = 1e9;
     for (int a = 0; a < 3; ++a) {
@@ -142,8 +139,7 @@ class CellTrace {
     return face;
   }
 
-  /// Reads the direction k2_ in the middle of a straight step of length h_. The midpoint rule and
-  /// RK4 both use it.
+  /// Reads the direction k2_ in the middle of a straight step of length h_.
   [[nodiscard]] bool middle() noexcept {
     if (h_ == middle_of_) return true;
     middle_of_ = 0.0;
@@ -153,10 +149,9 @@ class CellTrace {
   }
 
   /// Makes a step of length h_ by the midpoint rule, with one value of v instead of four. The error
-  /// is at most h^3 x''' / 6. The estimate of x''' is the change of the bend since the last step,
-  /// divided by the length of this step. If the last step was shorter and v is smooth, the estimate
-  /// can be too low. Returns false and makes no step if the estimate is too large or the step
-  /// leaves its cell.
+  /// is at most h^3 x''' / 6. The change of the bend since the last step, divided by h_, estimates
+  /// x'''. The estimate can be too low if the last step was shorter. Returns false and makes no
+  /// step if the error is too large or the step leaves its cell.
   [[nodiscard]] bool shortStep() noexcept {
     if (!middle()) return false;
     const Vec3 change = 2.0 * (k2_ - k1_);
@@ -172,8 +167,7 @@ class CellTrace {
     return true;
   }
 
-  /// Computes the stages of an RK4 step of length h_, and its end. Returns false where v has no
-  /// direction.
+  /// Computes the stages and the end of an RK4 step. Returns false where v has no direction.
   [[nodiscard]] bool stages() noexcept {
     if (!middle()) return false;
     const Vec3 r2 = flow_.rate(k2_);
@@ -186,7 +180,7 @@ class CellTrace {
     return direction(end_, k1_, k5_);
   }
 
-  /// Tries a step to the trace's end, as far as the error estimates allow, or to the face ahead.
+  /// Tries a step to the trace's end or to the face ahead, as far as the error estimates allow.
   [[nodiscard]] Tried tryStep() noexcept {
     const double wanted = order_.to_hand ? std::min(left_, aim_) : left_;
     h_ = std::min(wanted, stride_);
@@ -207,9 +201,8 @@ class CellTrace {
       stride_ = std::max(0.5 * std::min(h_, stride_), kLeast);
       return Tried::kTooLong;
     }
-    // The first estimate uses the derivative at the end. It is of fourth order in h, but can vanish
-    // where the error does not. The second is the difference between the trapezoidal and midpoint
-    // rules, of third order.
+    // The first estimate is of fourth order in h, but can vanish where the error does not. The
+    // second, the difference between the trapezoidal and midpoint rules, is of third order.
     const double error = h_ / 6.0 * (k4_ - k5_).norm();
     const double rough = kRough * h_ / 2.0 * (k1_ - k2_ - k3_ + k4_).norm();
     double grow = kMostGrowth;
@@ -226,8 +219,7 @@ class CellTrace {
     return !order_.to_hand || backToHand() ? Tried::kMade : Tried::kEnds;
   }
 
-  /// Moves to the end of the step, or to the face that the step crosses. Returns false if the trace
-  /// ends there.
+  /// Moves to the end of the step, or to the first face. Returns false if the trace ends there.
   [[nodiscard]] bool goOn() noexcept {
     const Vec3 r5 = flow_.rate(k5_);
     // The condition means E'' < 0 in the middle of the step.
@@ -246,16 +238,14 @@ class CellTrace {
     return true;
   }
 
-  /// Returns g / max(E'', 0.1 x'.Mx') for a curve with direction `way` and second derivative
-  /// `turn`, where `pull` is Md.
+  /// Returns g / max(E'', 0.1 x'.Mx') for x' = `way`, x'' = `turn` and Md = `pull`.
   [[nodiscard]] double newtonStep(double g, const Vec3& way, const Vec3& turn,
                                   const Vec3& pull) const noexcept {
     const double straight = way.dot(order_.metric * way);
     return g / std::max(straight - turn.dot(pull), kSteepest * straight);
   }
 
-  /// Returns true at a place nearest to the hand, where g <= near. Else sets `aim_` to Newton's
-  /// step to that place.
+  /// Returns true at a place nearest to the hand. Else sets `aim_` to Newton's step to that place.
   [[nodiscard]] bool atHand() noexcept {
     const Vec3 pull = order_.metric * (order_.hand - gone_);
     const double g = way_.dot(pull);
@@ -264,8 +254,7 @@ class CellTrace {
   }
 
   /// If the step passes the place nearest to the hand, moves its end to that place. Returns false
-  /// where v has no direction. Cost: four values of v if the step passes it, and one for the final
-  /// correction.
+  /// where v has no direction. Cost: up to five values of v.
   [[nodiscard]] bool backToHand() noexcept {
     constexpr int kMost = 4;
     for (int i = 0; i < kMost; ++i) {
@@ -290,8 +279,7 @@ class CellTrace {
     return true;
   }
 
-  /// Returns the share of the step at which g = 0 on the cubic of the step, by regula falsi
-  /// (Illinois). `g_end` < 0 is g at the end of the step.
+  /// Returns the share of the step at which g = 0 on its cubic, by regula falsi (Illinois).
   [[nodiscard]] double shareToHand(double g_end) const noexcept {
     const Vec3 d = order_.hand - gone_;
     constexpr int kMost = 8;
@@ -315,8 +303,7 @@ class CellTrace {
     return t;
   }
 
-  /// Returns the displacement in W at share t of the step, on the cubic through both ends of the
-  /// step.
+  /// Returns the displacement in W at share t of the step, on the cubic through both ends.
   [[nodiscard]] Vec3 goneAt(double t) const noexcept {
     const double t2 = t * t;
     const double t3 = t2 * t;
@@ -331,15 +318,13 @@ class CellTrace {
         .normalized();
   }
 
-  /// Face at which the step leaves its cell.
   struct Face {
     int axis = -1;  ///< Axis of the face; -1: the step stays in its cell.
     int side = 0;
     double share = 2.0;  ///< Share of the step at which it leaves.
   };
 
-  /// Returns coordinate `a` of u at share t of the step, on the cubic through both ends of the
-  /// step.
+  /// Returns coordinate `a` of u at share t of the step, on the same cubic.
   [[nodiscard]] double cubic(double t, int a, const Vec3& r5) const noexcept {
     const double t2 = t * t;
     const double t3 = t2 * t;
@@ -376,8 +361,7 @@ class CellTrace {
     left_ -= face.share * h_;
     gone_ += goneAt(face.share);
     way_ = k1_ + face.share * (k5_ - k1_);
-    // If the directions have no sign, they may point into a face from both sides. The stream ends
-    // there.
+    // Directions without a sign may point into a face from both sides. The stream ends there.
     const bool back = face.axis == last_.axis && face.side == -last_.side;
     if (back && face.share * h_ < kStuck) {
       way_.normalize();
@@ -406,8 +390,8 @@ class CellTrace {
   Vec3 turn_;         ///< Second derivative of the curve from the last step, in W [1/voxel].
   Vec3 gone_ = Vec3::Zero();  ///< Displacement from the trace's start, in W [voxels].
   Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
-  Face last_;                 ///< The face that was crossed last.
-  // The step under trial. k1_ to k5_ are directions in W, and r1_ is the first of them in u.
+  Face last_;
+  // The step under trial: k1_ to k5_ are directions in W, and r1_ is k1_ in u.
   double h_ = 0.0;
   double middle_of_ = 0.0;  ///< Step length for which k2_ was read.
   Vec3 k1_, k2_, k3_, k4_, k5_, r1_;
@@ -415,8 +399,8 @@ class CellTrace {
 };
 
 /// Returns the trace of a CellTrace from `start`, in cell coordinates. RT: no allocation, if `flow`
-/// allocates no memory. Cost: four values of v for a step, five if it crosses a face. A trace below
-/// 0.1 voxel needs one value if that is accurate enough. Rejected steps count.
+/// allocates no memory. Cost: four values of v for each tried step, and one more if it crosses a
+/// face. A trace below 0.1 voxel needs one value if that is accurate enough.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

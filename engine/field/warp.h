@@ -1,5 +1,4 @@
-/// Deformation of a volume: a displacement field from the place of a material point to its resting
-/// place.
+/// Deformation of a volume: displacements from the places of material points to resting places.
 #pragma once
 
 #include <array>
@@ -22,10 +21,10 @@ struct Displacement {
 };
 
 /// A displacement field. The material at x at time t rests at X = x + u(x, t), both in the volume's
-/// resting frame [m]. Like the displacement in image registration, u points back to the resting
-/// place. A reading of the volume at x gives the value at X. With F = dX/dx = I + du/dx, a gradient
-/// g at X becomes F^T g at x, and a material vector v becomes F^-1 v. The material at x moves at
-/// -F^-1 du/dt. (Fortmeier, Wilms, Mastmeyer, Handels, ToH 2015.) Const and shared between threads.
+/// resting frame [m]. As in image registration, u points back to the resting place. A reading of
+/// the volume at x gives the value at X. With F = dX/dx = I + du/dx, a gradient g at X becomes F^T
+/// g at x, and a material vector v becomes F^-1 v. The material at x moves at -F^-1 du/dt.
+/// (Fortmeier, Wilms, Mastmeyer, Handels, ToH 2015.) Const and shared between threads.
 class Warp {
  public:
   Warp() = default;
@@ -42,8 +41,8 @@ class Warp {
   [[nodiscard]] virtual Box shifts() const = 0;
   /// Returns an upper bound of the speed of the material, as sampled [m/s].
   [[nodiscard]] virtual double topSpeed() const = 0;
-  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]. It limits how far the rate can
-  /// predict u. The default, infinity, means unknown and costs one more reading in a tick.
+  /// Returns an upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]: it limits how far the rate can
+  /// predict u. The default, infinity, costs one more reading in a tick.
   [[nodiscard]] virtual double topAcceleration() const noexcept {
     return std::numeric_limits<double>::infinity();
   }
@@ -63,8 +62,8 @@ struct Deformation {
   std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(),
                            Mat3::Zero()};  ///< d^2 X_i / dx_j dx_k [1/m]
 
-  /// Returns the largest possible error of X at a place and a time [m], to second order.
-  /// `acceleration` is Warp::topAcceleration().
+  /// Returns the largest error of X at x and `when` [m], to second order. `acceleration` is
+  /// Warp::topAcceleration().
   [[nodiscard]] double errorAt(const Vec3& x, double when, double acceleration) const noexcept {
     const double later = when - time;
     const double bent =
@@ -72,21 +71,20 @@ struct Deformation {
     const double way = (x - at).squaredNorm();
     return 0.5 * ((later == 0.0 ? 0.0 : acceleration * later * later) + bent * way);
   }
-  /// Returns the change of F along w; element (i, j) is the sum over k of d^2 X_i / dx_j dx_k w_k.
+  /// Returns the change of F along w: element (i, j) is the sum over k of d^2 X_i / dx_j dx_k w_k.
   [[nodiscard]] Mat3 bendAlong(const Vec3& w) const noexcept {
     Mat3 out;
     out << (bend[0] * w).transpose(), (bend[1] * w).transpose(), (bend[2] * w).transpose();
     return out;
   }
-  /// Returns the term that the second derivatives of X add to the derivative of a gradient: sum g_i
-  /// bend_i, in the resting frame.
+  /// Returns the part of a gradient's derivative from `bend`, sum g_i bend_i, in the resting frame.
   [[nodiscard]] Mat3 bendOf(const Vec3& g) const noexcept {
     return g.x() * bend[0] + g.y() * bend[1] + g.z() * bend[2];
   }
 };
 
-/// Returns the deformation about x [m], with one reading. If u folds space (det F below 0.05), F is
-/// replaced by I. RT: no allocation.
+/// Returns the deformation about x [m], with one reading. If u folds space (det F below 0.05), I
+/// replaces F. RT: no allocation.
 [[nodiscard]] Deformation deformationAt(const Warp& warp, const Vec3& x,
                                         double time) noexcept PALPATE_NONBLOCKING;
 

@@ -25,8 +25,7 @@ void CacheWarmup::look(const HandState& hand, const StepReport& report) noexcept
 }
 
 bool CacheWarmup::strayed() const noexcept {
-  // The hand may differ from its expected place. Proxies that are farther apart than this are on
-  // two sides of an object.
+  // Proxies that are farther apart than this are on two sides of an object.
   constexpr double kApart = 2e-4;  // [m]
   return !fresh_ || warmed_.primitives != real_.primitives ||
          !((warmed_.proxy - real_.proxy).norm() < kApart);

@@ -1,8 +1,7 @@
 /// Cache warm-up: a tick without output, shortly before the real tick. It loads the code and the
-/// data of the tick into the processor's caches. Since the last tick, other programs may have
-/// replaced them. Without a warm-up, a tick after a millisecond of sleep takes several times as
-/// long as a tick that follows another tick at once. The code of a tick has some 600 cache lines
-/// and 360 taken branches, which the processor forgets if other programs are busy.
+/// data of the tick into the processor's caches, because other programs may have replaced them
+/// since the last tick. Without a warm-up, a tick after a millisecond of sleep takes several times
+/// as long as a tick that follows another at once.
 #pragma once
 
 #include <cstdint>
@@ -13,8 +12,7 @@
 
 namespace palpate {
 
-/// The twin: a copy of a proxy that moves to the expected place of the hand. The real proxy keeps
-/// its state, such as its time, memory, tank and reader.
+/// Runs ticks on a twin: a copy of the proxy that moves to the expected place of the hand.
 class CacheWarmup {
  public:
   /// Allocates the memory of a ProxyState and a Reader. `limits` are those of the device.
@@ -24,13 +22,12 @@ class CacheWarmup {
   void look(const HandState& hand, const StepReport& report) noexcept;
 
   /// Runs a tick of the twin. The expected place of the hand is its last place plus its last
-  /// displacement. If the last tick of the twin differed too much from the real tick, the function
-  /// first copies the whole state of `real`. No tick runs if the force is cut, or before look() has
-  /// recorded two ticks. Scenes with user-defined modes have no warm-up, because it would call
-  /// these modes twice.
+  /// displacement. If the last tick of the twin differed too much from the real tick, first copies
+  /// the whole state of `real`. No tick runs if the force is cut, or before look() has recorded two
+  /// ticks. Scenes with user-defined modes have no warm-up, because it would call these modes
+  /// twice. Returns true if a tick ran.
   ///
-  /// RT: no allocation. Cost: a tick; if the state of `real` is copied, also that copy.
-  /// @return  True if a tick ran.
+  /// RT: no allocation. Cost: a tick, and the copy if the twin differed.
   bool run(const Scene& scene, const ProxyState& real, double dt) noexcept PALPATE_NONBLOCKING;
 
   /// Returns the report of the twin's last tick.
@@ -47,9 +44,9 @@ class CacheWarmup {
   HandState hand_;              ///< Hand of the last tick.
   Vec3 before_ = Vec3::Zero();  ///< Position of the hand in the second-last tick [m].
   int seen_ = 0;                ///< Number of recorded ticks, at most 2.
-  StepReport real_;             ///< Report of the last tick.
-  StepReport warmed_;           ///< Report of the twin's last tick.
-  bool fresh_ = false;          ///< True if both reports are of the same tick.
+  StepReport real_;
+  StepReport warmed_;
+  bool fresh_ = false;  ///< True if both reports are of the same tick.
 };
 
 }  // namespace palpate

@@ -1,5 +1,4 @@
-/// The links of one hand to remote hands. There is a spring to each (link.h). The loop exchanges
-/// data with the thread that carries the messages.
+/// The links of one hand to remote hands, one spring (link.h) to each.
 #pragma once
 
 #include <array>
@@ -17,9 +16,9 @@ inline constexpr std::size_t kMostLinks = 7;  ///< Largest number of remote hand
 
 /// The newest message (LinkWord) of each remote hand.
 struct LinksHeard {
-  /// Number that identifies each hand; 0 if there is none. A changed number begins a new link.
+  /// Number that identifies each hand; 0 without a hand. A changed number begins a new link.
   std::array<std::uint64_t, kMostLinks> who{};
-  std::array<LinkWord, kMostLinks> words{};  ///< Newest word of each hand.
+  std::array<LinkWord, kMostLinks> words{};  ///< Newest message of each hand.
 };
 
 /// Data that a tick sends to remote hands.
@@ -27,23 +26,21 @@ struct LinksTold {
   Vec3 hand = Vec3::Zero();                     ///< Position of the hand [m].
   Vec3 proxy = Vec3::Zero();                    ///< Position of the proxy [m].
   Vec3 force = Vec3::Zero();                    ///< Whole force on the hand [N].
-  std::array<std::uint64_t, kMostLinks> who{};  ///< Recipient of each word: LinksHeard::who.
-  std::array<LinkWord, kMostLinks> words{};     ///< One word for each remote hand.
+  std::array<std::uint64_t, kMostLinks> who{};  ///< Recipient of each message: LinksHeard::who.
+  std::array<LinkWord, kMostLinks> words{};     ///< One message for each remote hand.
   std::array<double, kMostLinks> presence{};    ///< Link::presence of each link.
   std::array<double, kMostLinks> paid{};        ///< Link::paid of each link.
   std::array<double, kMostLinks> energy{};      ///< Link::energy of each link [J].
 };
 
-/// The links of one hand. Two threads use them: the haptic thread and the thread that carries the
-/// messages. Each function belongs to one of these threads.
+/// The links of one hand. Two threads use them; each function belongs to one thread.
 class HandLinks {
  public:
-  /// @param life  See Link. It must be greater than at any earlier start, such as the nanoseconds
-  ///              since 1970.
+  /// @param life  See Link; greater than at any earlier start, such as the nanoseconds since 1970.
   explicit HandLinks(std::uint64_t life, const LinkParams& params = {});
 
   // Functions for the thread that carries the messages.
-  /// Passes the newest words of all hands to the loop.
+  /// Passes the newest messages of all hands to the loop.
   void hear(const LinksHeard& heard) noexcept;
   /// Returns the data of the newest tick; valid until the next call.
   [[nodiscard]] const LinksTold& told() noexcept {
@@ -53,17 +50,14 @@ class HandLinks {
 
   // Functions for the haptic thread.
   /// Returns the force of all springs on the hand in a tick [N], at most the peak, along
-  /// hand.drives. If several springs are present, each has an equal part.
-  /// @param proxy  The last tick's proxy [m].
-  /// @param hand   The hand as it was read.
-  /// RT: no allocation.
+  /// hand.drives. Each present spring has an equal part. `proxy` is the last tick's proxy [m], and
+  /// `hand` the hand as read. RT: no allocation.
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// Call it instead of pull() if no force is sent to a hand. The remote hands get no message about
-  /// this tick.
+  /// Call it instead of pull() if no force is sent. The remote hands get no message of this tick.
   void rest(const HandState& hand) noexcept PALPATE_NONBLOCKING;
   /// Call it at the end of a tick with pull(). `share` is a lower bound of the share of the pull
-  /// that is contained in the sent `force`. RT: no allocation; one atomic exchange.
+  /// that the sent `force` contains. RT: no allocation; one atomic exchange.
   void pulled(double share, const HandState& hand, const Vec3& proxy,
               const Vec3& force) noexcept PALPATE_NONBLOCKING;
 

@@ -1,5 +1,4 @@
-/// One hand's tick without its device. The inputs determine the outputs, bit by bit. HapticLoop
-/// gets the inputs from a device and a clock; a replay gets them from a recording.
+/// One hand's tick without its device, for HapticLoop and for replays of recordings.
 #pragma once
 
 #include "palpate/engine/safety/limit_force.h"
@@ -15,21 +14,20 @@ struct TickInput {
   HandState hand;        ///< Reading of the hand, completed by HandWatch.
   double dt = 1e-3;      ///< Time since the last tick [s].
   bool cleared = false;  ///< True if a fault was cleared before the tick.
-  /// Cause of a cut of the force in this tick; kNone if there is none.
+  /// Cause of a cut of the force in this tick, or kNone.
   Fault wrong = Fault::kNone;
   Fault order = Fault::kNone;  ///< Cause why the computed force was not sent; kNone if it was sent.
   double play = 0.0;           ///< Play position of sequences [s].
   double play_rate = 0.0;      ///< Rate at which play advanced, except for jumps [s/s].
   Vec3 pull = Vec3::Zero();    ///< Force of remote hands on this one [N], beside the spring's.
-  double given = 1.0;          ///< Share of the force that the motors' limits left.
-  Fault unsent = Fault::kNone;  ///< Cause of a cut after the write; kNone if there is none.
+  double given = 1.0;          ///< Share of the force that the motors could give.
+  Fault unsent = Fault::kNone;  ///< Cause of a cut after the write, or kNone.
 };
 
 /// The proxy, the reader and the gate of one hand.
 class HandTick {
  public:
-  /// Allocates all memory that ticks need. `limits` are those of the device that receives the
-  /// force.
+  /// Allocates all memory that ticks need. `limits` are those of the device.
   explicit HandTick(const ForceLimits& limits) : state_(limits) {}
 
   /// Begins a tick. Reads all of `in` except `order`, `given` and `unsent`, which withhold() and

@@ -23,8 +23,7 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   ArmDissipation& arm = limits.tank.arm;
   if (arm.period == 0.0) arm.period = kClock / rate;
   // If the loop sends more forces than the device takes, a force may wait for the device's next
-  // output. It is not known whether the stated delay includes these waits, so `doubt` covers both
-  // cases.
+  // output. The stated delay may or may not include these waits, so `doubt` covers both cases.
   if (info.output_rate > 0.0 && info.output_rate < rate) {
     const double waits = 1.0 / info.output_rate;
     const double early = std::max(0.0, arm.delay - arm.doubt - waits);
@@ -41,11 +40,8 @@ void require(const DeviceInfo& info, bool good, const char* what, double value,
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
 }
 
-/// Returns the fault that keeps the force from returning by itself after a tick. kLate or kNone
-/// means that the force may return.
-///
-/// @param deaf    True if the device takes no writes.
-/// @param jumped  True if the position jumped while no force was sent.
+/// Returns the fault that keeps the force from returning by itself after a tick; kLate or kNone if
+/// it may return. `jumped` is true if the position jumped while no force was sent.
 Fault whyNotBack(const TickInput& in, bool deaf, bool jumped) noexcept {
   const auto late = [](Fault one) { return one == Fault::kNone || one == Fault::kLate; };
   if (jumped) return Fault::kJump;
@@ -93,12 +89,12 @@ ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
     require(arm.doubt <= arm.delay, "the delay's uncertainty", arm.doubt,
             "give at most the delay, because no force comes before its reading");
     require(arm.jitter <= arm.doubt, "the positions' jitter", arm.jitter,
-            "give at most the uncertainty of the delay, which contains it");
+            "give at most the delay's uncertainty, which includes the jitter");
     const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
       throw DeviceError(info.name,
                         "at " + std::to_string(std::lround(rate)) +
-                            " Hz more forces are on their way at once than the tank can store",
+                            " Hz more forces are delayed at the same time than the tank can store",
                         "use less than " + std::to_string(std::lround(most)) + " Hz");
     }
     require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks",
@@ -166,11 +162,10 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   }
   const Scene* scene = scenes_.current().get();
   if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
-  // A recorded path may jump, because there is no arm that could hurt a hand.
+  // A recorded path may jump, because no arm can hurt a hand.
   if (!device_.info().hand) return hand.fault;
   Fault wrong = watch_.look(hand, time.now);
-  // Homing may change the position by any amount. After a tick without force, a jump only begins a
-  // new path.
+  // Homing may change the position. After a tick without force, a jump only begins a new path.
   if (wrong == Fault::kJump && !hand_.mayPull()) {
     jumped_ = true;
     watch_.forget();
@@ -180,8 +175,7 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
 }
 
 Fault HapticLoop::withheld(double took, const TickTime& time) noexcept {
-  // If a tick hung (in a device, a user-defined mode or a stopped process), the guardian has
-  // removed the force meanwhile.
+  // If a tick hung, as in a stopped process, the guardian has removed the force.
   if (!device_.info().hand) return Fault::kNone;
   return time.real && took > late_ ? Fault::kLate : ordered();
 }
@@ -261,7 +255,6 @@ bool HapticLoop::warmUp(double dt, double lead) noexcept {
   return warmup_ && scene != nullptr && soon_enough && warmup_->run(*scene, hand_.state(), dt);
 }
 
-/// Sends the force of the report. Without a scene the force is zero.
 void HapticLoop::send(const Vec3& force, bool timed, TickInput& in) noexcept {
   const auto start = std::chrono::steady_clock::now();
   device_.carry(hand_.mayPull());
@@ -272,8 +265,7 @@ void HapticLoop::send(const Vec3& force, bool timed, TickInput& in) noexcept {
     in.unsent = Fault::kWrite;
     deaf_ = true;
   }
-  // If the device takes no writes, the loop stops its heartbeat. The guardian then cuts the force
-  // through its own descriptor.
+  // Without a heartbeat, the guardian cuts the force through its own descriptor.
   if (watch_by_.heart != nullptr && !deaf_) {
     watch_by_.heart->fetch_add(1, std::memory_order_release);
   }

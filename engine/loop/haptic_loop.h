@@ -1,5 +1,4 @@
-/// One hand's loop without its clock: it performs the work of every tick. HapticThread calls it in
-/// real time. Tests and virtual time call it as fast as possible.
+/// One hand's loop without its clock. HapticThread runs its ticks in real time.
 #pragma once
 
 #include <atomic>
@@ -19,8 +18,7 @@
 
 namespace palpate {
 
-/// Receives the telemetry of every tick on the haptic thread, for a log or counters. A sink that
-/// needs a ring buffer must own it.
+/// Receives the telemetry of every tick on the haptic thread, for a log or counters.
 class TickSink {
  public:
   TickSink() = default;
@@ -38,10 +36,10 @@ struct LoopWatch {
   std::atomic<std::uint64_t>* heart = nullptr;
   /// Counter of stop orders. Each order cuts the force, as HapticLoop::cut does.
   const std::atomic<std::uint32_t>* stops = nullptr;
-  /// Counter that the guardian increments while it watches. If it stays the same for patience(),
-  /// the loop cuts the force.
+  /// Counter that the guardian increments. If it stays the same for patience(), the loop cuts the
+  /// force.
   const std::atomic<std::uint64_t>* guard = nullptr;
-  /// Counter of the cuts that the guardian has made because the loop was late.
+  /// Counter of the cuts by the guardian because the loop was late.
   const std::atomic<std::uint32_t>* cuts = nullptr;
   /// True if the guardian runs with real-time priority.
   const std::atomic<bool>* punctual = nullptr;
@@ -76,23 +74,20 @@ struct TickTime {
 };
 
 /// Returns the limits of a device in a loop of this rate [Hz]. If there is a hand, the ramp of an
-/// engagement is at least kEngage, even if the device's limits are less strict. Throws DeviceError
-/// if a limit is not a usable number.
+/// engagement is at least kEngage. Throws DeviceError if a limit is not a usable number.
 [[nodiscard]] ForceLimits limitsInLoop(const DeviceInfo& info, double rate);
 
 /// The loop of one device: its proxy, its reader and the newest scene.
 ///
 /// Two threads use it: the haptic thread and the scene thread. Each function belongs to one of
-/// them, except stop orders. These may come from any thread and from signal handlers. They are
-/// atomic flags, because a mailbox has only one writer.
+/// them, except stop orders: these may come from any thread and from signal handlers.
 // The padding in the mailboxes keeps the data of each side on separate cache lines.
 class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Allocates all memory that ticks need. The device and the sink must outlive the loop.
   ///
   /// @param rate       Nominal rate of the ticks [Hz].
-  /// @param heartbeat  Longest permitted pause between beats of the application [s]; 0 if beats are
-  ///                   not required.
+  /// @param heartbeat  Longest permitted pause between beats of the application [s]; 0: no limit.
   /// Throws DeviceError if a limit of the device, or the heartbeat, is not a usable number.
   HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
              const LoopWatch& watch = {});
@@ -107,8 +102,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   }
 
   // Functions for any thread and for signal handlers.
-  /// Cuts the force from the next tick until clear(), for example for the Esc key or a closed
-  /// window.
+  /// Cuts the force from the next tick until clear().
   void cut() noexcept { stop_.store(true, std::memory_order_relaxed); }
   /// Clears any fault in the next tick. The force returns through an engagement.
   void clear() noexcept {
@@ -121,39 +115,37 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Signals that the application is alive.
   void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
 
-  /// Sets the clock for the play position of sequences. Call it before the first tick. The clock
-  /// must outlive the loop. Without a clock, sequences stay at position 0.
+  /// Sets the clock of sequences. Call it before the first tick. The clock must outlive the loop.
+  /// Without a clock, sequences stay at position 0.
   void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
 
-  /// Sets the time after the last late tick at which the force returns by itself [s]: 0 (never) to
-  /// 60. Call it before the first tick. Throws DeviceError for other numbers.
+  /// Sets the time after the last late tick at which the force returns by itself: 0 (never) to 60
+  /// [s]. Call it before the first tick. Throws DeviceError for other numbers.
   void reengageAfter(double seconds);
 
   /// Sets the links to remote hands. Call it before the first tick. They must outlive the loop.
   void linkBy(HandLinks* links) noexcept { links_ = links; }
 
   // Functions for the haptic thread.
-  /// Runs one tick. It takes the newest scene, reads and checks the hand, calls hapticStep, writes
-  /// the force to the device and publishes the telemetry. RT: no allocation, no lock, no system
-  /// call except those of the device.
+  /// Runs one tick: takes the newest scene, reads and checks the hand, calls hapticStep, writes the
+  /// force and publishes the telemetry. RT: no allocation, no lock; system calls of the device
+  /// only.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
   /// Allocates the memory for warmUp(). Call it before the first warmUp().
   void prepareWarmup() { warmup_ = std::make_unique<CacheWarmup>(hand_.state().limits()); }
-  /// Warms up the caches for the tick that comes in `lead` [s], about `dt` [s] after the last tick
-  /// (cache_warmup.h). Does not run if the last tick took more than a quarter of `lead`, because
-  /// the warm-up would end too late. The warm-up sends, reports and stores no result. Returns true
-  /// if the warm-up ran. RT: no allocation, no lock, no system call except those of the clock.
+  /// Warms up the caches (cache_warmup.h) for the tick that comes in `lead` [s], about `dt` [s]
+  /// after the last tick. Returns false without a warm-up if the last tick took more than a quarter
+  /// of `lead`. Has no effect on results. RT: no allocation, no lock, no system call except those
+  /// of the clock.
   bool warmUp(double dt, double lead) noexcept PALPATE_NONBLOCKING;
   /// Writes zero force. Call it after the last tick.
   void end() noexcept PALPATE_NONBLOCKING;
 
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
-  /// Returns the fault because of which the force of a tick that took `took` [s] is not sent; kNone
-  /// if it is sent.
+  /// Returns the fault that withholds the force of a tick that took `took` [s]; else kNone.
   [[nodiscard]] Fault withheld(double took, const TickTime& time) noexcept;
-  /// Returns kStopped after a stop order, kLate (once) after the guardian has cut the force, and
-  /// kNone otherwise.
+  /// Returns kStopped after a stop order, kLate (once) after a cut by the guardian, else kNone.
   [[nodiscard]] Fault ordered() noexcept;
   void send(const Vec3& force, bool timed, TickInput& in) noexcept;
 
@@ -177,10 +169,10 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   HandWatch watch_;
   HandTick hand_;
   Reengagement reengagement_{0.0};
-  std::unique_ptr<CacheWarmup> warmup_;  ///< Null if ticks have no warm-up.
+  std::unique_ptr<CacheWarmup> warmup_;
   Telemetry told_;
-  std::uint32_t stops_seen_ = 0;  ///< Number of orders in LoopWatch::stops that were withdrawn.
-  std::uint32_t cuts_seen_ = 0;  ///< Number of cuts in LoopWatch::cuts that the loop has processed.
+  std::uint32_t stops_seen_ = 0;  ///< Number of withdrawn orders in LoopWatch::stops.
+  std::uint32_t cuts_seen_ = 0;   ///< Number of processed cuts in LoopWatch::cuts.
   /// True if the device takes no writes. The guardian then handles the device.
   bool deaf_ = false;
   bool jumped_ = false;  ///< True if the position jumped while no force was sent.

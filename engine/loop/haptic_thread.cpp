@@ -59,8 +59,7 @@ void HapticThread::waitFor(std::int64_t due) noexcept {
 }
 
 void HapticThread::run() noexcept {
-  // The thread blocks the process's signals, so that other threads receive them. It receives only
-  // signals of its own errors.
+  // This thread receives only signals of its own errors.
   sigset_t others;
   sigfillset(&others);
   for (const int own : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&others, own);
@@ -73,8 +72,7 @@ void HapticThread::run() noexcept {
   ready_.store(true, std::memory_order_release);
   ready_.notify_one();
 
-  // Deadlines are whole periods after the start, so that errors do not add up. A deadline that has
-  // passed is skipped.
+  // Deadlines are whole periods after the start, so that errors do not add up.
   const double period = 1e9 / params_.rate;
   const std::int64_t begin = nowNs();
   const std::int64_t faults_before = pageFaults();
@@ -102,7 +100,6 @@ void HapticThread::run() noexcept {
     last_now = now;
     loop_.tick(time);
 
-    // Finds the next deadline in the future.
     const auto passed = static_cast<std::int64_t>(static_cast<double>(nowNs() - begin) / period);
     count = std::max(count, passed) + 1;
     if ((count & 1023) == 0) {

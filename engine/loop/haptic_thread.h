@@ -1,4 +1,4 @@
-/// The haptic loop with its clock. It runs the ticks of one hand at their deadlines.
+/// The haptic loop with its clock: runs the ticks of one hand at their deadlines.
 #pragma once
 
 #include <atomic>
@@ -16,16 +16,16 @@ inline constexpr double kEarly = 1e-4;  ///< Default of LoopParams::early [s].
 
 /// Parameters of a HapticThread.
 struct LoopParams {
-  double rate = 1000.0;    ///< Rate of the ticks, 500 to 20,000 [Hz].
-  double heartbeat = 0.0;  ///< Longest permitted pause between beats of the application [s]; 0 if
-                           ///< beats are not required.
+  double rate = 1000.0;  ///< Rate of the ticks, 500 to 20,000 [Hz].
+  double heartbeat =
+      0.0;  ///< Longest permitted pause between beats of the application [s]; 0 for no limit.
   /// The thread wakes this long before a tick's deadline [s], warms up the caches (cache_warmup.h)
   /// and waits awake. Otherwise the tick begins 25 us or more after the deadline, with cold caches.
-  /// At most a quarter of a period. If 0, the thread sleeps until the deadline. If not set, it is
+  /// At most a quarter of a period; if 0, the thread sleeps until the deadline. If not set, it is
   /// kEarly if the priority is granted and kEarly is at most a tenth of a period, else 0. The cost
   /// in each tick is this time on a core, and a second tick.
   std::optional<double> early;
-  RealtimeRequest realtime;          ///< The thread requests these itself, before its first tick.
+  RealtimeRequest realtime;          ///< The thread requests these before its first tick.
   LoopWatch watch;                   ///< Words shared with a guardian (devices/arm/guardian.h).
   const PlayClock* clock = nullptr;  ///< See HapticLoop::playBy.
   HandLinks* links = nullptr;        ///< See HapticLoop::linkBy.
@@ -39,7 +39,7 @@ struct LoopParams {
 ///     draw(hand.latest());
 ///
 /// Two hands need two HapticThreads, which may share a scene. Only one thread may call publish(),
-/// and only one thread may call latest().
+/// and only one may call latest().
 // The loop's mailboxes are on separate cache lines.
 class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
@@ -59,15 +59,14 @@ class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   /// Cuts the force from the next tick on. Safe to call in any thread and in a signal handler.
   void cut() noexcept { loop_.cut(); }
-  /// Lets the force return through an engagement, also after a fault.
+  /// Lets the force return through an engagement, even after a fault.
   void clear() noexcept { loop_.clear(); }
   /// Signals that the application is alive, if LoopParams::heartbeat requires it.
   void beat() noexcept { loop_.beat(); }
 
-  /// Writes zero force and ends the thread. Further calls do nothing.
+  /// Writes zero force and ends the thread. Further calls have no effect.
   void stop() noexcept;
-  /// Returns false after the thread has ended. It ends when the device ends (Device::ended), or by
-  /// stop().
+  /// Returns false after the thread has ended: by stop(), or when the device ends (Device::ended).
   [[nodiscard]] bool running() const noexcept { return running_.load(std::memory_order_acquire); }
 
   /// Returns which requests in LoopParams::realtime the system granted.

@@ -29,8 +29,7 @@ double energyOf(const LinkParams& params, double length) noexcept {
 }  // namespace
 
 void Link::forgetOther() noexcept {
-  // The other end gave its energy to the old life. Messages to the old life add no energy from now
-  // on.
+  // Messages to the old life add no energy from now on.
   ++life_;
   begin(0);
 }
@@ -47,8 +46,7 @@ void Link::hear(const LinkWord& word) noexcept {
   const bool sane = isPlace(word.proxy) && std::isfinite(word.given);
   if (word.from < other_ || word.from == 0 || !sane) return;
   if (word.from > other_) begin(word.from);
-  // The sender does not know the present life of this end. When it learns this life, it begins a
-  // new sum of energy.
+  // When the sender learns the present life of this end, it begins a new sum of energy.
   if (word.to != life_) return;
   if (word.number > newest_) {
     newest_ = word.number;
@@ -99,8 +97,8 @@ void Link::rest(const Vec3& hand) noexcept {
 void Link::pulled(double share) noexcept {
   const double left = std::max(0.0, share);
   least_ = std::min(least_, left);
-  // The sent force may be any part of force_. The change to it and the change from it cost at most
-  // D/2 |force_| each.
+  // The sent force is an unknown part of force_. The change to it and the change from it cost at
+  // most D/2 |force_| each.
   if (share < 0.0) energy_ -= params_.step * force_.norm();
   change(left * force_);
 }
@@ -122,9 +120,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 way = first ? Vec3::Zero() : Vec3(hand.position - last_);
   count(hand.position);
   last_ = hand.position;
-  // The next period is expected to be the mean period. If both of the last two periods are longer
-  // than the mean, the shorter of the two is expected. A single long period is often followed by a
-  // short one.
+  // The next period is expected to be the mean period; if both of the last two periods are longer,
+  // the shorter one. A single long period is often followed by a short one.
   mean_ = mean_ > 0.0 ? mean_ + (span_ - mean_) / kPeriods : span_;
   const double period = std::max(mean_, std::min(span_, before_));
   before_ = span_;
@@ -149,14 +146,13 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   if (first || presence_ == 0.0 || length == 0.0) return force_;
   const double size = part * presence_ * std::min(params_.stiffness, params_.peak / length);
   const Vec3 wanted = hand.drives * (size * offset);
-  // Computes the largest work until the next reading, if the hand continues its motion with an
-  // acceleration of at most kLinkNimble.
+  // The largest work until the next reading, at an acceleration of at most kLinkNimble.
   const double turn = wanted.norm() * kLinkNimble * period * period;
   const double worst = speeds * wanted.dot(way) + turn;
   double pays = worst > 0.0 ? 0.0 : trust_;  // share of the force that a tank in debt allows
   constexpr double kRounding = 1e-13;        // [J]: a smaller debt is rounding
   if (energy_ >= -kRounding) {
-    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This is convex in s. So the
+    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). This is convex in s, so the
     // straight line between its values at s = 0, `hidden`, and at s = 1 bounds it.
     const double changes = 0.5 * params_.step * ((wanted - sent_).norm() + wanted.norm());
     const double more = std::max(0.0, worst) + changes - hidden;

@@ -1,37 +1,33 @@
 /// A spring between this hand's proxy and that of a remote hand, over a network that may delay,
 /// lose, double and reorder messages.
 ///
-/// Each end renders the spring by itself, from the last place of the other end that it has
-/// received. Each end has an energy tank. Work that its hand does on the spring fills the tank, and
-/// work that the spring does on the hand empties it. An end gives its spare energy to the other
-/// end. Each message contains the sum of all energy given so far. The receiver takes the part of
-/// the sum that it has not taken yet. So the next message replaces a lost one, and a doubled or
-/// late message adds no energy.
+/// Each end renders the spring from the other end's last received place, and has an energy tank.
+/// Work that its hand does on the spring fills the tank, and work of the spring on the hand empties
+/// it. An end gives its spare energy to the other end. Each message contains the sum of all energy
+/// given so far, and the receiver takes the part that it has not taken yet. So the next message
+/// replaces a lost one, and a doubled or late message adds no energy.
 ///
-/// With w_i(t) the work that end i has done on its hand, g_i the energy that it gave, and r_i the
-/// energy that it took from the other end, tank i holds e_i = start + r_i - g_i - w_i. As
-/// r_1 <= g_2 and r_2 <= g_1,
+/// Let w_i(t) be the work that end i has done on its hand, g_i the energy that it gave, and r_i the
+/// energy that it took. Tank i holds e_i = start + r_i - g_i - w_i. As r_1 <= g_2 and r_2 <= g_1,
 ///
 ///     w_1 + w_2  =  2 start - e_1 - e_2 + (r_1 - g_2) + (r_2 - g_1)  <=  2 start - e_1 - e_2.
 ///
-/// Neither tank may fall below zero. So the two hands together never get more than 2 start. By
-/// default, `start` is the energy that lifts 100 g by 1 mm. This needs no model of the network.
+/// Neither tank may fall below zero. So the two hands together never get more than 2 start, with
+/// any network. The default `start` is the energy that lifts 100 g by 1 mm.
 ///
-/// A reading is within D/2 of the hand, where D is the step of the encoders. So the work computed
-/// from readings differs from w_i. Let F_k be the force sent after reading k, and e_k the error of
-/// that reading. Summation by parts gives
+/// A reading is within D/2 of the hand, where D is the step of the encoders. Let F_k be the force
+/// sent after reading k, and e_k the error of that reading. Summation by parts gives
 ///
 ///     sum F_k . (e_k+1 - e_k)  =  F_n . e_n+1 - sum (F_k - F_k-1) . e_k
 ///                             <=  D/2 (|F_n| + sum |F_k - F_k-1|) :
 ///
-/// each change of the force pays D/2 |F_k - F_k-1| when it is sent, and D/2 |F_n| stays reserved.
+/// Each change of the force pays D/2 |F_k - F_k-1| when it is sent, and D/2 |F_n| stays reserved.
 ///
-/// There is one assumption about the hand: until the next reading, which is in time, it continues
-/// its motion with an acceleration of at most kLinkNimble. If the reading is late or the hand hits
-/// an obstacle, a force can do more work than was reserved. The tank is then in debt. Each time a
-/// tank in debt reaches a new minimum, it halves the force that it allows. It allows the whole
-/// force only after the debt is paid. So the sum of all debts is at most twice the work of the
-/// first debt's force over the path of one tick.
+/// There is one assumption about the hand: until the next reading, its acceleration is at most
+/// kLinkNimble. If the reading is late or the hand hits an obstacle, a force can do more work than
+/// was reserved. The tank is then in debt. At each new minimum, a tank in debt halves the force
+/// that it allows. It allows the whole force only after the debt is paid. So the sum of all debts
+/// is at most twice the work of the first debt's force over the path of one tick.
 #pragma once
 
 #include <cstdint>
@@ -46,9 +42,9 @@ struct LinkParams {
   double stiffness = 200.0;  ///< k [N/m], > 0.
   double peak = 2.0;         ///< Largest pull [N], > 0.
   double start = 1e-3;       ///< Initial energy of a tank [J], >= 0.
-  double step = 2e-4;        ///< D [m], >= 0. A position reading is within D/2 of the hand
+  double step = 2e-4;        ///< D [m], >= 0: a position reading is within D/2 of the hand
                        ///< (ArmDissipation::step). The default is larger than that of desktop arms.
-                       ///< Each change of the force costs energy in proportion to D.
+                       ///< A larger D makes changes of the force cost more energy.
 };
 
 /// If no message has come for this long, the remote hand is away [s].
@@ -56,19 +52,18 @@ inline constexpr double kLinkSilence = 0.2;
 inline constexpr double kLinkRamp = 0.5;  ///< Time in which the spring fades in and out [s].
 /// Time in which a force that was not paid for returns [s].
 inline constexpr double kLinkRise = 0.1;
-/// Upper bound of the acceleration of a hand [m/s^2]. The tank must have enough energy for the
-/// hand's path until the next tick.
+/// Upper bound of the acceleration of a hand [m/s^2], for its path until the next tick.
 inline constexpr double kLinkNimble = 200.0;
 
 /// A message from one end of the spring to the opposite end.
 ///
-/// A life of an end begins when the end is made, and when it forgets the other end. A later life
-/// has a greater number, also after a restart of the program. Each pair of lives has its own sums
-/// of energy, which begin at 0. An end that receives a message of a later life begins a new sum.
+/// A life of an end begins when the end is made or forgets the other end. A later life has a
+/// greater number, even after a restart of the program. Each pair of lives has its own sums of
+/// energy.
 struct LinkWord {
-  std::uint64_t from = 0;  ///< Life of the sender; 0 if there is no sender.
-  std::uint64_t to = 0;    ///< Life of the receiver, which other lives ignore; 0 if unknown.
-  /// Number of the word in this life. The word with the greatest number is the newest.
+  std::uint64_t from = 0;  ///< Life of the sender; 0 without a sender.
+  std::uint64_t to = 0;    ///< Life of the receiver; other lives ignore the message. 0 if unknown.
+  /// Number of the message in this life. The newest message has the greatest number.
   std::uint64_t number = 0;
   Vec3 proxy = Vec3::Zero();  ///< Position of the sender's proxy [m], in the scene.
   double given = 0.0;         ///< Sum of the energy given to the receiver's life [J].
@@ -77,20 +72,20 @@ struct LinkWord {
 /// One end of the spring.
 class Link {
  public:
-  /// @param life  First life of this end (see LinkWord): not 0, and greater than every life of the
+  /// @param life  First life of this end (LinkWord): not 0, and greater than every life of the
   ///              ends that it replaces.
   explicit Link(std::uint64_t life, const LinkParams& params = {}) noexcept
       : params_(params), life_(life), energy_(params.start) {}
 
-  /// Receives a message. It may contain any bits. Messages may come in any order and several times.
-  /// RT: no allocation.
+  /// Receives a message. It may contain any bits. Messages may come in any order, and several
+  /// times. RT: no allocation.
   void hear(const LinkWord& word) noexcept PALPATE_NONBLOCKING;
   /// Forgets the other end. The next message may have any life. The energy in the tank stays.
   void forgetOther() noexcept;
 
-  /// Runs a tick. It counts the work of the last force over the hand's path, and returns the next
-  /// force. Between two readings of the hand the force is constant, because the work of a changing
-  /// force would be unknown.
+  /// Counts the work of the last force over the hand's path, and returns the next force. Between
+  /// two readings of the hand the force is constant, because the work of a changing force would be
+  /// unknown. Call it once a tick.
   ///
   /// @param proxy  This hand's proxy [m].
   /// @param hand   Reading of the hand, new or repeated, with the directions of its motors.
@@ -102,20 +97,18 @@ class Link {
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand, double part,
                           double dt) noexcept PALPATE_NONBLOCKING;
   /// Call it after each pull(). `share`, 0 to 1, is the share of the force that was sent; below 0
-  /// if unknown. Energy that the force takes out of the tank is counted as if the whole force was
-  /// sent.
+  /// if unknown. Energy that leaves the tank is counted as if the whole force was sent.
   void pulled(double share) noexcept PALPATE_NONBLOCKING;
   /// Call it instead of pull() if no force is sent to a hand. The last force has acted until now.
   void rest(const Vec3& hand) noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the message for the other end. `proxy` is the position of this proxy [m]. RT: no
-  /// allocation.
+  /// Returns the message for the other end. `proxy` is this end's proxy [m]. RT: no allocation.
   [[nodiscard]] LinkWord word(const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
 
   [[nodiscard]] double energy() const noexcept { return energy_; }  ///< Energy in the tank [J].
   /// Returns the share of the spring that has faded in, 0 to 1.
   [[nodiscard]] double presence() const noexcept { return presence_; }
-  /// Returns the share of the force of the last pull() that the energy in the tank allowed, 0 to 1.
+  /// Returns the share of the last pull()'s force that the energy in the tank allowed, 0 to 1.
   [[nodiscard]] double paid() const noexcept { return paid_; }
 
  private:
@@ -145,15 +138,15 @@ class Link {
   double presence_ = 0.0;
   double paid_ = 1.0;
   NewReadings readings_;
-  bool known_ = false;         ///< True if there is a last position.
-  Vec3 last_ = Vec3::Zero();   ///< The last position [m].
+  bool known_ = false;
+  Vec3 last_ = Vec3::Zero();
   double span_ = 0.0;          ///< Time since the last position [s].
   double before_ = 0.0;        ///< Time between the two readings before that [s].
   double mean_ = 0.0;          ///< Mean time between recent readings [s].
   Vec3 force_ = Vec3::Zero();  ///< Force since the last position [N].
-  Vec3 sent_ = Vec3::Zero();   ///< Force that was sent last [N].
-  double least_ = 0.0;         ///< Smallest share of the force that was sent.
-  double reserved_ = 0.0;      ///< Largest work that the force was expected to take [J].
+  Vec3 sent_ = Vec3::Zero();
+  double least_ = 0.0;     ///< Smallest share of the force that was sent.
+  double reserved_ = 0.0;  ///< Largest work that the force was expected to take [J].
 };
 
 }  // namespace palpate

@@ -3,9 +3,8 @@
 /// There are three slots: one belongs to the writer, one to the reader, and one is in the middle.
 /// One atomic word holds the index of the middle slot and whether it is fresh. The writer fills its
 /// slot and exchanges it with the middle slot. If the middle slot is fresh, the reader exchanges
-/// its slot with it. No slot ever belongs to both threads. The reader gets the value that was
-/// published last; earlier values that it did not read are lost. The protocol is model checked:
-/// tests/loop/mailbox.pml.
+/// its slot with it. No slot ever belongs to both threads. Earlier values that the reader did not
+/// read are lost. The protocol is model checked: tests/loop/mailbox.pml.
 #pragma once
 
 #include <array>
@@ -14,9 +13,8 @@
 
 namespace palpate {
 
-/// A mailbox for one writing thread and one reading thread. Use one mailbox for each reader. The
-/// three T live as long as the mailbox, and only the writer assigns to them. So the writer also
-/// frees the resources of an old value, when it fills the slot again.
+/// A mailbox for one writing thread and one reading thread. The three T live as long as the
+/// mailbox. Only the writer assigns to them, and so frees the resources of old values.
 template <class T>
 class Mailbox {
  public:
@@ -31,15 +29,14 @@ class Mailbox {
     draft_ = between_.exchange(draft_ | kFresh, std::memory_order_acq_rel) & kSlot;
   }
 
-  /// Takes the value that was published since the last refresh. If there is none, returns false and
-  /// changes no slot. RT: at most one atomic exchange, wait-free.
+  /// Makes the newest published value the reader's slot. If none was published since the last
+  /// refresh, returns false and changes no slot. RT: at most one atomic exchange, wait-free.
   bool refresh() noexcept {
     if ((between_.load(std::memory_order_relaxed) & kFresh) == 0) return false;
     current_ = between_.exchange(current_, std::memory_order_acq_rel) & kSlot;
     return true;
   }
-  /// Returns the reader's slot, which does not change until the next refresh(). RT: no allocation,
-  /// wait-free.
+  /// Returns the reader's slot; refresh() changes it. RT: no allocation, wait-free.
   [[nodiscard]] const T& current() const noexcept { return slots_[current_].value; }
 
  private:
@@ -47,15 +44,14 @@ class Mailbox {
   static constexpr std::uint8_t kFresh = 4;
   static_assert(std::atomic<std::uint8_t>::is_always_lock_free);
 
-  // Each slot has its own cache lines, so that no thread writes next to data that the other thread
-  // uses.
+  // Each slot has its own cache lines, so that no thread writes next to the other thread's data.
   static constexpr std::size_t kLine = 64;
   struct alignas(kLine) Slot {
     T value{};
   };
   std::array<Slot, 3> slots_;
-  alignas(kLine) std::uint8_t draft_ = 0;                ///< Index of the writer's slot.
-  alignas(kLine) std::uint8_t current_ = 1;              ///< Index of the reader's slot.
+  alignas(kLine) std::uint8_t draft_ = 0;
+  alignas(kLine) std::uint8_t current_ = 1;
   alignas(kLine) std::atomic<std::uint8_t> between_{2};  ///< Index of the middle slot, and kFresh.
 };
 

@@ -12,16 +12,16 @@ struct PlayParams {
   double speed = 1.0;   ///< Seconds of play per second of time; below 0 for backwards.
   bool paused = false;  ///< True if the position stays.
   double from = 0.0;    ///< Lower end of the range [s]; may be infinite.
-  double to = std::numeric_limits<double>::infinity();  ///< Its upper end [s]; may be infinite.
-  bool repeat = false;  ///< If true, play continues at the other end when it reaches an end. Needs
-                        ///< two finite ends.
+  double to =
+      std::numeric_limits<double>::infinity();  ///< Upper end of the range [s]; may be infinite.
+  bool repeat = false;  ///< If true, play continues from the other end. Needs two finite ends.
   double begin = 0.0;   ///< First play position [s].
 
   /// Returns true if all parameters are equal.
   [[nodiscard]] bool operator==(const PlayParams&) const = default;
 };
 
-/// The play position of one loop. A new PlayHead is before the first tick.
+/// The play position of one loop.
 struct PlayHead {
   double time = 0.0;    ///< [s]
   double rate = 0.0;    ///< Rate of play in the last tick, except for jumps [s/s].
@@ -30,16 +30,15 @@ struct PlayHead {
   bool begun = false;       ///< True if there was a tick.
 };
 
-/// Controls play. Each loop has its own PlayHead and advances it in its ticks. Loops that begin
-/// together differ by their start times, some milliseconds.
+/// Controls play. Each loop advances its own PlayHead; heads differ by the loops' start times.
 class PlayClock {
  public:
   /// Begins at `params.begin`.
   explicit PlayClock(const PlayParams& params = {}) { steer(params); }
 
   // Functions for any thread.
-  /// Sets the parameters from the next ticks on. Play continues from its present position. If it
-  /// has not begun, it starts at `begin`.
+  /// Sets the parameters from the next ticks on. Play continues from its position; before the first
+  /// tick, it begins at `begin`.
   void steer(const PlayParams& params) noexcept;
   /// Returns the parameters set last.
   [[nodiscard]] PlayParams params() const noexcept;
@@ -47,7 +46,7 @@ class PlayClock {
   void pause(bool paused) noexcept { paused_.store(paused, std::memory_order_relaxed); }
   /// Sets the speed, in seconds of play per second. Ignores a number that is not finite.
   void setSpeed(double speed) noexcept;
-  /// Sets whether playback continues at the other end when it reaches an end. Otherwise it stops.
+  /// Sets whether play continues at the other end when it reaches an end; otherwise it stops.
   void repeat(bool repeat) noexcept { repeat_.store(repeat, std::memory_order_relaxed); }
   /// Moves play to a position [s]. Ignores a number that is not finite.
   void seek(double time) noexcept;
@@ -55,8 +54,7 @@ class PlayClock {
   void nudge(double by) noexcept;
 
   // Function for a loop.
-  /// Returns the play position in a tick, `dt` [s] after the last tick. RT: no allocation, no lock;
-  /// atomic loads only.
+  /// Returns the play position in a tick, `dt` [s] after the last. RT: no allocation, no lock.
   [[nodiscard]] double next(PlayHead& head, double dt) const noexcept;
 
  private:
@@ -66,9 +64,9 @@ class PlayClock {
   std::atomic<double> to_{std::numeric_limits<double>::infinity()};
   std::atomic<bool> repeat_{false};
   std::atomic<double> begin_{0.0};
-  std::atomic<double> nudged_{0.0};  ///< Sum of all nudges [s].
+  std::atomic<double> nudged_{0.0};
   std::atomic<double> sought_{0.0};  ///< Position of the last seek [s]; written before `seeks_`.
-  std::atomic<std::uint32_t> seeks_{0};  ///< Number of seeks.
+  std::atomic<std::uint32_t> seeks_{0};
 };
 
 }  // namespace palpate

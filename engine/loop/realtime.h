@@ -1,5 +1,4 @@
-/// Requests of a thread to the operating system before its first tick: priority, a core and locked
-/// memory. Each is requested once, and the result is reported. None is required.
+/// Optional requests of a thread to the operating system: priority, a core and locked memory.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +12,11 @@ inline constexpr int kMostPriority = 90;
 /// Requests for becomeRealtime(). If the system refuses one, the thread continues without it.
 struct RealtimeRequest {
   int priority = 80;  ///< SCHED_FIFO priority, 1 to kMostPriority; 0 if not requested.
-  int core = -1;  ///< Core on which to stay. -1 means any core. A thread without priority uses any
-                  ///< core, because one may be free.
+  int core =
+      -1;  ///< Core on which to stay; -1 for any core. A thread without priority uses any core.
   /// Lock the present and future memory of the process. This prevents huge pages.
   bool lock_memory = true;
-  bool awake = true;  ///< Keep the cores awake meanwhile, at the cost of power. In a virtual
-                      ///< machine a sleeping core may wake up a millisecond late.
+  bool awake = true;  ///< Keep the cores awake, at the cost of power: a sleeping core wakes late.
 };
 
 /// The requests that were granted, and the reasons and remedies for those that were refused.
@@ -32,8 +30,7 @@ struct RealtimeReport {
   std::string refused;
 };
 
-/// Keeps the machine's cores from sleeping while the object lives, if the system permits
-/// (/dev/cpu_dma_latency).
+/// Keeps the cores from sleeping while the object lives, if permitted (/dev/cpu_dma_latency).
 class StayAwake {
  public:
   /// If `wanted`, requests a wake-up latency of 0 us from all cores.
@@ -51,19 +48,17 @@ class StayAwake {
   int error_ = 0;
 };
 
-/// Makes the requests for the calling thread, and the memory request for the process. The caller
-/// owns `awake`; the report repeats its result. Also touches the stack that ticks need. Slow: call
-/// it before the first tick.
+/// Makes the requests for the calling thread, and the memory request for the process. Touches the
+/// stack that ticks need. The report repeats the result of `awake`. Slow: call it before ticks.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
-/// Returns the time of the clock of all deadlines [ns]. The clock continues while the machine is
+/// Returns the time of the clock of all deadlines [ns]. It also runs while the machine is
 /// suspended. Signal-safe.
 [[nodiscard]] std::int64_t nowNs() noexcept;
 /// Sleeps until nowNs() reaches `ns` [ns], even if signals interrupt. RT: a system call.
 void sleepUntil(std::int64_t ns) noexcept;
 
-/// Returns the number of page faults of the calling thread so far, minor and major. RT: a system
-/// call.
+/// Returns the number of the calling thread's page faults so far. RT: a system call.
 [[nodiscard]] std::int64_t pageFaults() noexcept;
 
 }  // namespace palpate

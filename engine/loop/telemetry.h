@@ -19,9 +19,9 @@ struct Telemetry {
   bool missed = false;          ///< True if the tick began after the next tick's deadline.
   std::int64_t late_ticks = 0;  ///< Number of missed ticks so far.
   Fault fault = Fault::kNone;   ///< Cause of the cut of the force; kNone if the force is not cut.
-  std::uint64_t scene = 0;      ///< Scene::id; 0 if there is no scene.
+  std::uint64_t scene = 0;      ///< Scene::id; 0 without a scene.
   TickInput input;              ///< Inputs of the tick.
-  StepReport report;  ///< Report of the tick. Has its initial values if there is no scene.
+  StepReport report;            ///< Report of the tick; initial values without a scene.
 };
 
 }  // namespace palpate

@@ -10,16 +10,14 @@
 namespace palpate {
 namespace {
 
-/// Largest distance between a reading and the surface at which the reading places the plane
-/// [voxels].
+/// Largest distance to the surface at which a reading places the plane [voxels].
 constexpr double kSight = 2.0;
 /// Largest distance from the place of a reading at which that reading puts the plane [voxels].
 constexpr double kStep = 0.5;
-/// If the proxy is this near to its surface, the plane goes through the proxy, so that kinks which
-/// differ only by rounding coincide [voxels].
+/// A plane goes through a proxy this near to its surface, so that kinks coincide [voxels].
 constexpr double kOnIt = 1e-9;
-/// Height above the surface at which a path of the proxy along the surface is swept, as a share of
-/// the path's length. For a path longer than one voxel, this height is that of a path of one voxel.
+/// Height above the surface at which a path along it is swept, as a share of the path's length. A
+/// longer path counts as one voxel.
 constexpr double kLift = 0.25;
 
 void put(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
@@ -43,15 +41,13 @@ SurfaceReading look(const SurfaceSource& skin, double level, const Properties& r
   Vec3 outwards = skin.sign * gradient;
   if (seam != nullptr) outwards += seam->gradient;
   if (!value.inside || !unit(outwards, sight.normal)) return sight;
-  // Uses the slope of the interpolated V along the normal. If that is not positive, uses the
-  // gradient's norm.
+  // The slope of the interpolated V along the normal; if not positive, the gradient's norm.
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
   const double above = skin.sign * (value.value - level) * skin.metres_per_unit / skin.voxel;
   sight.height = above / slope;
-  // The steeper slope decides whether the surface is near. Deep in a groove the normal points out
-  // of the groove and the cell's slope points across it. The height along the normal is then not a
-  // distance.
+  // The steeper slope decides whether the surface is near: deep in a groove the cell's slope points
+  // across the normal, and the height along the normal is not a distance.
   if (!unit(skin.sign * own, sight.across)) sight.across = sight.normal;
   sight.off = above / std::max(own.norm(), 1e-3 * gradient.norm());
   sight.clear = std::abs(above) <= kSight * std::max(own.norm(), gradient.norm());
@@ -74,8 +70,7 @@ void place(Contact& contact, const SurfaceSource& skin, const SurfaceReading& si
 
 void drag(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
           const Vec3& x) noexcept {
-  // Deep in a thin wall the normal reverses. The reading then shows the other side of the wall, not
-  // the one that was pushed through.
+  // Deep in a thin wall the normal reverses: the reading shows the other side of the wall.
   const bool near = sight.clear && std::abs(sight.height) <= kSight;
   if (!near || !(sight.normal.dot(contact.normal) > 0.5)) return;
   put(contact, skin, sight, x - sight.height * skin.voxel * sight.normal);

@@ -10,8 +10,7 @@
 
 namespace palpate {
 
-/// The surface of a scalar volume: indices of the properties that it reads, its solid side and its
-/// scale.
+/// The surface of a scalar volume: the properties that it reads, its solid side and its scale.
 struct SurfaceSource {
   int field = -1;                ///< Index into Graph::scalar_fields.
   int value = -1;                ///< Index into Properties::scalars.
@@ -28,12 +27,11 @@ struct SurfaceSource {
 struct Seam {
   Vec3 gradient = Vec3::Zero();  ///< Added to sign * gradient, in W [unit of the gradient].
   Mat3 turn = Mat3::Zero();      ///< Derivative of `gradient` [unit of the gradient / m].
-  double walls = 1.0;            ///< Sum of the loads of a groove's walls, divided by the load of
-                                 ///< the plane.
+  double walls = 1.0;  ///< Sum of the loads of a groove's walls, divided by the load of the plane.
 };
 
-/// The plane (eq. 13) on a surface V = Va. n is the direction of the continuous gradient, and c
-/// that of the interpolated value's slope where V was read. In a trilinear volume n and c differ.
+/// The plane (eq. 13) on a surface V = Va. n is the direction of the continuous gradient, c that of
+/// the interpolated value's slope at the reading. In a trilinear volume they differ.
 struct Contact {
   Vec3 anchor = Vec3::Zero();   ///< A point of the plane [m].
   Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
@@ -50,10 +48,10 @@ struct Contact {
   Load load = Load::kNone;  ///< Load of the plane in the last balance.
 };
 
-/// The surface V = Va as computed from one reading of properties.
+/// The surface V = Va, computed from one reading of properties.
 struct SurfaceReading {
   bool data = false;  ///< True if there is a value.
-  /// True if there is a normal, and the surface is near enough to place the plane.
+  /// True if there is a normal, and the surface is within the two voxels of look().
   bool clear = false;
   double height = 0.0;          ///< Height of the reading above the surface along n [voxels].
   Vec3 normal = Vec3::UnitX();  ///< n, the outward unit normal.
@@ -66,14 +64,13 @@ struct SurfaceReading {
 [[nodiscard]] SurfaceReading look(const SurfaceSource& skin, double level, const Properties& read,
                                   const Seam* seam = nullptr) noexcept PALPATE_NONBLOCKING;
 
-/// Puts the plane on the surface, at most half a voxel from x [m], where properties were read. If
-/// the normal has reversed and no sweep reached the surface, the reading shows the other side of a
-/// thin wall. The plane then stays if x is behind the surface, and the contact ends if x is in
-/// front of it. RT: no allocation.
+/// Puts the plane on the surface, at most half a voxel from the place x [m] of the reading. If the
+/// normal has reversed and no sweep reached the surface, the reading shows the other side of a thin
+/// wall. The plane then stays if x is behind the surface; else the contact ends. RT: no allocation.
 void place(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
            const Vec3& x) noexcept PALPATE_NONBLOCKING;
-/// Moves the plane of a yielding surface to that surface, if the surface is within two voxels and
-/// its normal within 60 deg of the last n. RT: no allocation.
+/// Moves the plane of a yielding surface to that surface, if it is within two voxels and its normal
+/// within 60 deg of n. RT: no allocation.
 void drag(Contact& contact, const SurfaceSource& skin, const SurfaceReading& sight,
           const Vec3& x) noexcept PALPATE_NONBLOCKING;
 /// Ends the contact.
@@ -81,22 +78,18 @@ inline void leave(Contact& contact) noexcept {
   contact.placed = contact.touched = false;
 }
 
-/// Computes dn/dx, the turn of the plane that the last reading placed, where n is the normalised
-/// gradient.
-///
-/// @param jacobian  Derivative of the gradient [its unit / m], in W. RT: no allocation.
+/// Computes dn/dx of the plane that the last reading placed, where n is the normalised gradient.
+/// `jacobian` is the derivative of the gradient [its unit / m], in W. RT: no allocation.
 void readTurn(Contact& contact, const SurfaceSource& skin, const Properties& read,
               const Mat3& jacobian, const Seam* seam = nullptr) noexcept PALPATE_NONBLOCKING;
-/// Writes how the plane varies about x [m], for Newton's step from there. If `foreseen`, there was
-/// no reading at x, and the remembered plane is used. RT: no allocation.
+/// Writes how the plane varies about x [m], for Newton's step from there. If `foreseen`, uses the
+/// remembered plane, because there was no reading at x. RT: no allocation.
 void tellTurn(const Contact& contact, const SurfaceSource& skin, const Vec3& x, bool foreseen,
               Varying& plane) noexcept PALPATE_NONBLOCKING;
 
-/// Adds the plane and, with friction, a line (eq. 11) through p [m] along the normal. A line is
-/// added even without load, then with zero strength, so that the primitives of a contact stay the
-/// same from tick to tick. Returns false if the set was full. RT: no allocation.
-///
-/// @param slope  Gradient of the strength [N/m].
+/// Adds the plane and, with friction, a line (eq. 11) through p [m] along the normal, even with
+/// zero strength, so that a contact always has the same primitives. `slope` is the gradient of the
+/// strength [N/m]. Returns false if the set was full. RT: no allocation.
 [[nodiscard]] bool addContact(Contact& contact, double strength, const Vec3& slope, double friction,
                               const Vec3& p, PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
@@ -105,9 +98,8 @@ void readLoad(Contact& contact, std::span<const Primitive> primitives,
               std::span<const Vec3> forces) noexcept PALPATE_NONBLOCKING;
 
 /// Returns the offset to the free side at which a path of this length [m] along the surface is
-/// swept: a quarter of the path, at most a quarter of a voxel. It clears the chord of a surface
-/// with a radius of curvature of 5/8 of the path or more. Zero if there is no plane. RT: no
-/// allocation.
+/// swept: a quarter of the path, at most a quarter of a voxel; zero without a plane. It clears the
+/// chord of a surface with a radius of curvature of 5/8 of the path or more. RT: no allocation.
 [[nodiscard]] Vec3 liftOff(const Contact& contact, double voxel,
                            double way) noexcept PALPATE_NONBLOCKING;
 

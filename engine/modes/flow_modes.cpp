@@ -9,30 +9,26 @@
 namespace palpate {
 namespace {
 
-/// If a flow rotates by less than this share of its speed over a voxel, the rotation is within
-/// rounding and there is no vortex.
+/// A flow that rotates by less than this share of its speed over a voxel has no vortex.
 constexpr double kNoVortex = 1e-5;
 
 /// Returns the unit direction of a primitive that is anchored at the proxy and must be valid as far
-/// as the place of the reading. This is the mean of the directions at both places (the trapezoidal
-/// rule). `q` is the direction where properties were read last, and `before` is the direction at
-/// the proxy.
+/// as the place of the reading: the mean of the directions at both places (trapezoidal rule). `q`
+/// is the direction at the reading, and `before` is that at the proxy.
 Vec3 midway(const EvaluationPoint& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;
   return here ? q : Vec3((before + q).normalized());
 }
 
-/// Adds no primitive, because there is no direction. Forgets the direction at the proxy.
 bool nothing(Vec3& before) noexcept {
   before.setZero();
   return true;
 }
 
-/// Returns how a plane through `position` varies with the place x where properties are read. Its
-/// normal turns half as much as the direction from which it is made (midway). Newton's step solves
-/// n(x + step) . (x + step - position) = 0, so (n + turn^T w) . step = -n . w with w = x -
-/// position.
+/// Returns how a plane through `position` varies with the place x of the reading. Its normal turns
+/// half as much as the direction from which it is made (midway). Newton's step solves n(x + step) .
+/// (x + step - position) = 0, so (n + turn^T w) . step = -n . w with w = x - position.
 Variation planeVaries(const EmitContext& place, const Vec3& position, const Vec3& normal,
                       const Mat3& turn) noexcept {
   Variation plane;
@@ -47,7 +43,6 @@ Variation opposed(const Variation& plane) noexcept {
   return {-plane.turn, Vec3::Zero(), -plane.across, -plane.height};
 }
 
-/// Adds two opposed planes, which hold the proxy in both directions along the normal.
 bool addSlab(const EmitContext& place, const Vec3& position, const Vec3& normal, double strength,
              const Variation& plane) noexcept {
   return place.add(PrimitiveKind::kPlane, position, normal, strength, plane) &&
@@ -71,9 +66,8 @@ bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory
     memory.placed = false;
     return nothing(memory.before);
   }
-  // Snap-drag: if the proxy is pulled away from its front, the remembered plane holds it up to the
-  // distance `snap`. Then the proxy is released until it rests. Otherwise the front goes through
-  // the proxy.
+  // Snap-drag: the remembered plane holds a proxy that is pulled off its front, up to the distance
+  // `snap`. Then the proxy is released until it rests. Otherwise the front goes through the proxy.
   constexpr double kOn = 1e-3;  // share of the snap distance
   const Vec3& p = place.stand.proxy;
   const double off = memory.placed ? memory.normal.dot(p - memory.anchor) : 0.0;
@@ -106,16 +100,14 @@ bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory
   const Vec3& curl = place.vector(mode.curl).value;
   Vec3 core;
   if (!v.inside || !unit(curl, core)) return nothing(memory.before);
-  // Rotation of the flow over a voxel, relative to its speed. If it is within rounding, the vortex
-  // has no strength.
+  // Rotation of the flow over a voxel, relative to its speed.
   const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
   const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
   const double strength =
       v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
   const double radius = 2.0 * outwards.norm() / spin;  // [voxels]
-  // Over one voxel, the tube's planes replace the line on the core. The turn of the core's
-  // direction is not known.
+  // Over one voxel, the tube's planes replace the line on the core.
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
   if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;

@@ -1,5 +1,4 @@
-/// Haptic modes, which turn properties at the proxy into primitives. This is the compiled form,
-/// with indices only.
+/// Haptic modes, compiled: they turn properties at the proxy into primitives.
 #pragma once
 
 #include <cassert>
@@ -19,10 +18,10 @@
 
 namespace palpate {
 
-/// Largest friction coefficient. For comparison: rubber on rubber has 1.2.
+/// Largest friction coefficient. Rubber on rubber has 1.2.
 inline constexpr double kMostFriction = 10.0;
 
-/// A material property of the paper's section 2 (strength, friction, viscosity, stiffness). It is a
+/// A material property of the paper's section 2 (strength, friction, viscosity, stiffness): a
 /// transfer function of one scalar property, or a product of several.
 struct Transfer {
   /// One transfer function, and the scalar property that it reads.
@@ -34,23 +33,20 @@ struct Transfer {
   /// Factors of the product. Without factors the material property is zero.
   std::vector<Factor> factors;
 
-  /// Returns the product, >= 0; 0 if the property of a factor has no data. `own` is the input of
-  /// factors with scalar -1. RT: no allocation.
+  /// Returns the product, >= 0, with `own` as the input of factors with scalar -1; 0 if the
+  /// property of a factor has no data. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
   /// Returns the gradient of the product at the place of the reading [its unit / m]; zero if the
-  /// property of a factor has no data. At a knot, the slope is that of the curve just above the
-  /// knot. The value that the mode itself measures counts as constant. RT: no allocation.
+  /// property of a factor has no data. At a knot, this is the slope just above the knot. The value
+  /// that the mode itself measures counts as constant. RT: no allocation.
   [[nodiscard]] Vec3 slope(const Properties& properties) const noexcept PALPATE_NONBLOCKING;
   /// Returns the product, with `value` as the input of factors with scalar `index` or -1; 0 if the
   /// property of another factor has no data. RT: no allocation.
   [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;
-  /// Returns the product even without data. A scalar without data has its background value, a
-  /// magnitude is zero. The coupling uses this, because its stiffness is needed everywhere. RT: no
-  /// allocation.
+  /// Returns the product even without data: a scalar then has its background value, and a magnitude
+  /// is zero. The coupling's stiffness needs this. RT: no allocation.
   [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
 };
-
-// The following types are the memories of the modes from tick to tick.
 
 /// Memory of a SurfaceMode: its plane, and the surface that the plane follows.
 struct SurfaceMemory {
@@ -62,7 +58,7 @@ struct SurfaceMemory {
 
 /// The side of an isosurface on which the proxy is.
 enum class Side : std::uint8_t {
-  kUnknown,  ///< No reading yet. The proxy takes the side on which it is, without force.
+  kUnknown,  ///< No reading yet.
   kOutside,  ///< On the free side. The surface holds.
   kYielded,  ///< Pushed through. The plane pulls back, until the proxy is `depth` behind it or the
              ///< hand returns.
@@ -77,10 +73,10 @@ struct IsosurfaceMemory {
 
 /// Memory of a curve that holds the proxy.
 struct OnCurve {
-  bool holds = false;        ///< True if the last balance lies on the line of the mode.
-  double stride = 0.5;       ///< First step of the next trace to try [voxels].
-  Vec3 bend = Vec3::Zero();  ///< Second derivative of the curve in its volume's resting frame
-                             ///< [1/voxel].
+  bool holds = false;   ///< True if the last balance lies on the line of the mode.
+  double stride = 0.5;  ///< First step of the next trace to try [voxels].
+  Vec3 bend =
+      Vec3::Zero();  ///< Second derivative of the curve in its volume's resting frame [1/voxel].
 };
 /// Memory of a FollowMode: the direction of its stream, and its curve.
 struct FollowMemory {
@@ -94,7 +90,7 @@ struct FrontShapeMemory {
   Vec3 anchor = Vec3::Zero();   ///< A point of the front [m].
   Vec3 normal = Vec3::UnitX();  ///< Unit normal of the front.
   bool placed = false;          ///< True if there is a front.
-  bool let_go = false;  ///< True if the proxy was released from the front, until the proxy rests.
+  bool let_go = false;          ///< True from the release of the proxy until the proxy rests.
 };
 
 /// Memory of a VortexTubeMode.
@@ -102,7 +98,7 @@ struct VortexTubeMemory {
   Vec3 before = Vec3::Zero();  ///< Direction of the radius at the proxy; zero if unknown.
 };
 
-/// A directed force (eq. 8) along a vector. It adds energy, as the scene requests.
+/// A directed force (eq. 8) along a vector. It may add energy.
 struct ForceMode {
   using Memory = std::monostate;  ///< The mode has no memory.
   int vector = -1;                ///< Index into Properties::vectors.
@@ -113,81 +109,74 @@ struct ForceMode {
 /// A point (eq. 9) at the proxy: a drag of constant magnitude, in contrast to -b v.
 struct ViscosityMode {
   using Memory = std::monostate;  ///< The mode has no memory.
-  /// Index into Properties::scalars. Where it has no data there is no drag.
+  /// Index into Properties::scalars. Without data the drag is zero.
   int scalar = -1;
   Transfer strength;  ///< Strength of the drag [N].
 };
 
-/// A plane (eq. 13) through the proxy across the gradient. While the plane holds the proxy, it
-/// stays on the surface V = Va of the place where it began to hold. Otherwise the proxy would drift
-/// along the normal of a curved surface. A plane that does not hold, or yields, goes through the
-/// proxy. Friction adds a line (eq. 11) along the normal, and viscosity adds a point (eq. 9). These
-/// are the paper's surface, friction and viscosity.
+/// The paper's surface, friction and viscosity: a plane (eq. 13) through the proxy across the
+/// gradient. While the plane holds the proxy, it stays on the surface V = Va of the place where it
+/// began to hold. Otherwise the proxy would drift along the normal of a curved surface. Friction
+/// adds a line (eq. 11) along the normal, and viscosity adds a point (eq. 9).
 struct SurfaceMode {
-  using Memory = SurfaceMemory;  ///< Memory of the mode.
+  using Memory = SurfaceMemory;  ///< Kept from tick to tick.
   SurfaceSource skin;            ///< Properties read from the volume, its solid side and its scale.
   Transfer strength;             ///< Strength of the plane [N].
   Transfer friction;             ///< Coulomb's mu.
-  Transfer viscosity;  ///< Strength of the drag [N]. The drag acts wherever the surface acts.
+  Transfer viscosity;            ///< Strength of the drag [N], wherever the gradient is not zero.
 };
 
-/// A plane (eq. 13) on the surface V = level, from the time when the proxy reaches it. The mode
-/// remembers the side of the proxy. Friction adds a line (eq. 11).
+/// A plane (eq. 13) on V = level, once the proxy reaches it. Friction adds a line (eq. 11).
 struct IsosurfaceMode {
-  using Memory = IsosurfaceMemory;  ///< Memory of the mode.
-  SurfaceSource skin;               ///< Properties read from the volume, its solid side and its
-                                    ///< scale.
-  double level = 0.0;               ///< V0, in the data's unit.
-  double depth = 3e-3;  ///< After yielding, the plane pushes until the proxy is this far behind the
-                        ///< surface [m].
-  Transfer strength;    ///< Strength of the plane [N]. Until the surface yields, that at V = level.
+  using Memory = IsosurfaceMemory;  ///< Kept from tick to tick.
+  SurfaceSource skin;   ///< Properties read from the volume, its solid side and its scale.
+  double level = 0.0;   ///< V0, in the data's unit.
+  double depth = 3e-3;  ///< A yielding plane pushes until the proxy is this far behind it [m].
+  Transfer strength;    ///< Strength of the plane [N]; that at V = level until the surface yields.
   Transfer friction;    ///< Coulomb's mu.
   Transfer viscosity;   ///< Strength of the drag in the solid [N], a point (eq. 9).
 };
 
-/// A line (eq. 11) through the proxy along a vector, so that the hand slides along the stream. A
-/// weak line is the paper's transverse damping. If the line holds the proxy, the proxy follows the
-/// stream's curve (VectorField::trace), as far as the balance moved it along the line.
+/// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. A weak line
+/// is the paper's transverse damping. If the line holds the proxy, the proxy follows the stream's
+/// curve (VectorField::trace).
 struct FollowMode {
-  using Memory = FollowMemory;  ///< Memory of the mode.
+  using Memory = FollowMemory;  ///< Kept from tick to tick.
   int vector = -1;              ///< Index into Properties::vectors.
-  int field = -1;  ///< Index into Graph::vector_fields. -1 for a derived vector, whose tangents are
-                   ///< followed.
+  int field =
+      -1;  ///< Index into Graph::vector_fields; -1 for a derived vector: its tangents are followed.
   double voxel = 1e-3;  ///< Shortest edge of a voxel [m].
   Transfer strength;    ///< Strength of the line [N].
 };
 
-/// A plane (eq. 13) through the proxy across a vector. This is a front, such as that of a wave,
-/// with the vectors as its normals. A two-sided front consists of two opposed planes.
+/// A plane (eq. 13) through the proxy across a vector: a front, such as that of a wave. The vectors
+/// are its normals. A two-sided front consists of two opposed planes.
 struct FrontShapeMode {
-  using Memory = FrontShapeMemory;  ///< Memory of the mode.
+  using Memory = FrontShapeMemory;  ///< Kept from tick to tick.
   int vector = -1;                  ///< Index into Properties::vectors.
-  bool two_sided = true;  ///< If false, the front holds only against the vector, and the hand is
-                          ///< free along the vector.
+  bool two_sided = true;            ///< If false, the front holds only against the vector.
   double snap = 0.0;  ///< Distance of snap-drag [m]. A proxy that is pushed off its front is pulled
-                      ///< back until it is this far away. Then it is released, and the next front
-                      ///< is placed where the proxy rests. If 0, the front moves with the proxy.
+                      ///< back up to this distance. Then it is released, and the next front is
+                      ///< placed where the proxy rests. If 0, the front moves with the proxy.
   Transfer strength;  ///< Strength of each plane [N].
 };
 
-/// Two opposed planes (eq. 13) through the proxy across the radius of a vortex. They keep the hand
-/// on a tube, on which it moves freely. Within a voxel of the core the radius is not defined, and a
-/// line (eq. 11) along the core holds the proxy. Between one and two voxels, both act. The radius
-/// is that of a rigid rotation, r = 2 |v x w| / |curl v|, where w = curl v / |curl v| is the
-/// direction of the core. v x w points outwards.
+/// Two opposed planes (eq. 13) through the proxy across the radius of a vortex: the hand moves
+/// freely on a tube. Within a voxel of the core the radius is not defined, and a line (eq. 11)
+/// along the core holds the proxy. Between one and two voxels, both act. The radius is that of a
+/// rigid rotation, r = 2 |v x w| / |curl v|. w = curl v / |curl v| is the direction of the core,
+/// and v x w points outwards.
 struct VortexTubeMode {
-  using Memory = VortexTubeMemory;  ///< Memory of the mode.
+  using Memory = VortexTubeMemory;  ///< Kept from tick to tick.
   int vector = -1;                  ///< Index into Properties::vectors of v.
   int curl = -1;                    ///< Index into Properties::vectors of curl v.
   double voxel = 1e-3;              ///< Shortest edge of a voxel [m].
   double metres_per_unit = 1.0;     ///< Metres per unit of the field's own space.
-  Transfer strength;  ///< Strength of each plane, and of the line on the core [N]. Zero where the
-                      ///< flow does not rotate.
+  Transfer strength;                ///< Strength of plane and line [N]; zero without rotation.
 };
 
-/// A point, line or plane that the scene places. It acts while the proxy is within `snap` of it. It
-/// pulls the hand towards itself, and releases the hand when the proxy is farther away. The energy
-/// of this pull counts as injected.
+/// A point, line or plane that the scene places. While the proxy is within `snap` of it, it pulls
+/// the hand. The energy of this pull counts as injected.
 struct GuideMode {
   using Memory = std::monostate;                ///< The mode has no memory.
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Any kind except kForce.
@@ -201,29 +190,27 @@ struct GuideMode {
 /// Input of a user-defined mode.
 struct ModeInput {
   const Properties& properties;  ///< Properties from the last reading.
-  std::span<const int> reads;    ///< For each name in UserSpec::reads, its index in
-                               ///< properties.scalars or properties.vectors, according to its type.
+  std::span<const int>
+      reads;  ///< Index of each of UserSpec::reads in properties.scalars or properties.vectors.
   /// The proxy before it moves [m], where primitives should be placed. If all volumes that the mode
-  /// reads have the same motion, that motion carries this place along.
+  /// reads share a motion, that motion carries this place along.
   const Vec3& proxy;
-  const Vec3& probe;  ///< The probe [m]. In a tick of several slices, the probe of this slice.
-  const Vec3& read;   ///< Place where properties were read [m]. The previous balance led to this
-                      ///< place, which is at most about a voxel from the proxy.
-  bool foreseen;      ///< True if there was no new reading, so that the properties are those of the
-                      ///< last one.
+  const Vec3& probe;  ///< The probe [m], in this slice of the tick.
+  const Vec3&
+      read;       ///< Place where properties were read [m], at most about a voxel from the proxy.
+  bool foreseen;  ///< True if the properties are those of an earlier reading.
 };
 
-/// Adds primitives. Returns false if the set was full. It is called for each balance of a tick. The
-/// first balance of each slice has no new reading (`foreseen`); one balance follows each reading.
-/// Do not allocate, lock or throw. Primitives should be anchored at the proxy, because others can
-/// add energy (counted as injected).
+/// Adds primitives. Returns false if the set was full. Each balance of a tick calls it: first
+/// without a new reading (`foreseen`), then after each reading. Do not allocate, lock or throw.
+/// Anchor primitives at the proxy; other anchors can add energy, which counts as injected.
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
 
 /// A user-defined mode.
 struct UserMode {
   using Memory = std::monostate;    ///< The mode has no memory.
   PlacePrimitives place = nullptr;  ///< Called with `state`. Not null in a graph.
-  /// State for all proxies, whose threads may call `place` at the same time.
+  /// State for all proxies. Their threads may call `place` at the same time.
   std::shared_ptr<void> state;
   std::vector<int> reads;  ///< Indices, as in ModeInput::reads.
 };
@@ -232,7 +219,7 @@ struct UserMode {
 using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode,
                           FrontShapeMode, VortexTubeMode, GuideMode, UserMode>;
 
-/// Memory of a mode. Its type is the `Memory` of the kind of mode.
+/// Memory of a mode of any kind.
 struct ModeMemory {
   int emitted = 0;  ///< Number of this mode's primitives in the last balance.
   std::variant<std::monostate, SurfaceMemory, IsosurfaceMemory, FollowMemory, FrontShapeMemory,
@@ -262,15 +249,13 @@ struct EvaluationPoint {
   const Vec3& probe;  ///< The hand [m].
   /// Pose of the volume with which a guide moves; null if the guide stands still.
   const Pose* pose;
-  bool foreseen = false;  ///< True if there was no new reading, so that planes stay as remembered.
-  /// Corrections for other solids and walls from the last reading, if any.
+  bool foreseen = false;  ///< True without a new reading: planes stay as remembered.
+  /// Corrections for other solids and walls from the last reading; may be null.
   const Seam* seam = nullptr;
 };
 
-/// Adds the primitives of one mode, step 2 of the paper's figure 1.
-///
-/// @return  False if the set was full and a primitive was dropped.
-/// RT: no allocation.
+/// Adds the primitives of one mode, step 2 of the paper's figure 1. Returns false if the set was
+/// full. RT: no allocation.
 [[nodiscard]] bool addPrimitives(const Mode& mode, const Properties& properties,
                                  const EvaluationPoint& stand, ModeMemory& memory,
                                  PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
@@ -284,18 +269,17 @@ struct ContactReference {
   Contact* contact = nullptr;           ///< Contact in the mode's memory; null if skin is null.
   const double* level = nullptr;  ///< V of the surface, in the data's unit; null if not yet known.
 };
-/// Returns the contact of a surface or isosurface mode. For other modes all pointers are null. RT:
-/// no allocation.
+/// Returns the contact of a surface or isosurface mode; else null pointers. RT: no allocation.
 [[nodiscard]] ContactReference touchOf(const Mode& mode,
                                        ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The surface V = level that a sweep searches for, because a proxy on its free side can reach it.
+/// The surface V = level that a sweep searches for.
 struct SurfaceAhead {
   const SurfaceSource* skin = nullptr;  ///< Null if the mode has no surface that a path can reach.
   Contact* contact = nullptr;           ///< Contact in the mode's memory; null if skin is null.
   double level = 0.0;                   ///< V0, in the data's unit.
-  const Transfer* strength = nullptr;  ///< Strength [N]; null if skin is null. If it is zero at V =
-                                       ///< level, the surface does not stop a path.
+  const Transfer* strength = nullptr;   ///< Strength [N]; null if skin is null. A surface with zero
+                                        ///< strength at V = level does not stop a path.
 };
 /// Returns the surface of an isosurface mode if the proxy is outside and the surface did not yield
 /// in the last balance. Otherwise all pointers are null. RT: no allocation.
@@ -305,24 +289,23 @@ struct SurfaceAhead {
 /// The streamline to which a mode holds the proxy.
 struct Curve {
   OnCurve* on = nullptr;  ///< Null if the mode does not hold the proxy to a curve.
-  int field = -1;  ///< Index into Graph::vector_fields. -1 for a derived vector, whose tangents are
-                   ///< followed.
+  int field =
+      -1;  ///< Index into Graph::vector_fields; -1 for a derived vector: its tangents are followed.
   double voxel = 0.0;  ///< Finest voxel that the mode reads [m].
 };
 /// Returns the curve of a follow mode. For other modes `on` is null. RT: no allocation.
 [[nodiscard]] Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns the longest move of the hand in one slice [m]: a voxel if a curve holds the proxy, else
-/// infinite. RT: no allocation.
+/// Returns the hand's longest move in one slice [m]: a voxel on a curve, else infinite. RT: no
+/// allocation.
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Returns true if a force of this mode varies with a property's value, so that its primitives are
-/// valid only near the place of the reading. Returns false for surfaces and streams, whose steps
-/// are limited by Varying.
+/// Returns true if a force of this mode varies with a property's value: its primitives are valid
+/// only near the reading. False for surfaces and streams, because Varying limits their steps.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
-/// Updates a mode's memory from the last balance. `forces` are the forces of all `primitives` on
-/// the proxy [N]. RT: no allocation.
+/// Updates a mode's memory from the last balance: `primitives` and their forces on the proxy [N].
+/// RT: no allocation.
 void readLoads(const Mode& mode, std::span<const Primitive> primitives,
                std::span<const Vec3> forces, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
@@ -330,9 +313,9 @@ void readLoads(const Mode& mode, std::span<const Primitive> primitives,
 void followYielding(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Updates a mode's memory from the place that the proxy has reached. `arrived` is true if that
-/// place is the balance. The contact with a surface without load ends. A surface that yields with
-/// the proxy behind it counts as pushed through. A released front may be placed again once the
-/// proxy rests. RT: no allocation.
+/// place is the balance. Ends the contact with a surface without load. Marks a surface as pushed
+/// through if it yields and the proxy is behind it. Once the proxy rests, a released front may be
+/// placed again. RT: no allocation.
 void settle(const Mode& mode, const Vec3& proxy, bool arrived,
             ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 

@@ -7,18 +7,15 @@
 
 namespace palpate {
 
-/// Derivatives of a primitive by the place where properties were read, as a mode computes them; see
-/// Varying.
+/// Derivatives of a primitive by the place where properties were read; see Varying.
 struct Variation {
   Mat3 turn = Mat3::Zero();  ///< Derivative of the direction [1/m].
-  /// Gradient of the strength [N/m]. Zero for primitives that are anchored at the proxy, because
-  /// they yield at the strength that was read.
+  /// Gradient of the strength [N/m]; zero for primitives that are anchored at the proxy.
   Vec3 slope = Vec3::Zero();
   Vec3 across = Vec3::Zero();  ///< Varying::across of a plane that turns.
   double height = 0.0;         ///< Varying::height of a plane that turns [m].
 
-  /// Returns true if neither direction nor strength varies. `across` and `height` are then not
-  /// used.
+  /// Returns true if neither direction nor strength varies.
   [[nodiscard]] bool none() const noexcept { return turn.isZero(0.0) && slope.isZero(0.0); }
 };
 
@@ -66,25 +63,22 @@ bool emit(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memo
 bool emit(const IsosurfaceMode& mode, const EmitContext& place, IsosurfaceMemory& memory) noexcept;
 /// Adds a line along the vector, if the vector has a direction. RT: no allocation.
 bool emit(const FollowMode& mode, const EmitContext& place, FollowMemory& memory) noexcept;
-/// Adds a plane across the vector, or two opposed ones. Adds no plane if the vector has no
-/// direction, or after the front was released. RT: no allocation.
+/// Adds a plane across the vector, or two opposed ones. Adds no plane without a direction, or after
+/// the release of the front. RT: no allocation.
 bool emit(const FrontShapeMode& mode, const EmitContext& place, FrontShapeMemory& memory) noexcept;
 /// Adds a line along the core within two voxels of it, and two opposed planes across the radius
 /// beyond one voxel. Adds no primitive if the flow does not turn. RT: no allocation.
 bool emit(const VortexTubeMode& mode, const EmitContext& place, VortexTubeMemory& memory) noexcept;
 
-// Further functions, which only some modes define; see surfaceAhead and settle in mode.h.
 /// Returns V of the surface.
 inline const double* levelOf(const IsosurfaceMode& mode, const IsosurfaceMemory& /*of*/) noexcept {
   return &mode.level;
 }
-/// Returns V of the surface. Returns null until the surface has held the proxy, because until then
-/// it goes through the proxy.
+/// Returns V of the surface; null until the surface has held the proxy.
 inline const double* levelOf(const SurfaceMode& /*mode*/, const SurfaceMemory& memory) noexcept {
   return memory.captured ? &memory.level : nullptr;
 }
-/// Returns the surface if the proxy is outside and the surface did not yield in the last balance.
-/// Otherwise all pointers are null.
+/// Returns the surface if the proxy is outside and the surface did not yield; else null pointers.
 SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept;
 /// Marks a surface as pushed through if it yielded and the proxy is more than 0.05 voxel behind it.
 /// Ends the contact if the surface bears no load and the proxy is in front of it.

@@ -1,4 +1,4 @@
-/// Modes of a scalar volume that are surfaces: surface and isosurface.
+/// Modes of a scalar volume: surface and isosurface.
 #include <algorithm>
 
 #include "palpate/engine/modes/mode_place.h"
@@ -10,12 +10,10 @@ namespace {
 constexpr double kYield = 0.05;
 /// A proxy has left the surface if it is farther than this in front of the plane [voxels].
 constexpr double kLeft = 1e-4;
-/// Distance from its anchor up to which a remembered plane holds [voxels]. It is twice the distance
-/// at which a reading places a plane.
+/// A remembered plane holds up to this distance from its anchor [voxels].
 constexpr double kPlaneHolds = 4.0;
 
-/// Puts the plane through the proxy, as in the paper. Once the plane has held the proxy, puts it on
-/// V = Va of that place.
+/// Puts the plane through the proxy, as in the paper; once it has held the proxy, on V = Va.
 void see(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
   contact.seen = false;
@@ -43,23 +41,20 @@ void see(const SurfaceMode& mode, const EmitContext& place, SurfaceMemory& memor
   contact.placed = true;
 }
 
-/// Returns the strength [N]. If the proxy is outside, this is the strength at V = level, even if V
-/// was read beside the surface.
+/// Returns the strength [N]; for a proxy outside, that at V = level.
 double strengthOf(const IsosurfaceMode& mode, const EmitContext& place, Side side) noexcept {
   if (side != Side::kOutside) return mode.strength(place.at);
   return mode.strength.at(place.at, mode.skin.value, mode.level);
 }
 
-/// Returns the gradient of the strength by the place [N/m], for a surface that was pushed through.
-/// The gradient is zero before that. The change of `share` is neglected, because a surface that
-/// fades releases the proxy at once, and the place to which it goes is the same.
+/// Returns the gradient of the strength [N/m]; zero until the surface was pushed through. Neglects
+/// the change of `share`, because a surface that fades releases the proxy at once.
 Vec3 slopeOf(const IsosurfaceMode& mode, const EmitContext& place,
              const IsosurfaceMemory& memory) noexcept {
   if (memory.side == Side::kOutside) return Vec3::Zero();
   return memory.share * mode.strength.slope(place.at);
 }
 
-/// Returns the side of the proxy according to the last reading.
 Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const SurfaceReading& sight,
               bool free, IsosurfaceMemory& memory) noexcept {
   const Contact& contact = memory.contact;
@@ -72,8 +67,7 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
     case Side::kInside:
       return free ? Side::kOutside : Side::kInside;
     case Side::kOutside: {
-      // A surface does not hold if it has no data, no strength or no known plane. If the reading is
-      // too far behind the surface, the remembered plane holds.
+      // A surface holds if it has data, strength and a plane, seen or remembered.
       if (free && !contact.touched) return Side::kOutside;
       const bool near = contact.placed &&
                         (place.stand.read - contact.anchor).norm() <= kPlaneHolds * mode.skin.voxel;
@@ -83,8 +77,7 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
     }
     case Side::kYielded: {
       if (free) return Side::kOutside;
-      // As in figure 6 d of the paper, the plane stays. Once the proxy is `depth` behind it, the
-      // plane fades over one voxel.
+      // The plane stays, as in figure 6 d of the paper. Behind `depth`, it fades over one voxel.
       const double past = contact.normal.dot(contact.anchor - place.stand.read);
       memory.share = std::clamp(1.0 - (past - mode.depth) / mode.skin.voxel, 0.0, 1.0);
       return memory.share <= 0.0 ? Side::kInside : Side::kYielded;
@@ -93,7 +86,6 @@ Side nextSide(const IsosurfaceMode& mode, const EmitContext& place, const Surfac
   return memory.side;
 }
 
-/// Places the plane on the surface, or ends the contact.
 void see(const IsosurfaceMode& mode, bool free, const EmitContext& place,
          IsosurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
@@ -110,7 +102,6 @@ void see(const IsosurfaceMode& mode, bool free, const EmitContext& place,
     contact.touched = false;
     return;
   }
-  // A plane is placed if there is contact, or if the reading is behind the surface.
   const bool meets = contact.placed || contact.touched || !free;
   if (memory.side == Side::kInside || !meets || !sight.clear) {
     leave(contact);

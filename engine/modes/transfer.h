@@ -6,20 +6,17 @@
 
 namespace palpate {
 
-/// A piecewise-linear curve through knots. It is constant before the first and after the last knot.
-/// A constant has one knot, a window has two.
+/// A piecewise-linear curve through knots, constant before the first and after the last knot.
 class TransferFunction {
  public:
   using Knot = std::pair<double, double>;  ///< input, output
 
   /// Makes a constant >= 0. Throws SceneError for invalid numbers, as do window() and piecewise().
   TransferFunction(double constant = 0.0);  // NOLINT(google-explicit-constructor): a number is one
-  /// Returns a curve that rises linearly from 0 at level - width/2 to max at level + width/2. width
-  /// > 0, max >= 0.
+  /// Returns a ramp from 0 at level - width/2 to max at level + width/2. width > 0, max >= 0.
   [[nodiscard]] static TransferFunction window(double level, double width, double max);
   /// Returns the curve through knots with ascending inputs and outputs >= 0. Needs at least one
-  /// knot; all numbers must be finite. Two equal inputs make a step, and at that input the later
-  /// knot counts.
+  /// knot; all numbers must be finite. Two equal inputs make a step; there, the later knot counts.
   [[nodiscard]] static TransferFunction piecewise(std::vector<Knot> knots);
 
   /// Returns true if the curve has one knot, and false for a flat curve with several.
@@ -38,7 +35,7 @@ class TransferFunction {
 
  private:
   explicit TransferFunction(std::vector<Knot> knots) : knots_(std::move(knots)) {}
-  /// Returns the first knot above x. Returns the end if there is none, or if x is NaN.
+  /// Returns the first knot above x; the end beyond the last knot, or if x is NaN.
   [[nodiscard]] std::vector<Knot>::const_iterator above(double x) const noexcept;
 
   std::vector<Knot> knots_;

@@ -21,9 +21,8 @@ struct DeviceInfo {
   double max_damping = 1e9;  ///< Largest coupling damping that the device renders stably [N s/m].
   double workspace_radius = 0.1;  ///< Radius of the workspace about the origin of W [m].
   double mass = 0.0;              ///< Mass that a hand moves in free space [kg]; 0 if unknown.
-  /// Rate at which the device takes forces [Hz]; 0 if it takes all. If the loop is faster, the
-  /// device takes the newest force, at most one period of this rate late. If the loop is slower,
-  /// the device takes each force at once.
+  /// Rate at which the device takes forces [Hz]; 0 if it takes all. From a faster loop it takes the
+  /// newest force, at most one period of this rate late; from a slower one each force at once.
   double output_rate = 0.0;
   std::string source;  ///< Source of the numbers above.
   WatchLimits watch;   ///< Limits of the hand's motion on the device.
@@ -31,8 +30,7 @@ struct DeviceInfo {
   bool hand = true;    ///< True if a force may reach a hand; false for recorded paths.
 };
 
-/// Bytes that set the force of a device to zero. Any holder of the descriptor, such as another
-/// process, can write them.
+/// Bytes that set the force of a device to zero. Any process with the descriptor can write them.
 struct ZeroForce {
   /// Largest size of `bytes`, which a guardian can store [bytes].
   static constexpr std::size_t kMostBytes = 256;
@@ -55,8 +53,8 @@ class Device {
   [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
   /// Returns the newest reading of the hand. RT: no allocation, no lock.
   [[nodiscard]] virtual HandState read() noexcept PALPATE_NONBLOCKING = 0;
-  /// Sends a force [N] that has passed limitForce. The force acts until the next one. A device in
-  /// virtual time advances by one tick. RT: no allocation, no lock.
+  /// Sends a force [N] that has passed limitForce; it acts until the next one. A device in virtual
+  /// time advances by one tick. RT: no allocation, no lock.
   virtual void write(const Vec3& force) noexcept PALPATE_NONBLOCKING = 0;
   /// Sets whether the motors may carry the arm's weight in addition to the force, if the device
   /// knows that weight. Initially they may not. After true the support grows over kEngage; after
@@ -64,13 +62,12 @@ class Device {
   /// ready and no fault is latched. RT: no allocation, no lock.
   virtual void carry(bool /*may*/) noexcept PALPATE_NONBLOCKING {}
   /// Returns the share, 0 to 1, of the last written force that the motors could give within their
-  /// limits. The direction is kept. The loop calls it after every write. Rounding, lag and delay
-  /// are not included: see ArmDissipation. RT: no allocation, no lock.
+  /// limits. The direction is kept. Rounding, lag and delay are not included (ArmDissipation). The
+  /// loop calls it after every write. RT: no allocation, no lock.
   [[nodiscard]] virtual double given() const noexcept PALPATE_NONBLOCKING { return 1.0; }
   /// Returns true when there are no more readings, as at the end of a recorded path.
   [[nodiscard]] virtual bool ended() const noexcept { return false; }
-  /// Returns the zero force for a guardian (devices/arm/guardian.h). Valid as long as the device
-  /// exists.
+  /// Returns the zero force for a guardian (devices/arm/guardian.h), valid while the device exists.
   [[nodiscard]] virtual ZeroForce zeroForce() const noexcept { return {}; }
 };
 

@@ -1,5 +1,4 @@
-/// Readings of an arm in addition to the position of its tip. Telemetry::input provides them to the
-/// application. The force does not depend on them.
+/// Readings of an arm for the application (Telemetry::input). The force does not depend on them.
 #pragma once
 
 #include <array>
@@ -12,13 +11,12 @@ namespace palpate {
 
 inline constexpr std::size_t kMostJoints = 6;  ///< Largest number of joints of an arm.
 
-/// Numbers of one reading. All are finite. HandleInfo states which of them an arm measures.
+/// Numbers of one reading, all finite. HandleInfo states which numbers an arm measures.
 struct Handle {
   std::uint32_t buttons = 0;  ///< Bit i: HandleInfo::buttons[i] is pressed.
   /// Unit quaternion (w, x, y, z) that rotates the handle's axes into those of W.
   std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};
-  /// Velocity of the tip as measured by the arm, in W [m/s]. HandState::velocity, in contrast, is
-  /// computed from positions.
+  /// Velocity of the tip as measured by the arm (unlike HandState::velocity), in W [m/s].
   std::array<double, 3> velocity{};
   double gripper = 0.0;  ///< Opening of the gripper: angle [rad], or width [m] if it slides.
   /// Measured joint angles [rad], or lengths [m] of joints that slide.

@@ -7,10 +7,8 @@ namespace palpate {
 
 inline constexpr double kWarm = 0.8;  ///< Share of the heat from which on the force is reduced.
 
-/// Returns the largest force that motors with this heat may give. It is `peak` while the heat is at
-/// most kWarm times continuous^2. It then falls, and is `continuous` if the heat is continuous^2 or
-/// more.
-///
+/// Returns the largest force that motors with this heat may give: `peak` up to kWarm times
+/// continuous^2, then less, and `continuous` at continuous^2 or more.
 /// @param continuous  Force that the motors can hold for ever, in any unit. If <= 0 or >= peak,
 ///                    only the peak limits.
 /// @param heat        Mean of the squares of the sent force: LimiterState::heat.

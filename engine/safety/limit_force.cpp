@@ -9,8 +9,7 @@ namespace palpate {
 
 namespace {
 
-/// Returns |v|, finite if possible. stableNorm costs more, so it is used only near overflow and
-/// underflow.
+/// Returns |v|, finite if possible. stableNorm costs more, so only extreme values use it.
 double lengthOf(const Vec3& v) noexcept {
   const double square = v.squaredNorm();
   const bool plain = (square > 1e-200 && square < 1e200) || v.isZero(0.0);
@@ -58,8 +57,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
     (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
     return out;
   }
-  // The limit is 1e-12 of the peak below it, so that rounding cannot raise the result above the
-  // peak.
+  // This limit is 1e-12 lower, so that rounding cannot raise the result above the peak.
   const double peak =
       limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
   double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;
@@ -68,20 +66,17 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
     state.gentle -= time;
   }
 
-  // The peak and the continuous limit scale the force and keep its direction.
   Vec3 force = wanted;
   const double most = allowedByHeat(limits.continuous, peak, state.heat);
   out.peaked = asked > peak;
   out.heated = asked > most && most < peak;
   if (asked > most) force *= most / asked;
 
-  // The ramp of an engagement scales the force.
   const double share = engaged(asked, time, state);
   out.ramped = share < 1.0 && asked > 0.0;
   force *= share;
 
-  // Slew limit: the part of the last force that is still wanted is kept; the rest grows by at most
-  // `growth`.
+  // Slew limit: keeps the part of the last force that is still wanted; limits the rest.
   Vec3 kept = Vec3::Zero();
   const double last = previous.allFinite() ? lengthOf(previous) : 0.0;
   if (last > 0.0 && std::isfinite(last)) {
@@ -93,7 +88,6 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   out.slewed = grown > growth;
   out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
 
-  // The energy tank is the last limit. No later step changes the force.
   out.share = passTank(out.force, hand, fresh, dt, limits, state.tank);
   out.drained = limits.tank.use == TankUse::kAct && out.share < 1.0;
   if (out.drained) out.force *= out.share;

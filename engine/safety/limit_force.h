@@ -1,5 +1,4 @@
-/// The last stage before the hand. The force that leaves the engine is always finite, bounded and
-/// slew-limited, and begins gently.
+/// The last stage before the hand: the force is finite, bounded, slew-limited and begins gently.
 #pragma once
 
 #include <algorithm>
@@ -13,11 +12,11 @@ namespace palpate {
 struct ForceLimits {
   /// Largest force [N], > 0. The default is that of the weakest common arm (Touch).
   double peak = 3.3;
-  double slew = 2000.0;     ///< Largest growth of the force [N/s], > 0. A real contact needs k v,
-                            ///< which is 1,000 N/s at 500 N/m and 2 m/s.
+  double slew =
+      2000.0;  ///< Largest growth of the force [N/s], > 0. A real contact may need 1,000 N/s.
   double continuous = 0.0;  ///< Force that the device can hold for ever [N], <= peak; 0 if unknown.
   double heating = 10.0;    ///< Time constant of the heat in the motors [s].
-  double friction = 0.0;    ///< A force below this may fail to move the arm [N]; see StillFade.
+  double friction = 0.0;    ///< A smaller force may fail to move the arm [N]; see StillFade.
   /// Length of the ramp of an engagement [s]. At a hand, HapticLoop uses at least kEngage. 0 means
   /// no ramp, and is only for forces that do not reach a hand.
   double engage = 0.0;
@@ -25,8 +24,8 @@ struct ForceLimits {
 };
 
 inline constexpr double kEngage = 0.5;  ///< Shortest ramp if a hand is present [s].
-/// Length of the ramp if only numbers of a scene have changed [s]. During it the force grows by at
-/// most the peak.
+/// Length of the ramp if only numbers of a scene have changed [s]; the force grows by at most the
+/// peak in it.
 inline constexpr double kEngageEdit = 0.05;
 /// An engagement waits until the wanted force is below this [N].
 inline constexpr double kEngageBelow = 0.1;
@@ -50,13 +49,11 @@ struct LimiterState {
     tank.forget();
   }
 
-  /// Returns the force for the comparison with friction in StillFade [N]. This is `wanted`, at most
-  /// the peak. During an engagement it is zero, although the ramp already gives some force.
+  /// Returns the force that StillFade compares with friction [N]; zero during an engagement.
   [[nodiscard]] double letsOut(double wanted, double peak) const noexcept {
     return waiting || share < 1.0 ? 0.0 : std::min(wanted, peak);
   }
-  /// Begins an engagement. The force is zero until the wanted force is small, and then ramps up
-  /// over `length` [s].
+  /// Begins an engagement: zero force until the wanted force is small, then a ramp of `length` [s].
   void engage(double length) noexcept {
     waiting = true;
     waited = 0.0;
@@ -69,13 +66,13 @@ struct LimiterState {
 struct LimitedForce {
   /// Force to send [N]. It is finite, and |force| <= min(peak, |wanted|).
   Vec3 force = Vec3::Zero();
-  bool finite = true;   ///< False if the wanted force was NaN or infinite. The force is then zero;
-                        ///< latch a fault.
+  bool finite =
+      true;  ///< False if the wanted force was not finite. The force is then zero; latch a fault.
   bool peaked = false;  ///< True if scaled down to the peak.
   bool heated = false;  ///< True if scaled down to the force that the heat of the motors allows.
   bool ramped = false;  ///< True if scaled down by an engagement.
   bool slewed = false;  ///< True if reduced by the slew limit.
-  /// Share of the force that the tank can pay for. It is applied only if the tank acts.
+  /// Share of the force that the tank can pay for; applied only if the tank acts.
   double share = 1.0;
   bool drained = false;  ///< True if scaled down by the tank.
 
@@ -87,14 +84,13 @@ struct LimitedForce {
 
 /// Limits a force. This is the last call before a write to a device; it does not trust its input.
 ///
-/// The steps are, in this order: (1) A force that is not finite becomes zero. (2) The peak and the
-/// continuous limit scale the force. (3) The engagement scales it. (4) The slew limit reduces its
-/// growth. (5) The energy tank scales it. Scaling keeps the direction. In step 4, the part of the
-/// last force that is still wanted is kept. It is the projection of the wanted force on the last
-/// force, at least zero and at most the whole last force. The rest of the wanted force may grow by
-/// slew * dt. So a release is never delayed, the result never exceeds the wanted force, and |force|
-/// <= |previous| + slew * dt. The ramp comes before the slew limit, because a ramp of a limited
-/// force would grow by more than slew * dt.
+/// Steps, in this order: (1) A force that is not finite becomes zero. (2) The peak and the
+/// continuous limit scale the force. (3) The engagement scales it, before the slew limit, because a
+/// ramp of a limited force would grow by more than slew * dt. (4) The slew limit reduces its
+/// growth. (5) The energy tank scales it. Scaling keeps the direction. Step 4 keeps the part of the
+/// last force that is still wanted: the projection of the wanted force on the last force, from zero
+/// to the whole last force. The rest may grow by slew * dt. So a release is never delayed, the
+/// result never exceeds the wanted force, and |force| <= |previous| + slew * dt.
 ///
 /// For the continuous limit, `heat` follows |force|^2 with the time constant `heating`.
 /// allowedByHeat() gives the largest force, so that the heat never exceeds continuous^2.
@@ -103,8 +99,7 @@ struct LimitedForce {
 /// @param hand      Position of the hand as read [m]. Any bits are allowed. Only the tank uses it.
 /// @param dt        Time since the last force was sent [s]. If not finite or <= 0, the force does
 ///                  not grow.
-/// @param state     State of this device, for one call in each tick. If `sent` is not finite, it
-///                  counts as zero.
+/// @param state     State of this device. A `sent` that is not finite counts as zero.
 /// @param fresh     False if the hand's position only repeats the previous position.
 /// RT: no allocation.
 [[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt,

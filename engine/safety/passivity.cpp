@@ -5,13 +5,12 @@
 
 namespace palpate {
 
-/// The acting force over time. Each order acts until the next one, with a first-order lag.
+/// The acting force over time. Each sent force acts until the next one, with a first-order lag.
 struct Tank::Amplifier {
   Acting now;
   double lag;  ///< [s]
 
-  /// Advances by a time [s] in which `order` [N] is constant, and adds the force that acts
-  /// meanwhile to `acted`.
+  /// Advances by a time [s] of constant `order` [N], and adds the acting force to `acted`.
   void hold(const Vec3& order, double time, Acted& acted) noexcept {
     if (time <= 0.0) return;
     const double square = order.squaredNorm();
@@ -68,8 +67,7 @@ void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
   since_.force += acted.force;
   since_.square += acted.square;
   span_ += dt;
-  // The hand can have taken out at most this much with any motion, because the maximum of F v - b
-  // v^2 over v is F^2 / (4 b).
+  // No motion can have taken out more: the maximum of F v - b v^2 over v is F^2 / (4 b).
   sure_ -= acted.square / (4.0 * arm.viscous);
 }
 
@@ -94,8 +92,7 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
   }
   since_.change += ordered - arm.lag * (then.change - acting_.change);
   since_.most = std::max(since_.most, most);
-  // A change of the force before this time or within it is either counted in Acting::jump or
-  // certainly complete.
+  // An earlier change of the force is counted in Acting::jump or certainly complete.
   recent_ = dt < 2.0 * arm.jitter ? std::max(recent_, square) : square;
   acting_.change = then.change;
   acting_.jump = then.jump;
@@ -108,8 +105,7 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   const Vec3 mean = since_.force / span_;
   const Vec3 moved = hand - last_;
   const double way = moved.norm();
-  // The time between the readings may have been longer than span_. Friction has then dissipated
-  // less.
+  // If the time between the readings was longer than span_, friction has dissipated less.
   const double viscous = arm.viscous * span_ / (span_ + 2.0 * arm.jitter);
   double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   if (since_.change > 0.0) {
@@ -118,7 +114,7 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
     varies = other * other;
     counted_ -= since_.change / span_ * (way + arm.step);
   }
-  // Forces are those on the hand. The work that the hand puts in is the negative of their work.
+  // Forces are those on the hand; the hand puts in the negative of their work.
   counted_ -= mean.dot(moved) + varies / (4.0 * viscous) + 0.5 * arm.step * (mean - mean_).norm();
   const double surely = std::max(0.0, way - arm.step);
   counted_ += viscous / span_ * surely * surely;
@@ -138,8 +134,7 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
 }
 
 double Tank::certain(const ArmDissipation& arm) const noexcept {
-  // Forces may begin to act later or act for longer than assumed, and the last reading may be older
-  // than assumed. The largest possible cost of both is deducted.
+  // Deducts the largest possible cost of forces and readings at other times than assumed.
   double later = arm.lag * acting_.jump + arm.jitter * recent_;
   for (std::size_t i = 1; i < count_; ++i) later += arm.doubt * sent_[i].jump;
   return counted_ - 0.5 * arm.step * mean_.norm() - later / (4.0 * arm.viscous);
@@ -208,9 +203,9 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   if (timed) elapse(dt, arm);
   if (!known_) {
-    // No energy is credited while an unknown force may act, which is until the zero that is sent
-    // now acts. The same holds for a path from a place that the hand left at an unknown time, or
-    // from the place of an arm before homing. So after forget() the last position is unknown.
+    // The tank credits no energy until the zero that is sent now acts, because an unknown force may
+    // act until then. After forget() the last position is unknown, because the hand left it at an
+    // unknown time, or the arm was not homed.
     if (timed && !recovers) blind_ -= dt;
     known_ = fresh && !recovers && blind_ <= 0.0;
     last_ = anchor_ = hand;
@@ -232,16 +227,14 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   sure_ = std::min(sure_, cap);
   if (!std::isfinite(sure_ + counted_) || count_ == kForces) {
-    // If the energy is not finite or more than kForces forces are on their way, the tank restarts.
-    // Its reserve then covers zero.
+    // The tank restarts, so that its reserve covers zero.
     forget();
     return acts ? 0.0 : 1.0;
   }
   double share = 1.0;
   // The comparison is false for NaN, so that NaN cannot pay for a force.
   if (!(reserve(wanted, arm) <= sure_)) {
-    // The reserve grows with the share. Bisection finds the largest share that the tank can pay
-    // for.
+    // The reserve grows with the share. Bisection finds the largest share that is paid for.
     double more = 1.0;
     share = 0.0;
     constexpr int kHalvings = 30;

@@ -1,7 +1,6 @@
-/// The energy tank. It counts the energy that is exchanged with the hand, and finds the largest
-/// force that this energy can pay for. If the arm has at least the assumed friction, the hand never
-/// gets more energy than it has put in, with any hand, scene and method. docs/passivity.md has the
-/// proof.
+/// The energy tank: counts the energy that is exchanged with the hand, and limits the force to what
+/// this energy can pay for. If the arm has at least the assumed friction, the hand never gets more
+/// energy than it has put in. Proof: docs/passivity.md.
 #pragma once
 
 #include <array>
@@ -12,60 +11,57 @@
 
 namespace palpate {
 
-/// Dissipation and timing of an arm, as assumed by the tank. Each number must be on the safe side
-/// of the arm's true number, as its comment states.
+/// Dissipation and timing of an arm, as assumed by the tank, on the safe side of the true numbers.
 struct ArmDissipation {
-  double viscous = 0.0;  ///< Viscous damping b [N s/m]: > 0, and at most that of the arm. Without
-                         ///< it the tank cannot pay for a force.
-  double coulomb = 0.0;  ///< Coulomb friction c [N], at most that of the arm. Subtract the possible
-                         ///< difference between the force that acts and the one that was sent, such
-                         ///< as the rounding to the motors' steps.
+  double viscous = 0.0;  ///< Viscous damping b [N s/m]: > 0, at most that of the arm. Without it
+                         ///< the tank allows no force.
+  double coulomb =
+      0.0;  ///< Coulomb friction c [N], at most that of the arm. Subtract the possible difference
+            ///< between the acting force and the sent one, such as the motors' rounding.
   double step = 0.0;  ///< D [m]: each position reading is within D/2 of the arm. For three encoders
-                      ///< with the same step, D is sqrt(3) steps.
-  double delay = 0.0;   ///< Time from a reading to the effect of the force computed from it [s], at
-                        ///< the middle of its range.
-  double doubt = 0.0;   ///< Half the range of the delay [s], at most `delay`. The delay of each
-                        ///< force may differ within the range, and a force may build up within it,
-                        ///< but no force overtakes another.
-  double jitter = 0.0;  ///< Largest deviation of a reading's time from the middle of its range [s].
-                        ///< It is a part of `doubt`.
+                      ///< of one step, D is sqrt(3) steps.
+  double delay =
+      0.0;  ///< Time from a reading to the effect of its force [s], at the middle of its range.
+  double doubt =
+      0.0;  ///< Half the range of the delay [s], at most `delay`. Each force may have another delay
+            ///< in the range, or build up within it, but no force overtakes another.
+  double jitter = 0.0;  ///< Largest deviation of a reading's time from the middle of its range [s];
+                        ///< a part of `doubt`.
   double lag = 0.0;     ///< First-order time constant of the amplifiers [s].
-  double period = 0.0;  ///< Longest time between two ticks [s], > 0. Later ticks may cause debts.
-                        ///< If 0, HapticLoop sets its own value.
+  double period = 0.0;  ///< Longest time between two ticks [s]; later ticks may cause debts.
+                        ///< If 0, HapticLoop sets it.
 };
 
 /// Action of the tank if its energy cannot pay for a force.
 enum class TankUse : std::uint8_t {
   kOff,      ///< The tank does not count.
   kObserve,  ///< The tank counts the energy, but does not reduce the force.
-  kAct,  ///< If the tank cannot pay for the force, it reduces the force and keeps its direction.
+  kAct,      ///< The tank reduces a force that it cannot pay for, and keeps its direction.
 };
 
 /// Parameters of the tank of one device.
 struct TankParams {
   TankUse use = TankUse::kOff;  ///< If not kOff, arm.viscous must be > 0.
   ArmDissipation arm;           ///< Dissipation of the arm, and timing of its forces.
-  double soft = 100.0;  ///< Stiffness that sets the capacity [N/m]. The capacity is the energy of a
-                        ///< spring with this stiffness at peak force.
-  double refill = 0.0;  ///< Largest power that may be added for primitives which do work [W]:
-                        ///< moving volumes, directed forces and re-anchored walls.
+  double soft = 100.0;  ///< Stiffness that sets the capacity [N/m]: the energy of a spring with
+                        ///< this stiffness at peak force.
+  double refill = 0.0;  ///< Largest power that may be added for primitives that do work [W]: moving
+                        ///< volumes, directed forces and re-anchored walls.
 };
 
 /// A force that was sent to the amplifier, and the time at which it begins to act.
 struct SentForce {
   Vec3 force = Vec3::Zero();  ///< [N]
-  double from = 0.0;  ///< Time at which it begins to act, counted from the last tick, at the middle
-                      ///< of its range [s].
+  double from =
+      0.0;  ///< Time from the last tick to the begin of its action, at the middle of its range [s].
   double change = 0.0;  ///< |difference| from the force sent before [N].
   double jump = 0.0;    ///< |difference of the squares| from the force sent before [N^2].
 };
 
-/// The tank of one arm. Forces are those on the hand, as everywhere in the engine. Energy that the
-/// hand has put in counts as positive.
+/// The tank of one arm. Forces act on the hand. Energy from the hand counts as positive.
 class Tank {
  public:
-  /// Returns a lower bound of the energy in the tank [J]. It is below zero only if the tank
-  /// observes.
+  /// Returns a lower bound of the energy in the tank [J]; below zero only if the tank observes.
   [[nodiscard]] double energy() const noexcept { return sure_; }
   /// Returns the energy that could not be paid so far [J], because ticks were later than
   /// ArmDissipation::period. The guarantee is weaker by this amount. The tank continues as if the
@@ -76,58 +72,55 @@ class Tank {
 
   /// Finds the largest share of `wanted` that the tank can pay for, and counts the sent force.
   ///
-  /// @param wanted  The force after all other limits [N]. It must be finite.
-  /// @param hand    Position of the hand as read [m]. If it is not finite, or beyond 1e6 m, it
-  ///                counts as unknown, and the tank cannot pay for a force.
-  /// @param fresh   True if `hand` was read since the last call. If false, it is a repetition and
-  ///                gives no information on the time since then.
+  /// @param wanted  The force after all other limits [N], finite.
+  /// @param hand    Position of the hand as read [m]. If not finite, or beyond 1e6 m, it counts as
+  ///                unknown, and the tank cannot pay for a force.
+  /// @param fresh   True if `hand` was read since the last call; false for a repetition.
   /// @param dt      Time since the last call [s].
   /// @param cap     Capacity of the tank [J].
   /// @return        The share, 0 to 1. If the tank acts, send share * wanted, else all of wanted.
-  /// RT: no allocation. Cost: O(forces on their way), and 31 times as much if the force is scaled.
-  /// That is 0.1 us, and 0.6 to 1 us if scaled (palpate_bench_passivity).
+  /// RT: no allocation. Cost: O(forces on their way): 0.1 us, or 0.6 to 1 us if the force is scaled
+  /// (palpate_bench_passivity).
   [[nodiscard]] double pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
                             const TankParams& params, double cap) noexcept PALPATE_NONBLOCKING;
   /// Adds energy [J] for which the caller accounts. Ignores a number that is not finite or not > 0.
   void refill(double energy) noexcept PALPATE_NONBLOCKING;
-  /// Call it after pass() if the motors give only this share, 0 to 1, of the force that pass()
-  /// allowed. A share outside that range is ignored. RT: no allocation.
+  /// Call it after pass() if the motors give only this share, 0 to 1, of the allowed force. Ignores
+  /// a share outside that range. RT: no allocation.
   void weaken(double share, const ArmDissipation& arm) noexcept PALPATE_NONBLOCKING;
-  /// Call it in these cases: zero is sent instead of the force that pass() allowed; the position
-  /// cannot be trusted; the arm was replaced. The tank restarts empty. If it acts, it allows no
-  /// force until all old forces are certainly over and a fresh position was read. RT: no
-  /// allocation.
+  /// Call it if zero is sent instead of the allowed force, if the position cannot be trusted, or if
+  /// the arm was replaced. The tank restarts empty. If it acts, it allows no force until all old
+  /// forces are certainly over and a fresh position was read. RT: no allocation.
   void forget() noexcept;
 
   static constexpr std::size_t kForces = 64;  ///< Largest number of forces that act or are on their
-                                              ///< way. With one more, the tank calls forget().
+                                              ///< way; with one more, the tank calls forget().
 
  private:
   struct Amplifier;
-  /// Present output of the amplifier. It lags behind the sent force by ArmDissipation::lag.
+  /// Present output of the amplifier, which lags behind the sent force by ArmDissipation::lag.
   struct Acting {
-    Vec3 force = Vec3::Zero();  ///< Acting force [N].
-    double square = 0.0;        ///< Upper bound of |force|^2 [N^2].
-    double change = 0.0;  ///< Possible error of `force` because of the doubt in its delay [N].
+    Vec3 force = Vec3::Zero();
+    double square = 0.0;  ///< Upper bound of |force|^2 [N^2].
+    double change = 0.0;  ///< Possible error of `force` because its delay is uncertain [N].
     double jump = 0.0;    ///< Possible error of `square` for the same reason [N^2].
   };
   /// Integrals of the members of Acting over time, and one maximum.
   struct Acted {
-    Vec3 force = Vec3::Zero();  ///< Integral of Acting::force [N s].
-    double square = 0.0;        ///< Integral of Acting::square [N^2 s].
-    double change = 0.0;        ///< Integral of Acting::change [N s].
-    double most = 0.0;          ///< The largest Acting::change [N].
+    Vec3 force = Vec3::Zero();
+    double square = 0.0;
+    double change = 0.0;
+    double most = 0.0;  ///< The largest Acting::change [N].
   };
-  /// Advances by `dt` [s] and counts the forces that acted meanwhile.
+  /// Advances by `dt` [s] and counts the forces that acted.
   void elapse(double dt, const ArmDissipation& arm) noexcept;
-  /// Counts the forces that may begin to act within `dt` [s], because of the doubt in their delays.
+  /// Counts the forces that may begin to act within `dt` [s], because their delays are uncertain.
   void elapseDoubt(double dt, const ArmDissipation& arm) noexcept;
   /// Processes a new position, and counts the energy since the previous position.
   void arrive(const Vec3& hand, const ArmDissipation& arm) noexcept;
-  /// Returns the certain part of the energy at a reading at this moment [J].
+  /// Returns the certain part of the energy, if there is a reading at this moment [J].
   [[nodiscard]] double certain(const ArmDissipation& arm) const noexcept;
-  /// Returns the largest energy that can still leave the tank if `next` is sent now and zero from
-  /// the next tick on [J].
+  /// Returns the largest energy that can leave the tank if `next` and then zero is sent [J].
   [[nodiscard]] double reserve(const Vec3& next, const ArmDissipation& arm) const noexcept;
   /// Appends `force` to the forces on their way.
   void send(const Vec3& force, const ArmDissipation& arm) noexcept;
@@ -136,19 +129,18 @@ class Tank {
   double counted_ = 0.0;  ///< Energy at the last reading, before uncertain terms are deducted [J].
   double debt_ = 0.0;
   double refilled_ = 0.0;
-  bool known_ = false;  ///< True if there is a last position and no unknown force has acted since.
-  bool recovers_ = false;       ///< True if unknown forces may be on their way.
-  double blind_ = 0.0;          ///< Time for which unknown forces may still act [s].
-  Vec3 last_ = Vec3::Zero();    ///< The last position [m].
-  Vec3 anchor_ = Vec3::Zero();  ///< Anchor of the play operator that measures the path for Coulomb
-                                ///< friction [m].
-  Acted since_;                 ///< Integrals since the last reading.
-  double span_ = 0.0;           ///< Time since the last reading [s].
-  double recent_ = 0.0;         ///< Upper bound of |force|^2 within a reading's jitter [N^2].
-  Vec3 mean_ = Vec3::Zero();    ///< The mean force between the last two readings [N].
+  bool known_ = false;  ///< True if there is a last position, and no unknown force has acted since.
+  bool recovers_ = false;  ///< True if unknown forces may be on their way.
+  double blind_ = 0.0;     ///< Time for which unknown forces may still act [s].
+  Vec3 last_ = Vec3::Zero();
+  Vec3 anchor_ =
+      Vec3::Zero();           ///< Anchor of the play operator for the path of Coulomb friction [m].
+  Acted since_;               ///< Integrals since the last reading.
+  double span_ = 0.0;         ///< Time since the last reading [s].
+  double recent_ = 0.0;       ///< Upper bound of |force|^2 within a reading's jitter [N^2].
+  Vec3 mean_ = Vec3::Zero();  ///< The mean force between the last two readings [N].
   Acting acting_;
-  /// Forces in the order of time. Those that act or may act come first, then those on their way.
-  /// Never empty.
+  /// Forces in the order of time: those that act or may act, then those on their way. Never empty.
   std::array<SentForce, kForces> sent_{};
   std::size_t count_ = 1;
 };

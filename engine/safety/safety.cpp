@@ -21,7 +21,7 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"late", "the loop was late", "give the loop a core, real-time priority or a lower rate"},
     {"stale", "the device's reports are too old", "check its cable, or the program that shares it"},
     {"jump", "the position jumped: an encoder lost count", "home the device"},
-    {"over-speed", "the device stayed too fast although it was braked",
+    {"over-speed", "the device stayed above its speed limit although the loop braked it",
      "hold it; if it accelerates by itself, correct the signs of its motors"},
     {"write", "the device did not take a force in time", "check its cable"},
     {"gone", "the device is unplugged", "plug it in again"},
@@ -96,8 +96,7 @@ double StillFade::pass(double force, double still, double friction, double dt) n
 }
 
 bool Reengagement::look(Fault latched, Fault wrong, double now) noexcept {
-  // A pause before this tick is measured here, because `wrong` does not yet contain the delay of
-  // this tick.
+  // `wrong` does not yet contain the delay of this tick.
   const bool paused = now - std::exchange(last_, now) > kPause;
   others_ = paused || (others_ && latched != Fault::kNone);
   if (latched == Fault::kNone || wrong != Fault::kNone) good_since_ = now;

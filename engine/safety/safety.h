@@ -1,6 +1,5 @@
-/// Faults: their causes and remedies, and the checks of the hand's position. A fault cuts the force
-/// and stays latched. ProxyState::clearFault lets the force return through an engagement
-/// (limit_force.h).
+/// Faults, and the checks of the hand's position. A fault cuts the force and stays latched.
+/// ProxyState::clearFault lets the force return through an engagement (limit_force.h).
 #pragma once
 
 #include <array>
@@ -16,22 +15,20 @@ namespace palpate {
 enum class Fault : std::uint8_t {
   kNone,
   kNotFinite,  ///< A position, sample or force was not finite. Repair the device or the volume.
-  kLate,   ///< A tick was later than WatchLimits::late. Give the loop a core, real-time priority or
-           ///< a lower rate.
-  kStale,  ///< The device's position is older than WatchLimits::stale, or another of its reports is
-           ///< too old. Check its cable, or the program that shares it.
-  kJump,   ///< The position changed faster than a hand can move, because an encoder lost counts.
-           ///< Home the device.
-  kOverSpeed,  ///< The device stayed too fast although it was braked. Hold it. If it accelerates by
-               ///< itself, the signs of its motors are wrong.
-  kWrite,      ///< The device did not take a force in time. Check its cable.
-  kGone,       ///< The device is unplugged. Plug it in again.
-  kMiscounted,   ///< The device was not read for so long that its counters may have wrapped around.
-                 ///< Home the arm again.
+  kLate,   ///< A tick was too late (WatchLimits::late). Give the loop a core, real-time priority
+           ///< or a lower rate.
+  kStale,  ///< The device's position or another report is too old (WatchLimits::stale). Check the
+           ///< cable, or the program that shares the device.
+  kJump,   ///< The position changed too fast for a hand: an encoder lost counts. Home the device.
+  kOverSpeed,   ///< The device stayed too fast although it was braked. Hold it, and check the signs
+                ///< of its motors.
+  kWrite,       ///< The device did not take a force in time. Check its cable.
+  kGone,        ///< The device is unplugged. Plug it in again.
+  kMiscounted,  ///< The device's counters may have wrapped around between two readings. Home it.
   kTemperature,  ///< The device reports that it is too hot. Let it cool.
   kPower,        ///< The device reports that it has no power. Switch it on.
   kSwitch,       ///< The device's safety switch is open. Close it.
-  kHeartbeat,    ///< The application did not call HapticThread::beat in time, because it hangs.
+  kHeartbeat,    ///< The application did not call HapticThread::beat in time.
   kUnguarded,    ///< The guardian process does not respond. Start the program again.
   kStopped,      ///< A key, a signal or HapticThread::cut requested the cut.
   kVolume,       ///< The source of a volume is missing. Restore it.
@@ -48,32 +45,30 @@ inline constexpr std::size_t kFaults = 16;  ///< Number of values of Fault, incl
 /// One reading of the hand.
 struct HandState {
   Vec3 position = Vec3::Zero();  ///< Position of the probe in W [m].
-  double age = 0.0;  ///< Time since `position` was read [s]. An arm that is slower than the loop
-                     ///< repeats a position, and its age grows. The energy tank and all other sums
-                     ///< over paths depend on this; see NewReadings.
+  double age =
+      0.0;  ///< Age of `position` [s]; it grows while an arm repeats a position (NewReadings).
   /// True if the arm is homed and its dead-man switch is held, as far as it has these. If false,
   /// the force is zero. An engagement begins when the arm becomes ready.
   bool ready = true;
-  double still = 0.0;  ///< Time for which no counter has changed [s]; 0 if the device does not
-                       ///< measure this. See StillFade.
+  double still =
+      0.0;  ///< Time for which no counter has changed [s]; 0 if not measured. See StillFade.
   Fault fault = Fault::kNone;  ///< Fault that the device reports.
-  /// Projects a force onto those that the motors can give at this position. For example, a planar
-  /// arm gives none across its plane. The engine counts and limits the projected force.
+  /// Projects a force onto those that the motors can give here; a planar arm gives none across its
+  /// plane. The engine counts and limits the projected force.
   Mat3 drives = Mat3::Identity();
   Handle handle{};  ///< Further readings of the arm.
   /// HandWatch fills in the members below.
   Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
-  bool too_fast = false;   ///< True if the hand is faster than `max_speed` and must be braked.
-  double max_speed = 0.0;  ///< WatchLimits::max_speed [m/s].
+  bool too_fast = false;         ///< True if the hand is faster than `max_speed`: it is braked.
+  double max_speed = 0.0;        ///< WatchLimits::max_speed [m/s].
 };
 
-/// Distinguishes new readings from repeated ones. A repeated position has the same bits and a
-/// greater age. A new reading that has the same bits and a greater age counts as repeated. In that
-/// case the hand rests, and the next new reading covers the whole time.
+/// Distinguishes new readings from repeated ones, which have the same bits and a greater age. If
+/// the hand rests, a new reading may look repeated; the next new reading then covers the whole
+/// time.
 class NewReadings {
  public:
-  /// Returns true if the position was read since the last call. Also returns true at the first
-  /// call. RT: no allocation.
+  /// Returns true at the first call, and for a new position. RT: no allocation.
   [[nodiscard]] bool look(const HandState& hand) noexcept PALPATE_NONBLOCKING;
 
  private:
@@ -82,12 +77,12 @@ class NewReadings {
   double age_ = 0.0;
 };
 
-/// Limits of the hand's motion and of its timing. The defaults are safe for any desktop arm.
+/// Limits of the hand's motion and timing. The defaults are safe for any desktop arm.
 struct WatchLimits {
-  double stale = 0.05;  ///< Largest age of a position [s]. The device's profile sets it.
-  /// Largest speed [m/s]. A faster hand is braked, and after kBraked the force is cut.
+  double stale = 0.05;  ///< Largest age of a position [s]; set by the device's profile.
+  /// Largest speed [m/s]. A faster hand is braked; after kBraked the force is cut.
   double max_speed = 3.0;
-  double late = 0.005;  ///< Largest delay of a tick [s]; if three ticks are longer, three ticks.
+  double late = 0.005;  ///< Largest delay of a tick [s]; the loop allows at least three periods.
 };
 
 /// Checks incoming positions.
@@ -96,75 +91,72 @@ class HandWatch {
   /// Starts without a position. The first position cannot be a jump, and has zero velocity.
   explicit HandWatch(const WatchLimits& limits = {}) noexcept : limits_(limits) {}
 
-  /// Fills in velocity, max_speed and too_fast. Only positions are used. A velocity that the device
-  /// reports (Handle::velocity) has no effect on braking.
+  /// Fills in velocity, max_speed and too_fast, from positions only (not Handle::velocity).
   ///
   /// @param now   Time [s] of any monotonic clock.
   /// @return      The cause if the force must be cut, else kNone.
   /// RT: no allocation.
   [[nodiscard]] Fault look(HandState& hand, double now) noexcept PALPATE_NONBLOCKING;
-  /// Forgets all positions, as after a fault. The next position then counts as the first.
+  /// Forgets all positions, as after a fault. The next position counts as the first.
   void forget() noexcept {
     known_ = false;
     fast_since_ = -1.0;
   }
 
  private:
-  /// [m/s]: largest speed between two positions of a hand
+  /// largest speed between two positions of a hand [m/s]
   static constexpr double kJumpSpeed = 5.0;
-  /// [m]: a smaller step is harmless, and may come from uneven time stamps
+  /// a smaller step is harmless, and may come from uneven time stamps [m]
   static constexpr double kLeastJump = 1e-3;
-  static constexpr double kSmooth = 0.005;  ///< [s]: time constant of the velocity
-  /// [s]: longest time that a braked hand may exceed `max_speed`; after that the force is cut
+  static constexpr double kSmooth = 0.005;  ///< [s]
+  /// longest time that a braked hand may exceed `max_speed` [s]
   static constexpr double kBraked = 0.05;
 
   WatchLimits limits_;
   bool known_ = false;
-  double time_ = 0.0;  ///< Time of the last new position [s].
+  double time_ = 0.0;
   Vec3 position_ = Vec3::Zero();
   Vec3 velocity_ = Vec3::Zero();
-  /// Time from which on the hand was too fast [s]; below 0 if it is not.
+  /// Time since when the hand is too fast [s]; below 0 if it is not.
   double fast_since_ = -1.0;
 };
 
-/// Decides when the force returns after a cut that only late ticks caused, as on a busy machine.
-/// After any other fault the force stays cut until the application clears the fault. The force also
-/// stays cut after a pause of more than kPause, such as a stopped program or a suspended machine.
+/// Decides when the force returns after a cut that only late ticks caused. After another fault, or
+/// a pause of more than kPause, the application must clear the fault.
 class Reengagement {
  public:
-  /// @param after  Time without late ticks after which the force returns [s]; 0 if it never
-  ///               returns.
+  /// @param after  Time without late ticks after which the force returns [s]; 0 for never.
   explicit Reengagement(double after) noexcept : after_(after) { returned_.fill(-kWithin); }
 
   /// Returns true if the loop must clear the fault now. An engagement then ramps the force up.
   ///
   /// @param latched  The latched fault; kNone if the force is not cut.
-  /// @param wrong    The fault condition since the last call. kLate means that there was no other.
+  /// @param wrong    The fault condition since the last call; kLate only if there was no other.
   /// @param now      Time [s] of any monotonic clock, >= 0.
   /// RT: no allocation.
   [[nodiscard]] bool look(Fault latched, Fault wrong, double now) noexcept PALPATE_NONBLOCKING;
 
   static constexpr std::size_t kMost = 3;  ///< Largest number of returns within kWithin.
   static constexpr double kWithin = 60.0;  ///< Time span for kMost [s].
-  static constexpr double kPause = 0.5;    ///< [s]: after a longer pause the force does not return
+  static constexpr double kPause = 0.5;    ///< After a longer pause the force does not return [s].
 
  private:
   double after_;
-  double last_ = 0.0;  ///< Time of the last call [s].
+  double last_ = 0.0;
   double good_since_ = 0.0;
   bool others_ = false;  ///< True if another fault condition occurred since the cut.
   std::array<double, kMost> returned_{};  ///< Times of the last returns [s].
   std::size_t next_ = 0;
 };
 
-/// Removes the force from an arm that does not move under the force. If the firmware stops reading
-/// its encoders but keeps sending the last counts, the last force would stay on.
+/// Fades the force on an arm that does not move under the force. If the firmware stops reading its
+/// encoders but keeps sending the last counts, the last force would stay on.
 ///
-/// Only the time distinguishes such an arm from one that a hand holds still. If no counter has
+/// Only the time distinguishes this arm from one that a hand holds still. If no counter has
 /// changed for kStill while the force is larger than the friction, the force fades to zero in
 /// kFade. A hand moves by a count long before that. When a counter changes, the force returns at
-/// the same rate. Friction holds the arm during the fade. So the force that is missing when a
-/// counter changes is at most that friction, plus the stiffness of the hand times one count.
+/// the same rate. The force that is missing at that moment is at most the friction, plus the
+/// stiffness of the hand times one count.
 class StillFade {
  public:
   /// Returns the share of the force that is left, 0 to 1.
@@ -176,23 +168,21 @@ class StillFade {
   [[nodiscard]] double pass(double force, double still, double friction,
                             double dt) noexcept PALPATE_NONBLOCKING;
 
-  /// [s]: time without a changed counter after which the fade begins
+  /// Time without a changed counter after which the fade begins [s].
   static constexpr double kStill = 0.5;
-  static constexpr double kFade = 0.5;  ///< [s]: length of the fade
+  static constexpr double kFade = 0.5;  ///< Length of the fade [s].
 
  private:
   double left_ = 1.0;
 };
 
-/// Smooths a step of the force that changing data cause. For example, a surface of a sequence may
-/// leave the voxels that have data. It then disappears between two ticks, together with its force.
-/// A force may fall at any rate if the hand has released it, but not if only the data have changed.
+/// Smooths a step of the force that changing data cause, such as a surface of a sequence that
+/// leaves the data between two ticks.
 ///
 /// From this step on the force f follows the wanted force, by df/dt = (wanted - f) / (kBegin (1 -
 /// t/kEnd)). It stays between the forces that were wanted since then, and after kEnd it is the
 /// wanted force. The remainder h = f - wanted also falls by k for each metre that the hand moves
-/// along h, as the force of the coupling spring does. So its work on the hand is at most |h|^2 / (2
-/// k), the energy that the spring held.
+/// along h. So its work on the hand is at most |h|^2 / (2 k), the energy that the spring held.
 class DataFade {
  public:
   /// Returns the force that is let out [N].
@@ -208,21 +198,21 @@ class DataFade {
   /// Call it if no force or another force is sent.
   void forget() noexcept { *this = {}; }
 
-  static constexpr double kBegin = 0.02;  ///< [s]: initial time constant
-  static constexpr double kEnd = 0.1;     ///< [s]: time after which the force is the wanted one
+  static constexpr double kBegin = 0.02;  ///< Initial time constant [s].
+  static constexpr double kEnd = 0.1;     ///< Time after which the force is the wanted one [s].
 
  private:
-  Vec3 wanted_ = Vec3::Zero();  ///< Force wanted in the last tick [N].
-  Vec3 out_ = Vec3::Zero();     ///< Force returned in the last tick [N].
-  double left_ = 0.0;           ///< Time until the returned force is the wanted force [s].
-  bool known_ = false;          ///< True if there was a last tick.
+  Vec3 wanted_ = Vec3::Zero();
+  Vec3 out_ = Vec3::Zero();
+  double left_ = 0.0;  ///< Time until the returned force is the wanted force [s].
+  bool known_ = false;
 };
 
-/// Returns the force on a hand that is too fast [N]. This is `force` without the part that drives
-/// the hand, plus kBrake (|v| - max_speed) against the motion.
+/// Returns the force on a hand that is too fast [N]: `force` without the part that drives the hand,
+/// plus kBrake (|v| - max_speed) against the motion.
 [[nodiscard]] Vec3 brake(const Vec3& force, const Vec3& velocity,
                          double max_speed) noexcept PALPATE_NONBLOCKING;
-/// [N s/m]: half of what common arms render stably (Touch: 4).
+/// Half of what common arms render stably (Touch: 4) [N s/m].
 inline constexpr double kBrake = 2.0;
 
 }  // namespace palpate

@@ -9,8 +9,7 @@ namespace palpate {
 
 namespace {
 
-/// Return the largest float <= x and the smallest float >= x. A box rounded with them contains the
-/// box of doubles.
+/// Return the nearest floats <= x and >= x, so that a box of floats contains the box of doubles.
 float below(double x) {
   const auto f = static_cast<float>(x);
   return static_cast<double>(f) <= x ? f
@@ -29,9 +28,8 @@ double areaOf(const Box& box) {
   return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
 }
 
-/// Splits the items so that queries visit few nodes without a result. Uses the surface area
-/// heuristic in 16 bins along the axis with the largest spread of centres. If all centres coincide,
-/// splits the items into halves.
+/// Splits the items for fast queries: by the surface area heuristic in 16 bins along the axis with
+/// the largest spread of centres. If all centres coincide, splits the items into halves.
 std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
   const auto twice_middle = [&](std::uint32_t i) -> Vec3 {
     return boxes[i].lower + boxes[i].upper;
@@ -190,7 +188,6 @@ std::span<const std::uint32_t> NearBoxes::near(const BroadPhase& boxes, const Bo
     count_ = std::min(all, found_.size());
     left_out_ = 0;
     if (all > found_.size()) {
-      // If too many boxes touch the larger query, queries again without the margin.
       const std::size_t exact = boxes.meeting(query, found_);
       count_ = std::min(exact, found_.size());
       left_out_ = exact - count_;

@@ -1,5 +1,4 @@
-/// Finds the boxes near a query with a flat tree. So a tick spends time only on volumes within
-/// reach. Independent of OpenVDB and of fields.
+/// Finds the boxes near a query with a flat tree, so that a tick visits only volumes within reach.
 #pragma once
 
 #include <cstddef>
@@ -18,27 +17,25 @@ class BroadPhase {
   /// Builds the tree; slow, allocates. A box that is empty or not finite is never found.
   explicit BroadPhase(std::span<const Box> boxes);
 
-  /// Returns the number of boxes given to the constructor, including boxes that are never found.
+  /// Returns the number of boxes, including boxes that are never found.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
-  /// Moves the boxes. Their number and the shape of the tree stay the same, so that queries cost
-  /// more the farther the boxes have moved. Do not call it in a tick, because no query may run at
-  /// the same time. No allocation.
+  /// Moves the boxes. Queries cost more the farther the boxes have moved. Do not call it during a
+  /// query, so not in a tick. No allocation.
   ///
   /// @pre boxes.size() == size().
   void refit(std::span<const Box> boxes) noexcept;
 
-  /// Writes the indices of the boxes that overlap `query` [m] into `found`, in no order. A box that
-  /// touches the query overlaps it. A box may also be found if its distance from the query is less
-  /// than a millionth of its distance from the origin. Returns the number of boxes. If this exceeds
-  /// the size of `found`, only some of the indices are written. A query that is not finite overlaps
-  /// no box. RT: no allocation. Cost: the nodes that the query overlaps, and their children.
+  /// Writes the indices of the boxes that overlap or touch `query` [m] into `found`, in no order. A
+  /// box may also be found if its distance from the query is less than a millionth of its distance
+  /// from the origin. Returns the number of boxes; indices beyond the size of `found` are not
+  /// written. A query that is not finite overlaps no box. RT: no allocation. Cost: the nodes that
+  /// the query overlaps, and their children.
   std::size_t meeting(const Box& query,
                       std::span<std::uint32_t> found) const noexcept PALPATE_NONBLOCKING;
 
  private:
-  /// A node of the tree. The nodes are stored depth first: an inner node is followed by the nodes
-  /// of its first child, and then by those of its second child.
+  /// The nodes are stored depth first: node, first child's nodes, second child's nodes.
   struct Node {
     float lower[3];
     float upper[3];
@@ -59,7 +56,7 @@ class NearBoxes {
  public:
   static constexpr std::size_t kMost = 1024;  ///< Most boxes that near() can return.
 
-  /// @param margin  Distance by which the tree query exceeds the requested box on every side [m].
+  /// @param margin  The tree query exceeds the requested box by this on every side [m].
   explicit NearBoxes(double margin = 0.01) : margin_(margin), found_(kMost) {}
 
   /// Returns the indices, in ascending order, of all boxes that overlap `query` [m] and of some
@@ -70,7 +67,7 @@ class NearBoxes {
                                                     const Box& query) noexcept PALPATE_NONBLOCKING;
   /// Returns false if near() had no room for some of the boxes that overlap its query.
   [[nodiscard]] bool complete() const noexcept { return left_out_ == 0; }
-  /// Returns the number of boxes that overlap the query but were left out for lack of room.
+  /// Returns the number of boxes for which near() had no room.
   [[nodiscard]] std::size_t leftOut() const noexcept { return left_out_; }
   /// Returns the box of the last tree query; empty if too many boxes overlapped it.
   [[nodiscard]] const Box& known() const noexcept { return known_; }
@@ -83,7 +80,7 @@ class NearBoxes {
   double margin_;
   std::vector<std::uint32_t> found_;
   std::size_t count_ = 0;
-  Box known_;  ///< The box of the last tree query; empty if unknown.
+  Box known_;
   std::size_t left_out_ = 0;
   bool asked_ = false;
 };

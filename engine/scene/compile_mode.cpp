@@ -34,8 +34,7 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
   if (factors.empty()) throw SceneError(at, "the product has no factors", "give at least one");
   Transfer out;
   const bool zero = spec.highest() == 0.0;
-  // If the mode has `by` and a single constant strength, it acts only where the property `by` has
-  // data.
+  // With `by` and a single constant strength, a mode acts only where `by` has data.
   const bool mask = key == "strength" && factors.size() == 1 && !mode.by.empty();
   for (std::size_t i = 0; i < factors.size(); ++i) {
     const TransferSpec::Factor& factor = factors[i];
@@ -86,7 +85,6 @@ class ModeCompiler {
   ModeCompiler(const ModeSpec& mode, const std::string& path, GraphReads& reads)
       : mode_(mode), path_(path), reads_(reads) {}
 
-  /// A kind of mode: its word in the scene file, and the function that compiles it.
   struct Kind {
     ModeKind kind;
     const char* word;
@@ -157,8 +155,7 @@ class ModeCompiler {
     return skin;
   }
 
-  /// Returns the index of the vector volume whose streamlines follow the named vector. Returns -1
-  /// if the name is neither a volume nor the direction of a volume.
+  /// Returns the index of the volume whose streams follow the named vector; -1 for other vectors.
   int streamOf(const std::string& name) {
     if (reads_.names().volume(name) != nullptr) return reads_.vectorField(name);
     const DerivedSpec& derived = reads_.names().derived(path_ + "/of", name);

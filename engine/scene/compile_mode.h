@@ -1,5 +1,4 @@
-/// Private to engine: compiles a mode's spec into the mode that a tick runs. Include it in .cpp
-/// files only.
+/// Private to engine, for .cpp files: compiles a mode's spec into the mode that a tick runs.
 #pragma once
 
 #include <string>
@@ -9,19 +8,18 @@
 
 namespace palpate {
 
-/// A compiled mode, and the fields without whose data it does not act.
+/// A compiled mode, and the fields that must have data for it to act.
 struct CompiledMode {
   Mode mode;         ///< Reads properties by their indices in GraphReads::graph.
   FieldSet support;  ///< Becomes ModeFields::support.
 };
 
-/// Compiles one mode. `path` is its path in the scene file, for error messages. Adds the fields
-/// that the mode reads to `reads` and to `reads.current`. Throws SceneError.
+/// Compiles one mode. `path` is its path in the scene file, for messages. Adds the fields that the
+/// mode reads to `reads` and to `reads.current`. Throws SceneError.
 [[nodiscard]] CompiledMode compileMode(const ModeSpec& spec, const std::string& path,
                                        GraphReads& reads);
 
-/// Compiles a coupling stiffness that depends on properties. Its path in the scene file is
-/// "/coupling/stiffness". Throws SceneError.
+/// Compiles a coupling stiffness that depends on properties. Throws SceneError.
 [[nodiscard]] Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads);
 
 }  // namespace palpate

@@ -29,8 +29,7 @@ void checkMotions(const GraphSpec& spec, const GraphNames& names) {
   }
 }
 
-/// Rejects guides in volumes that deform, because a warp is sampled where properties are read and
-/// not at the place of a guide.
+/// Rejects guides in volumes that deform, because a warp is not sampled at the guide's place.
 void checkGuide(const GraphSpec& spec, const ModeSpec& mode, const std::string& path) {
   const auto in = spec.motions.find(mode.in);
   if (mode.kind != ModeKind::kGuide || in == spec.motions.end()) return;
@@ -39,14 +38,13 @@ void checkGuide(const GraphSpec& spec, const ModeSpec& mode, const std::string& 
                    "place the guide in the world, or in a volume that moves by keyframes");
 }
 
-/// Returns true if the strength of a mode is zero everywhere.
 bool isSilent(const ModeSpec& mode) {
   return mode.kind != ModeKind::kUser && mode.strength.highest() == 0.0 &&
          mode.viscosity.highest() == 0.0;
 }
 
-/// Returns the index of the motion that carries a mode's primitives, which is that of its own
-/// volume. For a user's mode, all volumes that it reads must have the same motion.
+/// Returns the index of the motion that carries a mode's primitives: that of its own volume. For a
+/// user's mode, all volumes that it reads must have the same motion.
 int motionOf(const ModeSpec& mode, const FieldSet& support, GraphReads& reads) {
   if (mode.kind == ModeKind::kGuide) return mode.in.empty() ? -1 : reads.motionOf(mode.in);
   return reads.motionOf(mode.kind == ModeKind::kUser ? reads.current : support);

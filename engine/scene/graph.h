@@ -1,5 +1,4 @@
-/// The primitive graph: it defines which properties each mode uses. The loader refers to properties
-/// by name, the tick by index.
+/// The primitive graph: the properties of each mode, by name for the loader, by index for the tick.
 #pragma once
 
 #include <array>
@@ -19,13 +18,13 @@
 
 namespace palpate {
 
-/// How a derived field of the scene file's "fields" is computed from its operand.
+/// How an entry of the scene file's "fields" is computed from its operand.
 enum class Derivation : std::uint8_t {
   kMagnitude,   ///< |v| of any vector.
   kGradient,    ///< Gradient of a scalar volume.
   kCurl,        ///< Curl of a vector volume.
   kDivergence,  ///< Divergence of a vector volume.
-  kUnit,        ///< v / |v| of any vector v; zero where v has no direction, see flow.h.
+  kUnit,        ///< v / |v| of any vector v; zero where v has no direction (flow.h).
   kQ,           ///< The Q criterion of a vector volume: > 0 in a vortex.
   kLambda2,     ///< Lambda 2 of a vector volume: < 0 in a vortex.
 };
@@ -41,8 +40,7 @@ struct DerivationKind {
   bool vector = false;    ///< True if the result is a vector; false for a scalar.
   bool of_volume = true;  ///< True if the operand must be a volume, because derivatives are needed.
 };
-/// Returns the types of a derivation. The operand of magnitude and unit may also be a derived
-/// field.
+/// Returns the types of a derivation.
 [[nodiscard]] constexpr DerivationKind kindOf(Derivation derivation) noexcept {
   switch (derivation) {
     case Derivation::kMagnitude:
@@ -67,7 +65,7 @@ struct DerivedSpec {
   std::string of;  ///< Name of a volume or of another derived field.
 };
 
-/// Kind of a mode. It decides which Mode of mode.h is compiled from a ModeSpec.
+/// Kind of a mode: the Mode of mode.h that a ModeSpec becomes.
 enum class ModeKind : std::uint8_t {
   kForce,              ///< ForceMode: a push along a vector (eq. 8).
   kViscosity,          ///< ViscosityMode: a drag of constant size (eq. 9).
@@ -92,12 +90,12 @@ struct TransferSpec {
   /// One curve of the product, and its input.
   struct Factor {
     TransferFunction curve = 1.0;  ///< Outputs >= 0; their product is in the unit of the property.
-    std::string by;  ///< Name of the scalar input. If empty, the mode's `by`; if that is empty too,
-                     ///< the mode's own scalar.
+    std::string
+        by;  ///< Name of the scalar input; if empty, ModeSpec::by, else the mode's own scalar.
   };
   std::vector<Factor> factors;  ///< Factors of the product; at least one.
 
-  /// Makes a single curve. Its input is the mode's `by`, else the mode's own scalar.
+  /// Makes a single curve. Its input is ModeSpec::by, else the mode's own scalar.
   TransferSpec(TransferFunction curve) {  // NOLINT(google-explicit-constructor): the usual case
     factors.push_back({std::move(curve), ""});
   }
@@ -111,7 +109,7 @@ struct TransferSpec {
   [[nodiscard]] double highest() const noexcept;
   /// Returns a lower bound where there are data: the product of the curves' lowest outputs.
   [[nodiscard]] double lowest() const noexcept;
-  /// Returns true if no factor reads a property: all curves are constant.
+  /// Returns true if all curves are constant.
   [[nodiscard]] bool isConstant() const noexcept;
 };
 
@@ -147,22 +145,20 @@ struct ModeSpec {
   bool two_sided = true;        ///< front shape: holds in both directions along its normal.
   double snap_voxels = 0.0;     ///< front shape: distance of snap-drag (mode.h) [voxels]; 0 is off.
   GuideSpec guide;              ///< guide: its shape and its place.
-  std::string in;  ///< guide: the volume that it moves with; empty if none. The guide is placed
-                   ///< relative to that volume at rest.
+  std::string in;  ///< guide: the volume that it moves with; empty if it stands still. The guide is
+                   ///< placed relative to that volume at rest.
   UserSpec user;   ///< user: its function and its inputs.
 };
 
 /// The spec of a graph, by names as in the scene file.
 struct GraphSpec {
   std::map<std::string, DerivedSpec> fields;  ///< Derived fields by name; not a volume's name.
-  std::vector<ModeSpec> modes;  ///< At most kMaxModes. Primitives are placed in this order.
-  /// Motions by the name of the volume. Volumes without an entry stand still. Volumes that share a
-  /// pointer move together.
+  std::vector<ModeSpec> modes;  ///< At most kMaxModes, in the order of their primitives.
+  /// Motions by the name of the volume. Volumes that share a pointer move together.
   std::map<std::string, MotionPtr> motions;
   std::optional<TransferSpec> stiffness;  ///< Coupling stiffness that depends on properties [N/m];
-                                          ///< if not set, that of CouplingParams.
-  /// Number of each mode in messages (/modes/5), if the modes come from a larger spec; if empty,
-  /// their indices.
+                                          ///< else that of CouplingParams.
+  /// Number of each mode in messages (/modes/5); if empty, their indices.
   std::vector<std::size_t> mode_numbers;
 };
 
@@ -190,25 +186,22 @@ struct FieldSet {
 /// The fields that a mode needs.
 struct ModeFields {
   FieldSet
-      /// If the proxy is outside the bounds of any of these, the mode does not act and its fields
-      /// are not read.
+      /// The mode acts and reads only if the proxy is inside the bounds of all these fields.
       support;
   FieldSet reads;  ///< All fields that the mode reads.
 };
 
-/// The reading of a scalar field. If the index of a property is below zero, that property is not
-/// used and not written.
+/// The reading of a scalar field. An index below zero means that the property is not used.
 struct ScalarRead {
   int field = 0;           ///< Index into Graph::scalar_fields.
   int value = -1;          ///< Index into Properties::scalars.
   int gradient = -1;       ///< Index into Properties::vectors.
   int cell_gradient = -1;  ///< Index into Properties::vectors.
-  bool slope = false;  ///< True if a strength depends on the value, so that its slope is needed.
-  bool turn = false;  ///< True if a primitive follows the gradient, so that its Jacobian is needed.
+  bool slope = false;      ///< True if a strength depends on the value: its slope is needed.
+  bool turn = false;       ///< True if a primitive follows the gradient: its Jacobian is needed.
 };
 
-/// The reading of a vector field. If the index of a property is below zero, that property is not
-/// used and not written.
+/// The reading of a vector field. An index below zero means that the property is not used.
 struct VectorRead {
   int field = 0;        ///< Index into Graph::vector_fields.
   int value = -1;       ///< Index into Properties::vectors.
@@ -230,8 +223,7 @@ struct MagnitudeStep {
   int to = 0;    ///< Index into Properties::scalars.
 };
 
-/// The graph that the tick runs, as flat lists. Each field is sampled at most once, and only if
-/// needed.
+/// The graph that the tick runs, as flat lists. Each field is sampled at most once.
 struct Graph {
   std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Fields that modes read.
   std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Fields that modes read.
@@ -246,18 +238,19 @@ struct Graph {
   std::vector<std::string> vector_properties;  ///< Names of Properties::vectors: "curl of flow".
   std::vector<ScalarRead> scalar_reads;        ///< One for each of scalar_fields, in their order.
   std::vector<VectorRead> vector_reads;        ///< One for each of vector_fields, in their order.
-  std::vector<UnitStep> units;  ///< Each step comes after the steps whose results it reads.
-  std::vector<MagnitudeStep> magnitudes;  ///< Run after all units, whose results they may read.
+  std::vector<UnitStep> units;                 ///< Each step comes after those that it depends on.
+  std::vector<MagnitudeStep> magnitudes;       ///< Run after all `units`.
   std::vector<Mode> modes;  ///< The modes in the spec's order, without those in `silent`.
-  std::vector<ModeFields> mode_fields;  ///< The fields of each mode.
-  std::vector<double> mode_voxels;      ///< Finest voxel of each mode [m]; infinite if none.
-  std::vector<char> mode_follows;       ///< True for a mode whose force depends on a value.
-  std::vector<int> mode_motions;        ///< Index of the motion that carries each mode; -1 if none.
+  std::vector<ModeFields> mode_fields;    ///< The fields of each mode.
+  std::vector<double> mode_voxels;        ///< Finest voxel of each mode [m]; may be infinite.
+  std::vector<char> mode_follows;         ///< True if the force of the mode depends on a value.
+  std::vector<int> mode_motions;          ///< Index of the motion that carries each mode, or -1.
   std::vector<std::size_t> mode_sources;  ///< Number of each mode, by GraphSpec::mode_numbers.
-  std::vector<std::string> mode_names;    ///< For messages; a mode without a name has /modes/5.
-  Transfer stiffness;        ///< Coupling stiffness [N/m]. Without factors it is constant.
-  FieldSet stiffness_reads;  ///< Fields that the stiffness reads. Where they have no data, it uses
-                             ///< the background.
+  std::vector<std::string>
+      mode_names;      ///< Names of modes in messages; without a name the path, such as /modes/5.
+  Transfer stiffness;  ///< Coupling stiffness [N/m]. Without factors it is constant.
+  FieldSet stiffness_reads;  ///< Fields that the stiffness reads. A field without data gives its
+                             ///< background.
   std::vector<std::size_t>
       attentive;  ///< Fields that are notified of each tick: scalars, then vectors.
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
@@ -271,14 +264,14 @@ inline constexpr std::size_t kMaxFields = 64;
 /// Largest number of motions of one scene, for fields and guides together.
 inline constexpr std::size_t kMaxMotions = 64;
 
-/// Checks the names, types and edges of a spec and compiles it to flat lists. Throws SceneError.
-/// Its text begins with the JSON path of the error, such as /modes/0/of.
+/// Checks the names, types and edges of a spec and compiles it to flat lists. Throws SceneError,
+/// with the JSON path of the error (such as /modes/0/of) as its subject.
 [[nodiscard]] Graph compileGraph(const GraphSpec& spec,
                                  const std::map<std::string, FieldPtr>& fields);
 
 /// Returns the word for a kind of mode in scene files, such as "front_shape".
 [[nodiscard]] const char* wordFor(ModeKind kind) noexcept;
-/// Returns the word for a derivation in scene files: its key in "fields", such as "lambda2".
+/// Returns the key of a derivation in the scene file's "fields", such as "lambda2".
 [[nodiscard]] const char* wordFor(Derivation derivation) noexcept;
 
 }  // namespace palpate

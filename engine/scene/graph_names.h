@@ -10,28 +10,26 @@
 
 namespace palpate {
 
-/// The volumes of a scene and the derived fields, by name. The functions reject specs with errors
-/// by SceneError. A `path` is that of the name in the scene file, for messages.
+/// The volumes of a scene and the derived fields, by name. The functions reject wrong specs by
+/// SceneError. A `path` is that of the name in the scene file, for messages.
 class GraphNames {
  public:
   /// Stores references without a check. `spec` and `fields` must outlive the object.
   GraphNames(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields)
       : spec_(spec), fields_(fields) {}
 
-  /// Throws if a derived field has the name of a volume, an unsuitable operand, or itself as
-  /// operand.
+  /// Throws if a derived field has a volume's name, an unsuitable operand, or itself as operand.
   void checkDerived() const;
-  /// Returns true if `name` is a vector volume or derives a vector. Throws for unknown names and
-  /// cycles.
+  /// Returns true if `name` is or derives a vector. Throws for unknown names and cycles.
   [[nodiscard]] bool isVector(const std::string& path, const std::string& name) const;
   /// Throws if `name` is unknown or not a scalar.
   void checkScalar(const std::string& path, const std::string& name) const;
   /// Throws an error for an unknown name, with the nearest known name as remedy.
   [[noreturn]] void throwUnknown(const std::string& path, const std::string& name) const;
 
-  /// Returns the volume of that name; null if it does not exist.
+  /// Returns the volume called `name`; null if it does not exist.
   [[nodiscard]] const FieldPtr* volume(const std::string& name) const;
-  /// Returns the derived field of that name. Throws if it does not exist.
+  /// Returns the derived field called `name`. Throws if it does not exist.
   [[nodiscard]] const DerivedSpec& derived(const std::string& path, const std::string& name) const;
 
  private:

@@ -1,5 +1,4 @@
-/// Private to engine: the properties that a graph reads from its volumes. Include it in .cpp files
-/// only.
+/// Private to engine, for .cpp files: the properties that a graph reads from its volumes.
 #pragma once
 
 #include <set>
@@ -17,10 +16,10 @@ struct Slot {
 };
 
 /// The readings and properties of a graph under compilation. Each is made when the first mode needs
-/// it, and then shared. The functions throw SceneError if there is no room for more.
+/// it, and then shared. The functions throw SceneError if the graph is full.
 class GraphReads {
  public:
-  /// Begins without readings. `names` must belong to `spec`; both must outlive the object.
+  /// `names` must belong to `spec`; both must outlive the object.
   GraphReads(const GraphSpec& spec, const GraphNames& names) : spec_(&spec), names_(&names) {}
 
   Graph graph;       ///< The graph so far, with its fields, readings and modes.
@@ -40,24 +39,21 @@ class GraphReads {
   [[nodiscard]] int valueOf(const std::string& name);
   /// Returns the index of a scalar volume's continuous gradient in Properties::vectors.
   [[nodiscard]] int gradientOf(const std::string& name);
-  /// Returns the index of a scalar volume's interpolated slope (ScalarField::cellGradient) in
-  /// Properties::vectors.
+  /// Returns the index of a scalar volume's interpolated slope in Properties::vectors.
   [[nodiscard]] int cellGradientOf(const std::string& name);
   /// Returns the index of a vector volume's curl in Properties::vectors.
   [[nodiscard]] int curlOf(const std::string& name);
   /// Returns the index of |vectors[from]| in Properties::scalars.
   [[nodiscard]] int magnitudeOf(int from);
 
-  /// Requests the slope of a scalar on which a strength depends. Has no effect for scalars without
-  /// a known slope, such as a divergence.
+  /// Requests the slope of a scalar on which a strength depends, if it has a known slope.
   void followSlope(int scalar);
   /// Requests the Jacobian of a vector that primitives follow.
   void followTurn(int vector);
 
   /// Returns the index of a volume's motion; -1 if the volume stands still.
   [[nodiscard]] int motionOf(const std::string& name);
-  /// Returns the index of the motion that all fields of a set share; -1 if they have different
-  /// motions or none.
+  /// Returns the index of the motion that all fields of a set share; -1 without a common motion.
   [[nodiscard]] int motionOf(const FieldSet& set) const;
   /// Returns the frame of the finest field in a set.
   [[nodiscard]] FieldFrame frameOf(const FieldSet& set) const;
@@ -72,14 +68,14 @@ class GraphReads {
   int newVector(const std::string& name);
   int once(int& slot, bool vector, const std::string& name);
   [[nodiscard]] int unitOf(int from);
-  /// Returns the reading of a volume. Makes it at the first call.
+  /// Returns the reading of a volume; makes it at the first call.
   ScalarRead& scalarRead(const std::string& name);
   VectorRead& vectorRead(const std::string& name);
 
   const GraphSpec* spec_;
   const GraphNames* names_;
-  std::set<std::string> read_;  ///< Volumes that are sampled.
-  std::set<std::string> used_;  ///< Derived fields that are read.
+  std::set<std::string> read_;
+  std::set<std::string> used_;
 };
 
 }  // namespace palpate

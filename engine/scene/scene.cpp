@@ -10,7 +10,6 @@
 namespace palpate {
 namespace {
 
-/// Returns the body that a field moves with; null if the field stands still.
 const Body* bodyOf(int motion, std::span<const Body> bodies) noexcept {
   return motion < 0 || bodies.empty() ? nullptr : &bodies[static_cast<std::size_t>(motion)];
 }
@@ -42,7 +41,7 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   }
   if (!(step.tolerance_voxels > 0.0) || !(step.tolerance_voxels <= kMostTolerance)) {
     throw SceneError("/accuracy/tolerance_voxels", "it must be > 0 and at most 1",
-                     "give a share of a voxel, such as 0.01");
+                     "give a fraction of a voxel, such as 0.01");
   }
   if (step.max_substeps < 1 || step.max_substeps > 64) {
     throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 16");
@@ -78,7 +77,8 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
     throw SceneError("/volumes", "a part moves", "put volumes that move into the scene itself");
   }
   if (spec.stiffness) {
-    throw SceneError("/coupling", "a part varies the stiffness", "vary it in the scene itself");
+    throw SceneError("/coupling", "the stiffness varies within a part",
+                     "vary the stiffness in the scene itself");
   }
   if (spec.modes.size() > kMaxPartModes) {
     throw SceneError("/modes", "a part has " + std::to_string(spec.modes.size()) + " modes",

@@ -18,14 +18,13 @@ namespace palpate {
 
 /// Accuracy of the motion within a tick.
 struct StepParams {
-  int max_substeps = 16;  ///< Largest number of moves, 1 to 64, in which a primitive holds the
-                          ///< proxy. The rest of the path then waits for the next tick. Within
-                          ///< data, a move is at most one voxel long. Moves in which no primitive
-                          ///< holds the proxy do not count, up to kMostSubsteps in all.
+  int max_substeps =
+      16;  ///< Largest number of moves in which a primitive holds the proxy, 1 to 64; the rest of
+           ///< the path then waits for the next tick. Within data, a move is at most one voxel
+           ///< long. Free moves are limited only by kMostSubsteps.
   /// Limit of a tick's iterations (StepReport::iterations), >= 1. At the limit, the tick reads
-  /// properties once more in each slice that is left, and the rest of the path waits for the next
-  /// tick. A balance in progress is completed. It takes at most SolverParams::max_iterations for
-  /// its frictions, and as many and 40 pivots for its place.
+  /// properties once more in each slice that is left, and completes the balance in progress (at
+  /// most twice SolverParams::max_iterations and 40 pivots). The rest of the path waits.
   int max_iterations = 130;
   /// Largest distance between the proxy and its surface or stream in the interpolated volume that
   /// the motion may cause [voxels]; above 0, at most kMostTolerance.
@@ -37,46 +36,42 @@ inline constexpr double kMostTolerance = 1.0;
 /// Most sub-steps (readings) of one tick.
 inline constexpr int kMostSubsteps = 64;
 
-/// One of many objects in a scene: a group of volumes with its own modes. A tick samples and
-/// balances a part only while the hand is near.
+/// One of many objects in a scene: volumes with their modes, evaluated only near the hand.
 struct Part {
   Graph graph;        ///< Graph of the part. Its fields stand still, and its stiffness is constant.
-  Box bounds;         ///< Box outside of which the part has no effect [m].
+  Box bounds;         ///< Box that contains all effects of the part [m].
   double most = 0.0;  ///< Largest force that all modes of the part together can hold [N].
 };
 
 /// A field counts as near within this distance from its bounds [voxels].
 inline constexpr double kFrameMargin = 2.0;
-/// Largest number of fields of one part. makePart rejects more.
+/// Largest number of fields of one part.
 inline constexpr std::size_t kMaxPartFields = 8;
 inline constexpr std::size_t kMaxPartModes = 16;  ///< Largest number of modes of one part.
 /// Largest number of parts that a tick samples and balances.
 inline constexpr std::size_t kMaxNearParts = 64;
 
-/// A scene: fields, graph and parameters. It is immutable once made. Readers and the state of the
-/// proxy are stored elsewhere.
+/// Fields, graph and parameters; immutable once made.
 struct Scene {
-  /// Id, unique in the process, by which a proxy notices that its scene has changed.
+  /// Id, unique in the process. A proxy compares it to notice a new scene.
   std::uint64_t id = 0;
-  /// Equal for scenes with the same fields and the same kinds of modes. If the new scene has the
-  /// same shape, the engagement is that of an edit.
+  /// Equal for scenes with the same fields and kinds of modes. A change between these scenes has
+  /// the short ramp of an edit (kEngageEdit).
   std::uint64_t shape = 0;
-  Graph graph;  ///< Graph that every tick reads. It contains all that moves, all guides and a
-                ///< varying stiffness.
+  Graph
+      graph;  ///< Graph that every tick reads: all that moves, all guides and a varying stiffness.
   std::vector<Part> parts;      ///< Parts, which a tick reads only near the hand.
   BroadPhase bounds;            ///< Boxes of the parts.
   double strongest_part = 0.0;  ///< The largest Part::most [N].
-  /// Coupling parameters. If the stiffness varies, it begins with the value here, which is its
-  /// lowest value.
+  /// Coupling parameters. A varying stiffness begins with the value here, its lowest value.
   CouplingParams coupling;
   StepParams step;      ///< Accuracy of the motion within each tick.
   SolverParams solver;  ///< Accuracy of each balance; makeScene uses the defaults.
 };
 
 /// Returns the fields that a tick reads at p_W [m]: those of all modes, and of the varying
-/// stiffness, whose support contains p_W. Moving fields are tested at Body::seen of their motion.
-/// Without bodies all fields stand still. RT: no allocation. Cost: a few ns for each field and
-/// mode.
+/// stiffness, whose support contains p_W. Moving fields are tested at Body::seen; without bodies
+/// all stand still. RT: no allocation. Cost: a few ns for each field and mode.
 [[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
                                 std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
@@ -85,12 +80,11 @@ struct Scene {
 [[nodiscard]] bool dataLost(const Graph& graph) noexcept PALPATE_NONBLOCKING;
 
 /// Checks and compiles a part from fields by name. Safe to call from several threads. Throws
-/// SceneError for the errors of compileGraph, for contents that a part may not have, and for too
-/// many fields or modes.
+/// SceneError as compileGraph does, for contents that a part may not have, and for too many fields
+/// or modes.
 [[nodiscard]] Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields);
 
-/// Checks and compiles a scene from fields by name. A scene without parts needs at least one mode.
-/// Throws SceneError. Slow, allocates.
+/// Checks and compiles a scene, which needs a mode or a part. Throws SceneError. Slow, allocates.
 [[nodiscard]] std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                                      const std::map<std::string, FieldPtr>& fields,
                                                      const CouplingParams& coupling = {},
@@ -104,14 +98,14 @@ struct BoundGraph {
   std::span<FieldCache> caches;  ///< Caches of Graph::scalar_fields, then of Graph::vector_fields.
 
   /// Samples the properties at p_W [m], step 1 of the paper's figure 1, for the modes whose support
-  /// contains p_W. All other properties have no data. Moving fields are read at Body::seen of their
-  /// motion, and its pose rotates the directions. Without bodies all fields stand still. Returns
-  /// the number of fields read. RT: no allocation.
+  /// contains p_W. All other properties have no data. Moving fields are read at Body::seen; their
+  /// pose rotates the directions. Without bodies all stand still. Returns the number of fields
+  /// read. RT: no allocation.
   int sample(const Vec3& p_W, Properties& out,
              std::span<const Body> bodies = {}) const noexcept PALPATE_NONBLOCKING;
 
-  /// Notifies attentive fields of a tick. Proxy and hand are in W. Returns true if the values of
-  /// one of them have changed without a motion (AnyField::attend). RT: no allocation.
+  /// Notifies attentive fields of a tick; positions are in W. Returns true if values have changed
+  /// without a motion (AnyField::attend). RT: no allocation.
   bool attend(const Attention& at, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
   /// Notifies the same fields that the tick is over. RT: no allocation.
   void leave() const noexcept PALPATE_NONBLOCKING;
@@ -128,8 +122,8 @@ struct BoundGraph {
     return graph->scalar_fields[i]->firstFall(from, to, level, skin.sign, caches[i]);
   }
   /// Returns the height of p [m] above the surface V = level, in voxels, from the interpolated V
-  /// and its slope at p. p is in the resting frame of the surface's field. The result is not finite
-  /// if the slope is zero. RT: no allocation.
+  /// and its slope. p is in the field's resting frame. Not finite for a zero slope. RT: no
+  /// allocation.
   [[nodiscard]] double heightAt(const SurfaceSource& skin, double level,
                                 const Vec3& p) const noexcept PALPATE_NONBLOCKING;
   /// Returns ScalarField::gradientJacobian of Graph::scalar_fields[field] at p_W [m], in W.
@@ -149,9 +143,7 @@ struct BoundGraph {
   void makeSteps(Properties& of) const noexcept PALPATE_NONBLOCKING;
 };
 
-/// State that the reads of one thread change: one cache for each field that may be bound at the
-/// same time. The constructor allocates all memory, enough for any scene. So a change of the scene
-/// does not allocate, and ten thousand parts cost no more memory than one.
+/// The caches of one thread, enough for any scene; the constructor allocates them.
 class Reader {
  public:
   Reader()
@@ -159,8 +151,8 @@ class Reader {
         fields_(caches_.size()),
         parts_(kMaxNearParts) {}
 
-  /// Binds the scene's own graph. If the scene is not that of the last call, prepares the caches of
-  /// all fields whose index has changed. RT: no allocation. Cost: O(fields).
+  /// Binds the scene's own graph. If the scene is new, prepares the caches of all fields with a
+  /// changed index. RT: no allocation. Cost: O(fields).
   BoundGraph bind(const Scene& scene) noexcept;
   /// Binds a part to one of kMaxNearParts slots. If the slot held another part, prepares its
   /// caches. Call it after bind(scene). RT: no allocation. Cost: O(fields).
@@ -179,7 +171,7 @@ class Reader {
   void ready(const Graph& graph, std::size_t first, std::size_t count) noexcept;
 
   std::vector<FieldCache> caches_;  ///< Caches of the scene's graph, then of each slot.
-  /// For each cache, AnyField::id() of its field; 0 if it has none.
+  /// For each cache, AnyField::id() of its field, or 0.
   std::vector<std::uint64_t> fields_;
   std::vector<std::size_t> parts_;  ///< Index of the part in each slot.
   std::uint64_t scene_id_ = 0;

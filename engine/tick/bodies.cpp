@@ -11,8 +11,8 @@ namespace {
 /// A prediction of a warp counts as exact if its error is at most this [voxels].
 constexpr double kForeseenSure = 0.25;
 
-/// Returns true if the path from `Body::from` to b, in the body's resting frame, comes near a
-/// field's data.
+/// Returns true if the path from `Body::from` to b, in the resting frame, comes near a field's
+/// data.
 bool meets(const Body& body, const Vec3& b, const FieldFrame& frame) noexcept {
   const Vec3 end = body.pose.toRest(b);
   return meets({body.from.cwiseMin(end), body.from.cwiseMax(end)}, frame);

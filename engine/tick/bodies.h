@@ -1,5 +1,4 @@
-/// The moving volumes of a tick: their poses, and the place of the proxy in the resting frame of
-/// each.
+/// The moving volumes of a tick: their poses, and the proxy's place in the resting frame of each.
 #pragma once
 
 #include <cstddef>
@@ -13,37 +12,34 @@
 
 namespace palpate {
 
-/// The bodies of a tick, one for each of Graph::motions. Before the balance, each volume moves
-/// and carries the proxy with it, to Body::carried. The tick reads the volume's fields there, and
-/// puts the volume's primitives there. The constructor allocates all memory.
+/// One body for each of Graph::motions. Before the balance, each volume moves and carries the proxy
+/// to Body::carried. The tick reads the volume's fields there, and puts its primitives there. The
+/// constructor allocates all memory.
 class Bodies {
  public:
   Bodies() : bodies_(kMaxMotions) {}
 
-  /// Initialises the bodies for another graph, or for a proxy that is new in this scene. Places the
-  /// volumes at `time` [s], about the proxy [m].
+  /// Places the bodies at `time` [s], about the proxy [m], for another graph or a new proxy.
   void place(const Graph& graph, double time, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
 
   /// Plans the motion of the volumes to `time` [s] and returns the number of slices, at most
   /// `most`. In each slice a volume moves at most half a voxel, at the proxy and at all places that
-  /// the proxy may reach. If more than `most` slices are needed, the report gets kSubstepLimit.
-  ///
-  /// @param felt  The scene's own graph.
+  /// the proxy may reach. If more slices are needed, the report gets kSubstepLimit. `felt[0]`
+  /// is the scene's own graph.
   [[nodiscard]] int plan(std::span<const Felt> felt, double time, const Vec3& proxy,
                          const Vec3& probe, int most,
                          StepReport& report) noexcept PALPATE_NONBLOCKING;
   /// Moves the volumes to their poses in slice `part` of 1 to `parts`, and finds the proxy's place
   /// relative to each. A warp is predicted from its last reading if the error is at most a quarter
-  /// of a voxel. Otherwise the warp is sampled at the place to which it has carried the proxy. The
-  /// next reading in the same slice replaces the prediction. Returns the number of warps sampled.
+  /// of a voxel. Otherwise it is sampled at the place to which it has carried the proxy. Returns
+  /// the number of warps sampled.
   int move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
   /// Ends the motion that plan() began: the poses now belong to its time.
   void arrive() noexcept { posed_at_ = time_; }
 
-  /// Records that properties are read at p [m], and samples the warps there. Returns the number of
-  /// samples, one for each warp.
+  /// Records that properties are read at p [m]; samples the warps there and returns their number.
   int readAt(const Graph& graph, const Vec3& p) noexcept PALPATE_NONBLOCKING;
-  /// Records that the proxy is at `proxy` [m]. From now on no volume has carried it away.
+  /// Records that the proxy is at `proxy` [m]: no volume has carried it away.
   void stand(const Vec3& proxy) noexcept {
     for (Body& body : all()) {
       body.from = body.pose.toRest(proxy);
@@ -53,12 +49,9 @@ class Bodies {
   }
 
   /// Returns the distance [m] that the proxy may move on the path from a to b [m] before properties
-  /// are read again. This is one voxel of the finest volume that the path can reach; infinity if
-  /// the path reaches no volume. If a volume has carried the place of its reading away from a, the
-  /// distance counts from that place.
-  ///
-  /// @param onward  True if a is the place of the last reading; false if a is the place of the
-  ///                proxy.
+  /// are read again: one voxel of the finest volume on the path; infinity without one. If a volume
+  /// has carried the place of its reading away from a, the distance counts from that place.
+  /// `onward` is true if a is the place of the last reading, false if it is the proxy's place.
   [[nodiscard]] double reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,
                                  bool onward) const noexcept PALPATE_NONBLOCKING;
   /// Finds a share of the path to b for a proxy that a moving volume holds back. Sets `end` one
@@ -88,7 +81,7 @@ class Bodies {
   std::size_t count_ = 0;
   double posed_at_ = 0.0;  ///< Time of the present poses [s].
   double time_ = 0.0;      ///< Time of the poses to which the volumes move [s].
-  double now_ = 0.0;       ///< Time of the present slice [s].
+  double now_ = 0.0;
 };
 
 }  // namespace palpate

@@ -13,11 +13,11 @@ enum class Next : std::uint8_t {
   kRelease,  ///< Move the proxy to the hand, because no primitive holds it.
 };
 
-/// State of the iteration after a trial step was computed.
+/// State of the iteration after a trial step.
 struct TrialState {
-  bool read = false;    ///< True if properties were read in this slice.
-  bool within = false;  ///< The reading is valid at the target, and the remaining error is within
-                        ///< the tolerance.
+  bool read = false;  ///< True if properties were read in this slice.
+  bool within =
+      false;  ///< The reading is valid at the target, and the error is within the tolerance.
   /// No readings, iterations or choices of parts are left, or a stream stalls.
   bool spent = false;
   bool held = false;  ///< The last balance contains a primitive.
@@ -31,8 +31,7 @@ struct TrialState {
   return state.held ? Next::kWait : Next::kRelease;
 }
 
-/// State of a sweep to the hand, for a proxy that no primitive holds. A sweep only searches for
-/// surfaces.
+/// State of a sweep to the hand, which searches for surfaces, if no primitive holds the proxy.
 struct SweepState {
   bool complete = false;    ///< The sweep reached the hand.
   bool strays = false;      ///< The sweep led beyond the chosen parts.
@@ -40,8 +39,7 @@ struct SweepState {
   bool met_before = false;  ///< An earlier sweep in this slice ended at a surface.
 };
 
-/// Returns kRead if the sweep reached a surface for the first time, or if new parts can be chosen;
-/// else kRelease.
+/// Returns kRead at the first surface, or if new parts can be chosen; else kRelease.
 [[nodiscard]] constexpr Next decide(const SweepState& state) noexcept {
   if (state.complete) return Next::kRelease;
   const bool again = state.strays ? state.chosen_out : state.met_before;

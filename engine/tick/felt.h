@@ -20,8 +20,8 @@ struct Felt {
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
-/// Calls `look` with each mode, its memory, its graph and its index in that graph, until `look`
-/// returns true. Returns true if `look` has returned true.
+/// Calls `look` with each mode, its memory, its graph and its index there, until `look` returns
+/// true. Returns true if `look` did so.
 template <class Do>
 bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   for (const Felt& felt : all) {
@@ -32,7 +32,7 @@ bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   }
   return false;
 }
-/// Calls `look` with every mode, in the same way as anyMode. Ignores the result of `look`.
+/// Calls `look` with every mode, as anyMode does, and ignores its result.
 template <class Do>
 void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   (void)anyMode(all, [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
@@ -41,9 +41,9 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   });
 }
 
-/// Adds the primitives of mode i, whose contact is `touch`, at the evaluation point `stand`. If
-/// properties were read there, also computes the turn of the mode's plane. Returns false if the set
-/// was full. RT: no allocation.
+/// Adds the primitives of mode i, with the contact `touch`, at the evaluation point `stand`. After
+/// a reading, also computes the turn of the mode's plane. Returns false if the set was full. RT: no
+/// allocation.
 [[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const EvaluationPoint& stand,
                                     const ContactReference& touch, std::span<const Body> bodies,
                                     PrimitiveSet& set) noexcept {
@@ -76,8 +76,7 @@ void eachField(std::span<const Felt> all, Do&& look) noexcept {
   }
 }
 
-/// Returns true if a box [m] in a field's resting frame comes within kFrameMargin voxels of the
-/// field's bounds.
+/// Returns true if a box [m] in a field's resting frame is within kFrameMargin of its bounds.
 [[nodiscard]] inline bool meets(const Box& way, const FieldFrame& frame) noexcept {
   const double margin = kFrameMargin * frame.voxel;
   const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||

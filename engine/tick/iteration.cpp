@@ -11,15 +11,13 @@ namespace palpate {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
-/// Minimum number of iterations for a balance that begins when the tick's limit is almost reached.
+/// A balance gets at least this number of iterations, even near the tick's limit.
 constexpr int kLeastIterations = 70;
-/// If a step is shorter than this share of the displacement before it, the iteration converges fast
-/// enough to be trusted.
+/// Below this share of the displacement before it, a step shows fast convergence.
 constexpr double kFalls = 0.25;
 /// Share of the tolerance that may remain after a step that kFalls accepts.
 constexpr double kRest = 0.5;
-/// Share of the tolerance by which the final place may be off a surface if properties are not read
-/// there.
+/// Share of the tolerance by which the final place may be off a surface without a reading there.
 constexpr double kSure = 0.25;
 
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
@@ -75,13 +73,11 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
 
-/// Returns true if a reading may be invalid at another place.
 bool varies(const Tick& tick, const Iteration& now) noexcept {
   return now.follows || tick.balance.surfaces > 0;
 }
 
-/// Records a balance in the trace. If the balance failed (`balanced` is false), records only its
-/// place.
+/// Records a balance in the trace; only its place if the balance failed (`balanced` is false).
 void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
           bool balanced = true) noexcept {
   StepTrace& trace = *tick.trace;
@@ -107,7 +103,6 @@ void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
   }
 }
 
-/// Sets the balance to the hand's place, for a set without primitives.
 void balanceNothing(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexcept {
   BalanceMemory& b = tick.balance;
   b.warm.forget();
@@ -167,8 +162,7 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
     balanceNothing(tick, now, foreseen, from);
     return true;
   }
-  // On a rail, the pull that is left along the stream is within the tolerance, and the proxy stays
-  // on the curve.
+  // On a rail, the pull that is left along the stream is within the tolerance.
   const bool on_rail = now.rail.count > 0;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
   SolverParams params = tick.scene.solver;
@@ -228,8 +222,7 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noe
     trust.radius *= 2.0;
     trust.ahead = trust.ahead > way.norm() ? trust.ahead - way.norm() : kUnknown;
   }
-  // Without primitives the force is zero. If the jump is located this well, the step goes to the
-  // side that has a force.
+  // Without primitives the force is zero. The step then goes to the side that has a force.
   const bool found = trust.ahead <= 2.0 * tolerance;
   const bool nothing = tick.balance.primitives.size() == 0;
   if (trust.ahead < kUnknown) trust.radius = (found && nothing ? 1.0 : 0.5) * trust.ahead;
@@ -240,8 +233,7 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noe
   trust.closed = step > tolerance && found && !nothing && offset.norm() <= most + tolerance;
   trust.reach = reach;
   if (trust.closed) {
-    // The balance is within a known distance of the hand, because the strengths are limited. So the
-    // place of the last reading is drawn in to that distance.
+    // The strengths limit the distance of the balance from the hand.
     const Vec3 held = offset.norm() > most ? Vec3(most / offset.norm() * offset) : offset;
     to.target = by_balance ? to.proxy : Vec3(tick.probe + held);
     to.target_offset = by_balance ? to.offset : held;

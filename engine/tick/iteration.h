@@ -19,17 +19,17 @@ struct Balanced {
 };
 
 /// Limits the length of Newton's step, at first to one voxel. If a step turns back on the previous
-/// step, the radius becomes half of the shorter of both steps, else it doubles. Without surfaces,
-/// the balance lies between two readings whose steps turn back. The radius is then half of their
-/// distance, which is bisection.
+/// step, the radius becomes half of the shorter step, else it doubles. Without surfaces, the
+/// balance lies between two readings whose steps turn back. The radius is then half of their
+/// distance (bisection).
 struct TrustRegion {
   double radius = std::numeric_limits<double>::infinity();  ///< The trust radius [m].
-  double ahead = std::numeric_limits<double>::infinity();   ///< Upper bound of the distance to the
-                                                            ///< balance [m]; infinite if unknown.
+  double ahead = std::numeric_limits<double>::infinity();   ///< Upper bound of the balance's
+                                                            ///< distance [m]; infinite if unknown.
   bool closed = false;                                      ///< `ahead` is within the tolerance.
-  double reach = 0.0;  ///< Distance from the hand to which the primitives of the last reading can
-                       ///< hold the proxy [m].
-  double went = 0.0;   ///< Distance between the last two readings [m].
+  double reach =
+      0.0;  ///< Distance from the hand at which the last reading's primitives can hold [m].
+  double went = 0.0;  ///< Distance between the last two readings [m].
   double least = std::numeric_limits<double>::infinity();  ///< Shortest step of this move [m].
   Vec3 least_at = Vec3::Zero();                            ///< Start of the shortest step [m].
   Vec3 least_target = Vec3::Zero();                        ///< Target of the shortest step [m].
@@ -41,61 +41,58 @@ struct TrustRegion {
 /// The iteration of one slice of a tick. The volumes and the hand do not move in a slice.
 struct Iteration {
   Vec3 last_read = Vec3::Zero();  ///< Place of the last reading [m].
-  Vec3 read_at = Vec3::Zero();    ///< If `read`: start of the next trial step [m].
+  Vec3 read_at = Vec3::Zero();    ///< Start of the next trial step, if `read` is true [m].
   /// True if properties were read in this slice; else trial steps start at the proxy.
   bool read = false;
   Balanced to;        ///< The last balance, and the target of the next trial step.
   TrustRegion trust;  ///< Limit of Newton's step.
   /// Finest voxel of all primitives that vary [m].
   double voxel = std::numeric_limits<double>::infinity();
-  bool follows = false;  ///< True if other primitives than surfaces vary, or have varied in this
-                         ///< slice. A reading is then valid only at its own place.
+  bool follows = false;  ///< True if other primitives than surfaces vary, or varied, in this slice:
+                         ///< a reading is valid only at its own place.
   /// Finest voxel of the varying primitives that are not surfaces [m].
   double followed = std::numeric_limits<double>::infinity();
   Rail rail;  ///< The streamline that holds the proxy; traced again when the proxy moves.
 };
 
 /// Returns true if primitives vary, and no varying primitive is a directed force or a plane on a
-/// surface. All primitives are then anchored at the proxy, except a front in snap-drag and the
-/// lines of traced streams (rail.h). The balance at the last reading then adds no energy; the rest
-/// of Newton's step might.
+/// surface: all are anchored at the proxy, except a front in snap-drag and the lines of traced
+/// streams (rail.h). The balance at the last reading then adds no energy; Newton's step might.
 [[nodiscard]] bool anchored(const BalanceMemory& b) noexcept;
 
 /// Reads properties at `at` [m]: step 1 of the paper's figure 1. RT: no allocation.
 void read(Tick& tick, Iteration& now, const Vec3& at) noexcept PALPATE_NONBLOCKING;
 
-/// Initialises the memories of the modes for a proxy that is new here, at its place. RT: no
-/// allocation.
+/// Initialises the memories of the modes for a proxy that is new at its place. RT: no allocation.
 void initContacts(Tick& tick) noexcept PALPATE_NONBLOCKING;
 
 /// Places the primitives (step 2), finds their balance (eqs. 14, 15), and computes Newton's step
-/// from `from` [m], where they were read. If `foreseen`, the planes of the last reading are used,
-/// carried along with their volumes. Returns false if a sample that is not finite made the balance
-/// invalid. RT: no allocation.
+/// from the place of their reading, `from` [m]. If `foreseen`, uses the planes of the last reading,
+/// carried along with their volumes. Returns false after a sample that is not finite. RT: no
+/// allocation.
 [[nodiscard]] bool balance(Tick& tick, Iteration& now, bool foreseen,
                            const Vec3& from) noexcept PALPATE_NONBLOCKING;
 
 /// Updates the trust region after a reading that is displaced by `way` [m] from the previous
-/// reading. `compared` is true if both readings are of the same data. Only then does a step that
+/// reading. `compared` is true if both readings are of the same data; only then does a step that
 /// turns back reduce the radius.
 ///
-/// Some forces jump, such as a force towards an axis at that axis. Then Newton's step does not lead
+/// Some forces jump, such as a force towards an axis at that axis. Newton's step then does not lead
 /// to a balance. The balance is where even a very short step turns back: a force between those on
 /// both sides balances there (Filippov's solution). If that place is found to the tolerance, the
 /// target is the place of the last reading. If the primitives are `anchored`, the target is the
 /// balance at the last reading, which adds no energy.
 void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noexcept;
 
-/// Returns true if the error that remains after Newton's step is within the tolerance. There are
-/// two cases. In the first, the step itself is within the tolerance. If the primitives are
-/// `anchored`, the balance must be within the tolerance of the last reading as well. In the second,
-/// only planes of surfaces hold the proxy, and the step is much shorter than the one before. The
-/// next step would then be within the tolerance. The target must also be on the surfaces.
+/// Returns true if the error that remains after Newton's step is within the tolerance, in one of
+/// two cases. (1) The step is within the tolerance; if the primitives are `anchored`, the balance
+/// must also be within the tolerance of the last reading. (2) Only planes of surfaces hold the
+/// proxy, the target is on the surfaces, and the step is much shorter than the one before. The next
+/// step would then be within the tolerance.
 [[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
 /// Returns true if p [m] is within `within` [m] of every surface that holds the proxy in the last
 /// balance, and not farther than that behind a surface without load. Uses the values at p, because
-/// slopes jump at the faces of trilinear cells and a plane cannot predict them. Cost: a value and a
-/// slope for each surface.
+/// slopes jump at the faces of trilinear cells. Cost: a value and a slope for each surface.
 [[nodiscard]] bool onSurfaces(const Tick& tick, const Vec3& p, double within) noexcept;
 /// Returns the final place of the proxy [m], once the remaining error is within the tolerance. If
 /// only planes of surfaces hold the proxy, this is the target of Newton's step. Otherwise, if the

@@ -12,33 +12,27 @@
 namespace palpate {
 namespace {
 
-/// Largest number of choices of parts in a tick. The proxy advances at least 2 mm between two
-/// choices.
+/// Largest number of choices of parts in a tick, at least 2 mm apart.
 constexpr int kMostStrays = 16;
 /// Largest distance that a waiting proxy is pulled through surfaces that cannot hold it [voxels].
 constexpr int kMostStrides = 4;
 constexpr double kFree = 1e-9;  ///< [m]: a proxy this near to the probe counts as free
-/// A reading stalls if it advances less than this share of the tolerance. Two stalls in a row end
-/// the tick.
+/// A reading that advances less than this share of the tolerance stalls. Two stalls end the tick.
 constexpr double kStalls = 0.1;
 
-/// Returns true if a reading that is displaced by `way` [m] from the previous reading made no
-/// progress on a stream. This happens where axes point into a face from both sides: the stream ends
-/// there, although the hand pulls along it.
+/// Returns true if a reading that is displaced by `way` [m] made no progress on a stream. Where
+/// axes point into a face from both sides, the stream ends, although the hand pulls along it.
 bool stalls(const Tick& tick, const Iteration& now, const Vec3& way) noexcept {
   const double least = kStalls * tick.scene.step.tolerance_voxels * now.voxel;
   return now.rail.count > 0 && tick.balance.surfaces == 0 && way.norm() <= least;
 }
 
-/// The outcome of a slice of a tick.
 enum class Slice : std::uint8_t {
   kSpoilt,   ///< A number was not finite.
   kWaiting,  ///< The readings were used up; the rest of the path waits.
   kArrived,
 };
 
-/// Chooses the parts of the scene that the proxy can reach on its path to the hand. A trial step
-/// that leads beyond them is cut.
 void meetParts(Tick& tick) noexcept {
   Surroundings& around = tick.around;
   around.near.meet(tick.scene, tick.reader, tick.proxy.position, tick.probe,
@@ -68,7 +62,7 @@ Vec3 carriedProxy(Tick& tick) noexcept {
 
 /// Moves the proxy to the end of a trial step, and counts the work that primitives did on it. On a
 /// single stream this work is the rise of the spring's energy, because the force of the line is
-/// perpendicular to the curve. It need not be perpendicular to the chord.
+/// perpendicular to the curve, but not to its chord.
 void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   Proxy& proxy = tick.proxy;
   const Vec3 before = proxy.offset;
@@ -83,7 +77,6 @@ void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   tick.around.bodies.stand(proxy.position);
 }
 
-/// Records in the trace how far the proxy moved after the last balance.
 void tell(const Tick& tick, const Trial& trial) noexcept {
   if (tick.trace->count == 0) return;
   StepTrace::Step& step = tick.trace->all[tick.trace->count - 1];
@@ -95,10 +88,9 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
                              : StepEnd::kVoxel;
 }
 
-/// Moves a waiting proxy on if the pull on it exceeds the strength of all primitives together. The
-/// proxy moves as far as the reading is valid. A stream releases it. A single plane that can bear
-/// its load is kept, and the proxy follows the hand along the plane. Other surfaces are pushed
-/// through.
+/// Moves a waiting proxy on, as far as the reading is valid, if the pull on it exceeds the strength
+/// of all primitives together. A stream releases the proxy. A single plane that can bear its load
+/// is kept, and the proxy follows the hand along the plane. Other surfaces are pushed through.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
   const bool on_rail = now.rail.count > 0;
@@ -134,8 +126,7 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
       followYielding(mode, memory);
     });
   }
-  // The reading is valid for one voxel. A surface that is reached within it is a new one, and ends
-  // the loop.
+  // A surface that the proxy meets here is a new one, and ends the loop.
   bool met = false;
   for (int i = 0; i < kMostStrides && !met && pulled(); ++i) {
     const Vec3 offset = trial.end - tick.probe;
@@ -170,8 +161,6 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   return arrived ? Slice::kArrived : Slice::kWaiting;
 }
 
-/// Moves the proxy to the hand if no primitive holds it. Sets Proxy::lost if the path was not swept
-/// completely.
 Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   tick.proxy.lost = tick.proxy.lost || !trial.complete || !trial.swept;
   const Trial there{now.to.target};
@@ -190,10 +179,10 @@ bool isSpent(const Tick& tick, const Trial& trial, int later, int stalled) noexc
          (trial.strays && tick.strayed > kMostStrays);
 }
 
-/// Moves the proxy to the balance. Volumes and hand do not move meanwhile. First balances the
-/// primitives of the last reading. Then repeatedly reads properties at the end of the step, places
-/// new planes and balances again, until Newton's step is within the tolerance. Leaves at least
-/// `later` readings for later slices.
+/// Moves the proxy to the balance, while volumes and hand do not move. First balances the
+/// primitives of the last reading. Then reads properties at the end of the step, places new planes
+/// and balances again, until Newton's step is within the tolerance. Leaves at least `later`
+/// readings for later slices.
 Slice follow(Tick& tick, int later) noexcept {
   Iteration now;
   now.read_at = tick.proxy.position;
@@ -210,8 +199,8 @@ Slice follow(Tick& tick, int later) noexcept {
     state.spent = isSpent(tick, trial, later, stalled);
     state.held = tick.balance.primitives.size() > 0;
     Next next = decide(state);
-    // A free proxy moves to the hand even if no readings are left for its path. The rest of the
-    // path is only swept, and properties are read where the sweep reaches a surface.
+    // A free proxy moves to the hand even if no readings are left. The rest of the path is only
+    // swept, and properties are read where the sweep reaches a surface.
     const bool free = next == Next::kRelease;
     if (free) {
       trial = advance(tick, now, true);
@@ -247,8 +236,8 @@ Slice follow(Tick& tick, int later) noexcept {
 }
 
 /// Returns the number of slices of the hand's motion if a stream holds the proxy. Each slice is at
-/// most a voxel long, except that each must have at least two readings. In a single slice, a fast
-/// hand would be farther from the tangent at the proxy than from the curve.
+/// most a voxel long, but has at least two readings. In a single slice, a fast hand would be
+/// farther from the tangent at the proxy than from the curve.
 int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   double most = std::numeric_limits<double>::infinity();
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
@@ -259,7 +248,6 @@ int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   return static_cast<int>(std::clamp<double>(slices, 1.0, cap));
 }
 
-/// Moves the volumes, and the state that is remembered with them, to their poses in a slice.
 void moveBodies(Tick& tick, int slice, int slices) noexcept {
   const Graph& graph = tick.scene.graph;
   Surroundings& around = tick.around;

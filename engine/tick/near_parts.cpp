@@ -8,8 +8,7 @@ namespace palpate {
 
 namespace {
 
-/// The choice includes parts up to this much farther than needed, so that it changes less often
-/// [m].
+/// The choice includes parts up to this much farther, so that it changes less often [m].
 constexpr double kAhead = 2e-3;
 
 /// Returns a lower bound on the distance from p to a part's data [m]. If p is farther than `enough`
@@ -98,8 +97,7 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   crowded_ = count > kMaxNearParts || !boxes_.complete();  // updated in every tick
   if (crowded_) count = strongest(scene, {awake_.data(), count}, report);
   keep({awake_.data(), count}, [&](std::size_t part, std::size_t slot) {
-    // Reads properties at the proxy, so that the modes know the proxy's side of each surface before
-    // the path into the part is swept.
+    // Lets the modes know the proxy's side of each surface before the path is swept.
     NearPart& fresh = slots_[slot];
     fresh.part = part;
     const Felt felt{reader.bind(scene, part, slot), &fresh.properties, fresh.memories.data()};
@@ -116,9 +114,8 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   });
 }
 
-/// If more parts are near than there is room for, moves the parts with the largest Part::most to
-/// the front, in the order of the scene. Of parts with an equal Part::most, the earlier part is
-/// chosen. Returns the number of chosen parts.
+/// Moves the parts with the largest Part::most (of equal ones, the earlier), as many as there is
+/// room for, to the front, in the scene's order. Returns their number.
 std::size_t NearParts::strongest(const Scene& scene, std::span<std::uint32_t> parts,
                                  StepReport& report) noexcept {
   const auto begin = parts.begin();

@@ -29,8 +29,8 @@ struct NearPart {
   std::array<ModeMemory, kMaxPartModes> memories;
 };
 
-/// Chooses the parts of a tick, and keeps their state while they are near. See docs/scale.md. The
-/// constructor allocates all memory.
+/// Chooses the parts of a tick, and keeps their state (docs/scale.md). The constructor allocates
+/// all memory.
 class NearParts {
  public:
   NearParts() : slots_(kMaxNearParts), awake_(NearBoxes::kMost), free_(NearBoxes::kMost) {}
@@ -38,22 +38,20 @@ class NearParts {
   /// Forgets all parts. Call it for a new scene, or if their state is no longer valid.
   void forget() noexcept;
 
-  /// Chooses the parts with data within the distance from the proxy to the probe, and some that are
-  /// a little farther. Reads a new part at the proxy; its modes place primitives in `scratch`. Sets
-  /// `parts`, `left_out` and `missing` in the report, and adds to `samples`. RT: no allocation.
-  /// Cost: six comparisons if the choice stays, else a few ns for each part with a near box.
+  /// Chooses the parts with data within the distance from the proxy to the probe, and within a
+  /// margin of 2 mm beyond it. Reads a new part at the proxy; its modes place primitives in
+  /// `scratch`. Sets `parts`, `left_out` and `missing` of the report, and adds to `samples`. RT: no
+  /// allocation. Cost: six comparisons if the choice stays, else a few ns for each part with a near
+  /// box.
   void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
             PrimitiveSet& scratch, StepReport& report) noexcept PALPATE_NONBLOCKING;
 
-  /// Binds the near parts to the reader and writes them to `felt` in the scene's order. Returns
-  /// their number.
-  ///
-  /// @pre felt has room for kMaxNearParts.
+  /// Binds the near parts to the reader, writes them to `felt` (room for kMaxNearParts) in the
+  /// scene's order, and returns their number.
   std::size_t bind(const Scene& scene, Reader& reader,
                    std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
 
-  /// Returns the share, 0 to 1, of the path from `from` to `to` [m] that certainly reaches only
-  /// chosen parts.
+  /// Returns the share, 0 to 1, of the path [m] that certainly reaches only chosen parts.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
   /// Returns the part in a slot. The slots in order() are in use; all others are empty.
@@ -69,10 +67,8 @@ class NearParts {
               StepReport& report) noexcept;
   std::size_t strongest(const Scene& scene, std::span<std::uint32_t> parts,
                         StepReport& report) noexcept;
-  /// Makes `near` the chosen parts. Parts that were chosen before keep their state. Calls `fresh`
-  /// with the index and the slot of each new part.
-  ///
-  /// @pre near ascends.
+  /// Makes `near`, which ascends, the chosen parts. Old ones keep their state; calls `fresh` with
+  /// the index and the slot of new ones.
   template <class New>
   void keep(std::span<const std::uint32_t> near, New&& fresh) noexcept;
 

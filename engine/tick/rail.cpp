@@ -22,7 +22,7 @@ struct Laid {
   double gone = 0.0;  ///< Arc length [m], >= 0.
 };
 
-/// Traces the curve that has `line` as its tangent. The vectors and the length of `order` are in W.
+/// Traces the curve with `line` as its tangent. The vectors and the length of `order` are in W.
 Laid traceLine(Tick& tick, const Curve& along, const Felt& felt, const Body* body,
                const Primitive& line, TraceOrder order) noexcept {
   order.along = line.direction;
@@ -63,13 +63,12 @@ struct Followed {
   Curve along;
   ModeMemory* of = nullptr;
   const Felt* felt = nullptr;
-  std::size_t mode = 0;   ///< Index of the mode in its graph.
+  std::size_t mode = 0;
   std::size_t index = 0;  ///< Index of the line in the balance.
 
   [[nodiscard]] int motion() const noexcept { return felt->graph().mode_motions[mode]; }
 };
 
-/// Calls `look` with the line of each stream in the last balance.
 template <class Do>
 void eachFollowed(const Tick& tick, Do&& look) noexcept {
   std::size_t first = 0;
@@ -82,8 +81,7 @@ void eachFollowed(const Tick& tick, Do&& look) noexcept {
   });
 }
 
-/// Returns the entry for a stream's line, which is a new one if its curve was not traced before.
-/// Returns null if there is no room.
+/// Returns the entry for a stream's line, a new one if needed; null if `rail` is full.
 RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
   for (std::size_t i = 0; i < rail.count; ++i) {
     if (rail.lines[i].of == &memory) return &rail.lines[i];
@@ -92,13 +90,13 @@ RailLine* entryFor(const ModeMemory& memory, Rail& rail) noexcept {
 }
 
 /// Returns true if a plane or a line that holds fixes the place of the proxy along the line
-/// `index`. The balance is then the place where both meet. Without this check the force of a wall
-/// would count as constant along the curve. But the angle of the stream to the wall changes, and
-/// the constant force would push the proxy off the wall.
+/// `index`: the balance is the place where both meet. The angle of the stream to a wall changes.
+/// Without this check the wall's force would count as constant along the curve, and push the proxy
+/// off the wall.
 ///
-/// A wall along the stream does not fix the place. There the angle is at most that by which curve
-/// and normal turn over the step. `bend` is the curve's second derivative [1/m], `straight` the
-/// step along the line [m].
+/// A wall along the stream does not fix the place: the angle is at most that by which curve and
+/// normal turn over the step. `bend` is the curve's second derivative [1/m], `straight` the step
+/// along the line [m].
 bool fixedAlong(const Tick& tick, std::size_t index, double bend, double straight) noexcept {
   constexpr double kAside = 0.02;  // least sine of an angle that counts, as in newton.cpp
   const auto primitives = tick.balance.primitives.items();
@@ -129,14 +127,14 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   constexpr double kStays = 1e-5;  // [voxels] along the line: a proxy with a shorter step rests
   const double straight = line.direction.dot(trial.end - line.position);
   if (std::abs(straight) < kStays * along.voxel) {
-    // What waits belongs to the line that was followed before.
+    // The waiting pull belongs to the line that was followed before.
     if (rail.followed != one.of) rail.waiting.setZero();
     rail.followed = one.of;
     return false;
   }
   // If the trial step ends before its target, or if a wall fixes the target, the curve gets the
   // same length. Any other complete step leads to the place nearest to the hand. If the scene has
-  // only this stream, the trace itself reads the stream, so that the reading is valid for longer.
+  // only this stream, the trace itself reads the stream, so the reading is valid for longer.
   const bool alone = tick.felt().size() == 1 && one.felt->graph().modes.size() == 1;
   const double reach =
       alone ? kLongest * along.voxel : std::min(trial.reach, kLongest * along.voxel);
@@ -147,14 +145,12 @@ bool layAlong(Tick& tick, const Followed& one, const Vec3& balance, Rail& rail,
   order.to_hand = !fixed;
   order.length = uncut ? std::max(reach, std::abs(straight)) : std::abs(straight);
   if (fixed) order.length = straight;
-  // The force that pulls at the line is that of the hand and of all other primitives. The place of
-  // the hand is displaced accordingly.
+  // All pulls at the line count as a displacement of the hand.
   order.hand = aside - tick.balance.forces[one.index] / tick.balance.stiffness - rail.waiting;
   const Body* body = tick.around.bodies.of(one.motion());
   const Laid laid = traceLine(tick, along, *one.felt, body, line, order);
   const Trace& trace = laid.trace;
-  // If the stream or its data end, the rest of the step continues straight, but not beyond the
-  // hand.
+  // If the stream ends, the step continues straight, but not beyond the hand.
   const bool ends =
       !trace.arrived && !trace.capped && laid.gone < std::abs(order.length) - 1e-9 * along.voxel;
   Vec3 place = laid.place;

@@ -12,7 +12,7 @@
 
 namespace palpate {
 
-/// The line of a stream after its curve was traced. layRail initialises all members.
+/// The line of a stream after its curve was traced.
 struct RailLine {
   const ModeMemory* of;  ///< Memory of the mode that added the line.
   int motion;            ///< Motion of the line's volume; -1 if the volume stands still.
@@ -27,8 +27,7 @@ struct RailLine {
   }
 };
 
-/// The lines of streams after layRail has traced their curves. The balances of the following
-/// readings use them. Lines of further streams are anchored at the proxy.
+/// The lines of streams with traced curves. Lines of further streams are anchored at the proxy.
 struct Rail {
   static constexpr std::size_t kMost = 4;  ///< Largest number of lines.
 
@@ -36,9 +35,8 @@ struct Rail {
   bool any = false;                   ///< True if a stream has a line.
   std::size_t count = 0;              ///< Number of lines.
   std::array<RailLine, kMost> lines;  ///< The lines; the first `count` are valid.
-  /// Shift of the probe [m] that balances the line that the proxy follows at its place. It is the
-  /// negative of the pull that is left along the stream, or zero if that pull exceeds the
-  /// tolerance.
+  /// Shift of the probe [m] with which the line that the proxy follows balances at its place: the
+  /// negative of the pull that is left along the stream. Zero if that pull exceeds the tolerance.
   Vec3 waiting = Vec3::Zero();
   /// The mode that added the line which the proxy follows; null before the first.
   const ModeMemory* followed = nullptr;
@@ -59,17 +57,16 @@ struct Rail {
   }
 };
 
-/// Re-anchors the lines to their material points after a reading at `at` [m] has sampled the warp
-/// again. These points are the ends of the curves, in the resting frame. RT: no allocation.
+/// Re-anchors the lines to their material points (the ends of the curves, in the resting frame)
+/// after a reading at `at` [m] has sampled the warp again. RT: no allocation.
 void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept PALPATE_NONBLOCKING;
 
-/// Traces the curve that the proxy follows and moves the trial step to its end. This is the place
-/// nearest to the hand, as far as the last reading is valid. If there are several streams, the
-/// proxy follows the strongest of those that hold it, or the strongest if all yield. Each other
-/// stream is traced to the place of its own curve that is nearest to the end of the trial step. So
-/// a drag points from that place, and streams that are parallel hold together. `balance` [m] is the
-/// last balance. See docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace for each
-/// stream.
+/// Traces the curve that the proxy follows and moves the trial step to its end: the place nearest
+/// to the hand, as far as the last reading is valid. If there are several streams, the proxy
+/// follows the strongest of those that hold it, or the strongest if all yield. Each other stream is
+/// traced to the place of its own curve that is nearest to the end of the trial step. So a drag
+/// points from that place, and parallel streams hold together. `balance` [m] is the last balance.
+/// See docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace for each stream.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 

@@ -11,14 +11,11 @@
 namespace palpate {
 namespace {
 
-/// Largest number of other surfaces from which samples of one surface are replaced. If there are
-/// more, the first ones in the scene are used.
+/// Largest number of other surfaces that replace samples of one surface.
 constexpr std::size_t kMostOthers = 8;
-/// Samples are not replaced from surfaces that are farther away than this [steps of
-/// FieldFrame::reach].
+/// Farther surfaces do not replace samples [steps of FieldFrame::reach].
 constexpr double kNearSteps = 2.0;
-/// If the gradient is smaller than this share of the cell's own slope, the scale of the surface is
-/// unknown.
+/// Below this share of the cell's own slope, the gradient does not give the scale of the surface.
 constexpr double kFlat = 0.1;
 
 /// A surface, and the point of its volume that is at x in W. surfaceOf initialises all members.
@@ -82,9 +79,9 @@ bool surfaceOf(const Tick& tick, const SurfaceAhead& ahead, const Felt& felt, co
 ///
 /// In a groove the slopes to both sides along the normal are equal, except for errors of the
 /// lattice. In a sheet or slit of one or two voxels the slopes differ, because one side contains
-/// the other face. That face bears no load. So the more the slopes differ, the more weight the
-/// steeper one has. Between walls that face each other the ratio would be unbounded; kMost limits
-/// it. The ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
+/// the other face, which bears no load. So the more the slopes differ, the more weight the steeper
+/// one has. Between walls that face each other the ratio would be unbounded; kMost limits it. The
+/// ratio is 1 where the surface is convex, tr(dn/dx) >= 0.
 double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobian) noexcept {
   constexpr double kMost = 3.0;
   // largest difference of the slopes to both sides of a rotated groove
@@ -115,8 +112,7 @@ double wallsLoad(const Surface& surface, const Vec3& normal, const Mat3& jacobia
   return norm > 0.0 ? std::clamp(1.0 / norm, 1.0, kMost) : 1.0;
 }
 
-/// Replaces the samples of a surface's gradient by those of the other surfaces, where these are
-/// lower.
+/// Replaces the samples of a surface's gradient by lower ones of the other surfaces.
 void fill(const Surface& self, std::span<const Surface> others, const Mat3& steps,
           Seam& seam) noexcept {
   const double here = self.value(Vec3::Zero());

@@ -1,5 +1,4 @@
-/// Corrections to the plane of one surface, for other solids beside it and for the walls of a
-/// groove.
+/// Corrections to the plane of one surface, for other solids and for the walls of a groove.
 #pragma once
 
 #include <optional>
@@ -15,9 +14,9 @@ namespace palpate {
 /// the walls of a groove. x [m] is the place of the last reading.
 ///
 /// The gradient g of surface i is a difference of V over the steps a of FieldFrame::reach. Beside
-/// another solid j, some of the samples are inside j. The plane of i would then tilt away from the
-/// common surface. To avoid this, the samples at y = x +- a are filled from j. Let v be the signed
-/// value (free > 0), c_i the slope of the cell of i at x, and v_j be in the unit of i:
+/// another solid j, some of the samples are inside j, and the plane of i would tilt away from the
+/// common surface. So the samples at y = x +- a are filled from j. Let v be the signed value (free
+/// > 0), c_i the slope of the cell of i at x, and v_j be in the unit of i:
 ///
 ///     v~(y) = min( v_i(y), max( v_j(y), v_i(x) + c_i.(y - x) ) )
 ///     g~    = g + S^-T d,    d_a = [ (v~ - v_i)(x + a) - (v~ - v_i)(x - a) ] / 2
@@ -26,13 +25,13 @@ namespace palpate {
 /// the tangent plane of i. Row a of dd/dx is the sum of +-(slope of the chosen branch at y - slope
 /// of v_i at y) / 2.
 ///
-/// Returns no value if the plane needs no correction. The gradient's terms are zero if no other
-/// isosurface that holds is within two steps. They are also zero for a surface that the hand has
-/// pushed through, and for a gradient that is not a difference of values (splines, formulas).
-/// Surfaces of the same field do not fill each other's samples. For moving volumes the samples are
-/// taken in each resting frame; a warp counts as linear about x. RT: no allocation. Cost: a check
-/// of each other surface. Beside another surface, six values of this surface and at most six of
-/// each other surface. In a groove with friction (SurfaceSource::grooves), six values.
+/// Returns no value if the plane needs no correction. The gradient's terms are zero in these cases:
+/// no other isosurface that holds is within two steps; the hand has pushed through the surface; the
+/// gradient is not a difference of values (splines, formulas). Surfaces of the same field do not
+/// fill each other's samples. For moving volumes the samples are taken in each resting frame; a
+/// warp counts as linear about x. RT: no allocation. Cost: a check of each other surface. Beside
+/// another surface, six values of this surface and at most six of each other one. In a groove with
+/// friction (SurfaceSource::grooves), six values.
 [[nodiscard]] std::optional<Seam> seamOf(const Tick& tick, const Mode& mode, ModeMemory& memory,
                                          const Felt& felt,
                                          const Vec3& x) noexcept PALPATE_NONBLOCKING;

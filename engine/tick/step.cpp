@@ -17,8 +17,7 @@ bool isHand(const Vec3& p) noexcept {
   return p.cwiseAbs().maxCoeff() < kFarthest && p.allFinite();
 }
 
-/// Brakes a hand that is too fast. The force changes only along the directions in which the motors
-/// can push.
+/// Brakes a hand that is too fast, only along the directions in which the motors can push.
 Vec3 braked(const Vec3& force, const HandState& hand) noexcept {
   const Vec3 along = hand.drives * hand.velocity;
   if (!hand.too_fast || !hand.ready || !(along.norm() > 0.0)) return force;
@@ -33,8 +32,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
   if (swapped) {
     const bool edit = met_.shape == scene.shape;
     met_ = {scene.id, scene.shape, 0.0};
-    // A new scene begins an engagement. If only its numbers have changed, the force may grow gently
-    // instead.
+    // If only the numbers of a scene have changed, the force grows gently instead of an engagement.
     if (edit && gate_.limits.engage > 0.0) {
       gate_.limiter.gentle = kEngageEdit;
     } else {
@@ -49,8 +47,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
     around_.near.forget();
     balance_.warm.forget();
     balance_.friction.forget();
-    // A constant stiffness takes effect at once. If the new scene varies the stiffness, the old
-    // value continues.
+    // A constant stiffness takes effect at once. A varying stiffness continues from the old value.
     const bool varies = !scene.graph.stiffness.factors.empty();
     if (!varies || !proxy_.placed) stiffness_ = {scene.coupling.stiffness, 0.0};
   }
@@ -77,8 +74,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     const Vec3 last = proxy.offset;
     const Vec3 before = proxy.position - hand.position;
 
-    // Steps 1 and 2: reads properties, places primitives and balances them, until the proxy has
-    // arrived.
+    // Steps 1 and 2: reads and balances until the proxy has arrived.
     state.around_.graphs[0] = {reader.bind(scene), &state.around_.properties,
                                state.around_.memories.data()};
     state.around_.count = 1;
@@ -99,9 +95,9 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     report.injected = std::max(report.injected, at_once);
     if (good) {
       const Vec3 spring = couplingForce({k, scene.coupling.damping}, offset, rate);
-      assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives there is no force
-      // A change of the force that the hand's motion and the limiter's growth can explain is not
-      // attributed to the data.
+      assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives the force is zero
+      // A change of the force up to `own` is not attributed to the data, because the hand's motion
+      // and the limiter's growth can explain it.
       const Vec3 eased = k * (last - before);
       const double own = state.gate_.limits.slew * dt + 2.0 * eased.norm();
       constexpr double kAll = std::numeric_limits<double>::infinity();
@@ -121,8 +117,6 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   return report;
 }
 
-/// Limits the wanted force and fills in the force that is sent. This is the last step before the
-/// device.
 void ProxyState::limitOutput(const HandState& hand, bool good, double dt,
                              StepReport& report) noexcept {
   LimiterState& limiter = gate_.limiter;
@@ -141,7 +135,7 @@ void ProxyState::limitOutput(const HandState& hand, bool good, double dt,
   // The tank cannot count energy from an invalid position, or before the arm is homed.
   if (!good || !hand.ready) limiter.tank.forget();
   report.fresh = gate_.readings.look(hand);
-  // limitForce is the last gate: nothing after it changes the force.
+  // limitForce is the last gate: later code does not change the force.
   const LimitedForce out =
       limitForce(report.wanted, hand.position, dt, gate_.limits, limiter, report.fresh);
   if (!out.finite) {

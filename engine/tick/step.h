@@ -1,5 +1,4 @@
-/// The tick: reads properties, balances the primitives, computes the force and limits it. It uses
-/// no clock, thread or device.
+/// The tick: reads properties, balances primitives, and computes and limits the force.
 #pragma once
 
 #include <cstddef>
@@ -25,22 +24,21 @@ namespace palpate {
 class ProxyState {
  public:
   /// Allocates all memory that ticks need. `limits` are those of the device that receives the
-  /// force. The earlier load of the motors is unknown, so they are assumed to be as hot as allowed.
+  /// force. The motors are assumed to be as hot as allowed.
   explicit ProxyState(const ForceLimits& limits = {}) : gate_(limits) {}
 
   /// Cuts the force from the next tick on. If called several times, the first cause counts.
   void cut(Fault fault) noexcept {
     if (gate_.fault == Fault::kNone) gate_.fault = fault;
   }
-  /// Clears the fault, so that force returns through an engagement. The proxy restarts at the hand
-  /// without contacts. The scene's time has continued during the fault.
+  /// Clears the fault: force returns through an engagement. The proxy restarts at the hand without
+  /// contacts. The scene's time has continued during the fault.
   void clearFault() noexcept {
     gate_.fault = Fault::kNone;
     proxy_.placed = false;
     engage();
   }
-  /// Call this when no force is sent to the hand. The proxy restarts at the hand, and the next
-  /// force begins with an engagement.
+  /// Call this when no force is sent. The proxy restarts at the hand, and an engagement begins.
   void release() noexcept {
     gate_.limiter.forget();
     proxy_.placed = false;
@@ -51,24 +49,23 @@ class ProxyState {
     const TankParams& tank = gate_.limits.tank;
     if (tank.use != TankUse::kOff) gate_.limiter.tank.weaken(share, tank.arm);
   }
-  /// Begins an engagement. The force is zero until the wanted force is small or kEngageWait has
+  /// Begins an engagement: the force is zero until the wanted force is small or kEngageWait has
   /// passed; then it ramps up.
   void engage() noexcept { gate_.engage(); }
-  /// Sets the play position of sequences [s] from the next tick on, and the rate [s/s] at which it
-  /// advanced since the last tick. A difference that the rate does not explain is a jump. Moving
-  /// volumes follow time() instead.
+  /// Sets the play position of sequences [s] from the next tick on, and its rate [s/s] since the
+  /// last tick. A difference that the rate does not explain is a jump. Volumes move by time()
+  /// instead.
   void playAt(double play, double rate) noexcept {
     play_ = play;
     play_rate_ = rate;
   }
-  /// Adds this force [N] to the spring's force on the hand, from the next tick on. See
-  /// hand_links.h.
+  /// Adds this force [N] to the spring's force from the next tick on. See hand_links.h.
   void pullBy(const Vec3& force) noexcept { pull_ = force; }
   /// Play position set by playAt() [s].
   [[nodiscard]] double play() const noexcept { return play_; }
   /// Rate set by playAt() [s/s].
   [[nodiscard]] double playRate() const noexcept { return play_rate_; }
-  /// Returns true from a fault until clearFault(). Meanwhile every tick sends zero.
+  /// Returns true from a fault until clearFault(). Until then every tick sends zero.
   [[nodiscard]] bool faulted() const noexcept { return gate_.fault != Fault::kNone; }
   /// Returns the first cause of a cut since clearFault(); kNone if the force is not cut.
   [[nodiscard]] Fault fault() const noexcept { return gate_.fault; }
@@ -76,20 +73,15 @@ class ProxyState {
   [[nodiscard]] const ForceLimits& limits() const noexcept { return gate_.limits; }
   /// Returns the memory of limitForce.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return gate_.limiter; }
-  /// Returns the position of the proxy [m]. After release() it is the old one, until a tick moves
-  /// the proxy to the hand.
+  /// Returns the position of the proxy [m]. After release() it is the old one until the next tick.
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
-  /// Returns the time since this proxy entered the scene [s], which is the sum of the ticks' dt.
-  /// Volumes move by this time.
+  /// Returns the sum of the ticks' dt since this proxy entered the scene [s]: the time of motions.
   [[nodiscard]] double time() const noexcept { return met_.time; }
-  /// Returns the properties of the last reading for the scene's own graph. For near parts see
-  /// NearPart::properties.
+  /// Returns the properties of the last reading for the scene's own graph (else NearPart).
   [[nodiscard]] const Properties& properties() const noexcept { return around_.properties; }
-  /// Returns the primitives of the last sub-step, in the order of the modes. ModeMemory::emitted is
-  /// the number of primitives of a mode.
+  /// Returns the primitives of the last sub-step, in the order of the modes.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return balance_.primitives; }
-  /// Returns the force of each of primitives() on the proxy [N]. The sum of these and of the
-  /// spring's pull is zero. After a fault the values have no meaning.
+  /// Returns the force of each of primitives() on the proxy [N]; meaningless after a fault.
   [[nodiscard]] std::span<const Vec3> forces() const noexcept {
     return {balance_.forces.data(), balance_.primitives.size()};
   }
@@ -103,7 +95,6 @@ class ProxyState {
   [[nodiscard]] const NearParts& near() const noexcept { return around_.near; }
 
  private:
-  /// State of the limits between the tick and the hand.
   struct Gate {
     explicit Gate(const ForceLimits& of) : limits(of) {
       limiter.heat = of.continuous * of.continuous;
@@ -120,7 +111,6 @@ class ProxyState {
     DataFade data;
     Fault fault = Fault::kNone;
   };
-  /// The scene that contains the proxy.
   struct Met {
     std::uint64_t id = 0;
     std::uint64_t shape = 0;
@@ -143,14 +133,14 @@ class ProxyState {
   Surroundings around_;
   BalanceMemory balance_;
   VaryingStiffness stiffness_;
-  LengthRate length_rate_;  ///< Measures the rate of the length of Proxy::offset.
+  LengthRate length_rate_;
 };
 
 /// Runs one tick of the engine: steps 1 to 3 of the paper's figure 1.
 ///
 /// The proxy starts at the first probe position. Within data, the proxy moves at most one voxel
-/// before properties are read again. If the scene is not that of the last tick, the proxy keeps its
-/// place, contacts are forgotten and time begins at zero.
+/// before properties are read again. If the scene is new, the proxy keeps its place, contacts are
+/// forgotten and time begins at zero.
 ///
 /// Before the balance, a moving volume carries its contents along. Its fields are read at the place
 /// to which it has carried the old proxy, and its primitives are placed there. If a volume moves

@@ -11,23 +11,22 @@ namespace palpate {
 
 /// Status of a tick, from the best to the worst. The force is safe to send with each status.
 enum class StepStatus : std::uint8_t {
-  kConverged,  ///< The tick ended without any of the conditions below.
-  kHairpin,    ///< The centre of curvature of a stream is nearer than the hand, so that the place
-               ///< nearest to the hand is not unique. The proxy may jump. The force then changes by
-               ///< at most the mode's strength, in addition to the change by the hand's own motion.
-               ///< Remedy: a mode of less strength, or a hand nearer to the stream.
+  kConverged,  ///< The tick met no condition below.
+  kHairpin,  ///< The centre of curvature of a stream is nearer than the hand: the place nearest to
+             ///< the hand is not unique. The proxy may jump; the force then changes by at most the
+             ///< mode's strength, plus the change by the hand's motion. Remedy: less strength, or a
+             ///< hand nearer to the stream.
   kSubstepLimit,  ///< The proxy did not arrive before a limit was reached: of readings, of
                   ///< iterations, or of 16 steps along a stream for each reading. Causes are a fast
                   ///< hand, a stream with many windings, or walls and frictions that alternate. If
                   ///< a primitive holds the proxy, the rest of its path waits for the next tick.
-                  ///< Otherwise the proxy is at the hand. It may then have passed a surface without
+                  ///< Otherwise the proxy is at the hand, and may have passed a surface without
                   ///< contact, beyond the range of firstFall or of a volume that moved too far.
                   ///< Remedy if frequent: raise max_substeps or the rate.
   kIterationLimit,  ///< A balance ended before it converged; error_bound bounds its error.
-  kDropped,         ///< There were more than kMaxPrimitives primitives, and the tick left some out.
-                    ///< Remedy: fewer modes. 341 walls with friction and a drag fit.
-  kFault,  ///< A fault is latched (ProxyState::fault), or a value was not finite. The force is zero
-           ///< until ProxyState::clearFault(). Remedy: see remedyFor.
+  kDropped,         ///< The tick left out primitives beyond kMaxPrimitives. Remedy: fewer modes.
+  kFault,  ///< A fault is latched (ProxyState::fault), or a value was not finite. The force is
+           ///< zero until ProxyState::clearFault(). Remedy: see remedyFor.
 };
 inline constexpr std::size_t kStepStatuses = 6;  ///< Number of values of StepStatus.
 
@@ -36,29 +35,27 @@ inline constexpr std::size_t kStepStatuses = 6;  ///< Number of values of StepSt
 
 /// Results of a tick.
 struct StepReport {
-  Vec3 force = Vec3::Zero();    ///< Force for the device, after limitForce [N].
-  Vec3 wanted = Vec3::Zero();   ///< Force before limitForce [N]: the sum of the spring's force, the
-                                ///< force of remote hands and the remainder of DataFade.
-  Vec3 proxy = Vec3::Zero();    ///< Position of the proxy [m].
-  double stiffness = 0.0;       ///< Coupling stiffness k in this tick [N/m].
-  double error_bound = 0.0;     ///< SolveResult::error_bound of the last balance [m].
+  Vec3 force = Vec3::Zero();   ///< Force for the device, after limitForce [N].
+  Vec3 wanted = Vec3::Zero();  ///< Sum of spring, remote hands and DataFade, before limitForce [N].
+  Vec3 proxy = Vec3::Zero();   ///< Position of the proxy [m].
+  double stiffness = 0.0;      ///< Coupling stiffness k in this tick [N/m].
+  double error_bound = 0.0;    ///< SolveResult::error_bound of the last balance [m].
   Vec3 waiting = Vec3::Zero();  ///< Negative of the pull that is left along a stream [m], at most
-                                ///< the tolerance. If the probe were displaced by this, the proxy
-                                ///< would be at the balance on the tangent.
-  double injected = 0.0;        ///< Work that primitives did on the proxy [J]: the sum of
-                          ///< max(0, -k (h - p_new).(p_new - p_old)) over its moves, h the hand in
-                          ///< that move. Along a curve: the rise of the spring's energy. At least
-                          ///< the bound on the work on the hand (docs/tick.md, Energy).
+                                ///< the tolerance. A probe displaced by this would have its balance
+                                ///< at the proxy, on the tangent.
+  double injected =
+      0.0;  ///< Work that primitives did on the proxy [J]: the sum of max(0, -k (h - p_new).(p_new
+            ///< - p_old)) over its moves, h the hand in that move. Along a curve: the rise of the
+            ///< spring's energy. At least the bound on the work on the hand (docs/tick.md, Energy).
   int iterations = 0;   ///< Solver iterations (SolveResult::iterations) of all sub-steps.
-  int substeps = 0;     ///< Number of readings of properties on the path. A balance follows each.
+  int substeps = 0;     ///< Number of readings of properties on the path; a balance follows each.
   int samples = 0;      ///< Number of field reads in all sub-steps.
   bool coarse = false;  ///< True if coarser data, or data of another moment, replaced missing data.
   int traced = 0;       ///< Number of vector reads along streams.
   int walked = 0;       ///< Number of cells searched for a surface on the path.
   int primitives = 0;   ///< Number of primitives in the balance of the last sub-step.
-  int parts = 0;  ///< Number of parts of the scene that were sampled. Their data are near, or were
-                  ///< near when the parts were chosen.
-  int left_out = 0;  ///< Number of near parts left out for lack of room; the weakest are left out.
+  int parts = 0;        ///< Number of sampled parts: near now, or when the parts were chosen.
+  int left_out = 0;     ///< Number of near parts left out for lack of room, the weakest ones.
   double missing = 0.0;  ///< Upper bound of the force error that left_out causes [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
   StepStatus status = StepStatus::kConverged;   ///< The worst status that occurred in the tick.
@@ -67,8 +64,8 @@ struct StepReport {
   double moving = 1.0;  ///< Share of the force that StillFade leaves while the arm does not move.
   double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
   double energy = 0.0;  ///< Energy in the tank [J].
-  double left = 0.0;  ///< `force` as a share of the spring's force plus that of remote hands; 0 if
-                      ///< the directions differ.
+  double left =
+      0.0;  ///< Share of `force` in the sum of spring and remote hands; 0 if directions differ.
 };
 
 /// Sets the status, unless the present status is worse.

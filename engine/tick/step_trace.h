@@ -15,28 +15,27 @@ namespace palpate {
 
 /// The limit of the proxy's step after a balance.
 enum class StepEnd : std::uint8_t {
-  kFree,     ///< No limit: the step reached the target of the balance and of Newton's step.
+  kFree,     ///< No limit: the step reached the target of Newton's step.
   kVoxel,    ///< The distance to which the last reading is valid.
   kTrusted,  ///< The trust radius of Newton's step, after the last step turned back.
   kSurface,  ///< A surface on the path.
   kParts,    ///< The border of the chosen parts of the scene.
 };
 
-/// The steps of one tick, in order. Uses fixed memory; hapticStep fills it on request.
+/// The steps of one tick, in order. Fixed memory; hapticStep fills it on request.
 struct StepTrace {
   /// One balance, and the step of the proxy, or of the next reading, after it.
   struct Step {
     /// True if the balance used the planes of the last reading, without a new reading.
     bool foreseen = false;
-    Vec3 at = Vec3::Zero();         ///< x, where properties were read [m]; if foreseen, where the
-                                    ///< primitives are remembered.
+    Vec3 at = Vec3::Zero();  ///< x, the place of the reading, or of the remembered primitives [m].
     Vec3 proxy = Vec3::Zero();      ///< Position of the proxy [m].
     Vec3 balance = Vec3::Zero();    ///< The balance G(x) [m].
     Vec3 newton = Vec3::Zero();     ///< Newton's step from x [m].
     StepEnd end = StepEnd::kFree;   ///< Limit of the step after this balance.
     Vec3 went = Vec3::Zero();       ///< End of the step [m].
     std::bitset<kMaxModes> yields;  ///< Modes of the scene's own graph with a primitive that
-                                    ///< yielded in this balance. Directed forces do not count.
+                                    ///< yielded in this balance, other than directed forces.
   };
 
   /// Returns the filled steps, in the order of the tick.

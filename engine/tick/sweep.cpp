@@ -8,8 +8,7 @@ namespace {
 /// A shorter path along a surface is not swept, because the last reading covers it [voxels].
 constexpr double kSeen = 0.1;
 
-/// Finds where a path first falls through a surface. Both are in the resting frame of the surface's
-/// volume.
+/// Finds where a path first falls through a surface. Both are in the surface's resting frame.
 Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from, const Vec3& to,
                    StepReport& report) noexcept {
   const Graph& graph = felt.graph();
@@ -25,10 +24,10 @@ Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from
   return crossing;
 }
 
-/// Returns the sum of the lifts of the planes that bear load. Its length is at most that of the
-/// longest lift. The path is swept at this lift for a surface without a plane, so that a surface at
-/// the same height as the loaded planes does not stop the path. A surface that rises above the
-/// lifted path stops it. The next reading detects all lower surfaces.
+/// Returns the sum of the lifts of the planes that bear load, at most as long as the longest lift.
+/// The path is swept at this lift for a surface without a plane, so that a surface at the same
+/// height as the loaded planes does not stop the path. A surface that rises above the lifted path
+/// stops it; the next reading detects all lower surfaces.
 Vec3 commonLift(const Tick& tick, double length) noexcept {
   Vec3 sum = Vec3::Zero();
   if (tick.balance.surfaces == 0) return sum;
@@ -75,14 +74,12 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
         to = body->pose.toRest(to);
       }
       crossing = firstFall(ahead, felt, from, to, tick.report);
-      // If a surface has no plane and the lifted path begins behind it, the sweep is repeated
-      // without the lift.
+      // Without a plane, a lifted path that begins behind the surface is swept again without lift.
       const bool behind = crossing.behind || (crossing.found && crossing.share <= 0.0);
       again = !placed && behind && !lift.isZero(0.0);
       if (again) lift.setZero();
     } while (again);
-    // If the whole path is behind the surface, it begins behind another wall of that surface. The
-    // step then ends at its start.
+    // A path behind the surface begins behind another wall of it; the step ends at its start.
     if (!crossing.found && !crossing.behind) {
       trial.swept = trial.swept && crossing.share >= 1.0;
       return;

@@ -1,5 +1,4 @@
-/// The sweep, which finds surfaces on the proxy's path, so that the proxy does not pass through
-/// them.
+/// The sweep: finds surfaces on the proxy's path, so that the proxy does not pass through them.
 #pragma once
 
 #include "palpate/engine/tick/iteration.h"
@@ -10,10 +9,9 @@ namespace palpate {
 
 /// Ends a trial step where it first falls through a surface from the free side. The path is swept
 /// in the resting frame of each surface's volume. For a surface in contact, the path is lifted by a
-/// quarter of its length. If that path is shorter than a tenth of a voxel, the last reading
-/// suffices, and there is no sweep. For any other surface, the path has the common lift of the
-/// planes that bear load. A surface that yields does not end the step. RT: no allocation. Cost:
-/// ScalarField::firstFall.
+/// quarter of its length; if it is shorter than a tenth of a voxel, the last reading suffices. For
+/// any other surface, the path has the common lift of the planes that bear load. A surface that
+/// yields does not end the step. RT: no allocation. Cost: ScalarField::firstFall.
 void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -18,7 +18,7 @@
 
 namespace palpate {
 
-/// The proxy: its position, and flags about its path.
+/// The proxy and its path.
 struct Proxy {
   Vec3 position = Vec3::Zero();  ///< Position [m].
   Vec3 offset = Vec3::Zero();    ///< Position minus the probe's [m].
@@ -29,8 +29,7 @@ struct Proxy {
                       ///< swept. The next tick then forgets contacts.
 };
 
-/// The surroundings of the proxy: the graphs to evaluate, the memories of their modes, and the
-/// moving volumes.
+/// The surroundings of the proxy: the graphs to evaluate, and the moving volumes.
 struct Surroundings {
   Surroundings() : memories(kMaxModes), graphs(1 + kMaxNearParts) {}
 
@@ -39,14 +38,14 @@ struct Surroundings {
 
   std::vector<ModeMemory> memories;  ///< Memories of the modes of the scene's own graph.
   Properties properties;             ///< Properties from the last reading of that graph.
-  /// Graphs of this tick: the scene's own graph, then those of the near parts.
+  /// Storage of felt(); `count` are in use.
   std::vector<Felt> graphs;
   std::size_t count = 1;  ///< Number of graphs in use.
   NearParts near;         ///< Parts of the scene with data that the proxy can reach.
   Bodies bodies;          ///< The moving volumes of the scene's own graph.
 };
 
-/// The last balance: its primitives, its forces, and the starting values for the next one.
+/// The last balance, and the starting values for the next one.
 struct BalanceMemory {
   BalanceMemory() : forces(kMaxPrimitives, Vec3::Zero()) {}
 

@@ -10,14 +10,12 @@
 namespace palpate {
 namespace {
 
-/// A reading is still valid at a target within this share of the distance that the proxy may move
-/// from it.
+/// A reading is valid at a target within this share of the distance that the proxy may move.
 constexpr double kNearShare = 0.25;
 
-/// Returns the distance that the proxy may move from a before properties are read again [m]. This
-/// is a voxel of the finest volume that the path to b can reach. It is longer in empty parts of
-/// volumes, and infinite without a volume. If a volume has carried the place of its reading away
-/// from a, the distance counts from that place.
+/// Returns the distance that the proxy may move from a before properties are read again [m]: a
+/// voxel of the finest volume that the path to b can reach, more in empty parts of volumes, and
+/// infinity without a volume. For moving volumes see Bodies::reachFrom.
 double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Vec3& b) noexcept {
   const Bodies& bodies = tick.around.bodies;
   if (!bodies.empty()) return bodies.reachFrom(tick.felt(), a, b, now.read);
@@ -52,8 +50,8 @@ void stayNear(Tick& tick, const Vec3& from, Trial& trial) noexcept {
   ++tick.strayed;
 }
 
-/// Returns the point nearest to p on the path from a to b [m]. If the whole path to a balance adds
-/// no energy, neither does a part of it.
+/// Returns the point nearest to p on the path from a to b [m]. If the path adds no energy, neither
+/// does a part of it.
 Vec3 onWay(const Vec3& a, const Vec3& b, const Vec3& p) noexcept {
   const Vec3 way = b - a;
   const double length = way.squaredNorm();

@@ -13,7 +13,7 @@ struct Trial {
   Vec3 end;              ///< End of the step [m].
   bool complete = true;  ///< True if the step reaches its target.
   bool cut = false;  ///< True if the proxy moves to `end`, because the reading is valid no farther.
-  bool trusted = false;  ///< The trust radius of Newton's step ended the step.
+  bool trusted = false;  ///< True if the trust radius of Newton's step ended the step.
   bool near = true;  ///< True if the reading at the start of the step is still valid at the target.
   bool met = false;  ///< True if the step reached a surface.
   bool strays = false;  ///< True if the step led beyond the chosen parts.
@@ -24,9 +24,8 @@ struct Trial {
 };
 
 /// Returns the trial step towards the target of an iteration. Within data it is at most one voxel
-/// long, and at most the trust radius of Newton's step. It follows the curve that holds the proxy,
-/// and ends where it first falls through a surface. `unread` is true if properties will not be read
-/// on the path. RT: no allocation.
+/// long, and at most the trust radius. It follows the curve that holds the proxy, and ends at the
+/// first surface. `unread` is true if properties will not be read on the path. RT: no allocation.
 [[nodiscard]] Trial advance(Tick& tick, Iteration& now, bool unread) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate
