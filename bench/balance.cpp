@@ -1,6 +1,5 @@
-/// Measures the cost of one balance, and counts solves that do not converge. Solves random problems
-/// of every family from a cold start, for several numbers of primitives. Prints the number of
-/// solves, the largest certified error bound, and the time of single balances.
+/// Measures the cost of a balance on random problems of every family, from a cold start. Prints
+/// times, the largest certified error bound, and the number of solves that do not converge.
 ///
 ///     palpate_bench_balance [PROBLEMS_PER_ROW [TOLERANCE]]
 #include <algorithm>
@@ -26,8 +25,8 @@ struct Totals {
   int most = 0;
 };
 
-/// Solves each problem once per pass, so that the processor cannot learn its branches. The time of
-/// a problem is the median over the passes, less the time that the clock adds.
+/// Solves each problem once per pass, so that the processor cannot learn the problem's branches. A
+/// problem's time is the median over the passes, minus the time of reading the clock.
 void run(bench::Family family, int count, long problems, const SolverParams& params,
          double clock_step, Totals& totals) {
   constexpr int kPasses = 5;

@@ -5,9 +5,9 @@
 ///     palpate_bench_bricks --formula N [--folder FOLDER]
 ///
 /// Prints a row for each of zstd's levels, with 32 and with 16 bits. One thread fetches,
-/// decompresses and checks the bricks in random order: first from files in the system's cache, then
-/// from files that the system was asked to drop from its cache. With --formula: computes N^3
-/// bricks, which are never together in memory, writes them, and prints the peak memory.
+/// decompresses and checks the bricks in random order, from the system's cache and then from disk.
+/// --formula writes N^3 computed bricks without holding all of them in memory, and prints the peak
+/// memory.
 #include "palpate/samplers/bricks/bricks.h"
 
 #include <algorithm>
@@ -41,8 +41,7 @@ double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-/// Asks the system to drop a file from its cache. If the system complies, the next read comes from
-/// the disk.
+/// Asks the system to drop a file from its cache, so that the next read comes from the disk.
 void letGo(const fs::path& file) {
   const int opened = open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (opened < 0) return;

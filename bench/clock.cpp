@@ -1,7 +1,6 @@
-/// Measures the delay of ticks, and how much of the delay the machine causes. Runs two loops in
-/// turn, with the same priority. One is the haptic thread, which sleeps until a tick's time or
-/// wakes before it (LoopParams::early). The other is a bare loop that only sleeps and reads the
-/// clock; its delay is the machine's.
+/// Measures the delay of ticks, and the part of this delay that the machine causes. Runs the haptic
+/// thread, which may wake early (LoopParams::early), in turns with a bare loop of the same
+/// priority. The delay of the bare loop is the machine's.
 ///
 ///     palpate_bench_clock [--rate HZ] [--seconds S] [--turns N] [--load THREADS]
 #include <algorithm>

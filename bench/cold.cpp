@@ -52,8 +52,7 @@ class Sink final : public TickSink {
 /// A piece of code with its own branches, different for each N.
 template <std::size_t N>
 [[gnu::noinline]] std::uint64_t piece(std::uint64_t x) {
-  // The empty assembler statement prevents the compiler from replacing the branches by conditional
-  // moves.
+  // Keeps the compiler from replacing the branches by conditional moves.
   const auto branch = [&](std::size_t bit, std::uint64_t y) {
     if ((x >> bit & 1) == 0) return;
     x ^= y;
@@ -84,7 +83,6 @@ void keepBusy(const std::atomic<bool>& done) {
   }
 }
 
-/// Returns the cores that this process may run on; at least one.
 std::vector<int> cores() {
   std::vector<int> found;
   cpu_set_t allowed;

@@ -1,6 +1,5 @@
-/// Times ticks under the conditions of a real hand: in a loop that sleeps between ticks, on a core
-/// that other work also uses. Provides the haptic thread, a bare loop for comparison, and
-/// reproducible other work (Neighbour).
+/// Times ticks as with a real hand: in a loop that sleeps between ticks, on a core that other work
+/// uses. Provides the haptic thread, a bare loop, and reproducible other work (Neighbour).
 #pragma once
 
 #include <array>
@@ -15,7 +14,6 @@
 
 namespace palpate::bench {
 
-/// Times measured in one loop.
 struct LoopTimes {
   /// Times of single ticks [us]. For a bare loop: times of reading the clock.
   std::vector<double> tick;
@@ -24,7 +22,7 @@ struct LoopTimes {
   std::int64_t faults = 0;   ///< Page faults of the loop's thread.
   double cpu = 0.0;          ///< Processor time of the loop's thread [s].
   double seconds = 0.0;      ///< Duration over which `cpu` was counted [s].
-  bool priority = true;      ///< The thread had real-time priority.
+  bool priority = true;      ///< True if the thread had real-time priority.
 
   void add(const LoopTimes& other);
 };
@@ -32,7 +30,6 @@ struct LoopTimes {
 /// Runs a loop that only sleeps until each tick's time, and reads the clock twice.
 [[nodiscard]] LoopTimes runBare(double rate, double seconds, const RealtimeRequest& request);
 
-/// Runs the haptic thread for `seconds` [s] or until the device ends.
 [[nodiscard]] LoopTimes runHaptic(Device& device, const std::shared_ptr<const Scene>& scene,
                                   const LoopParams& params, double seconds);
 
@@ -40,19 +37,17 @@ struct LoopTimes {
 void printHead();
 void printRow(const std::string& loop, const LoopTimes& times);
 
-/// Where a Neighbour runs: on the loop's "own" core, on an "other" core, or nowhere ("none").
+/// Core on which a Neighbour runs: the loop's "own" core, an "other" core, or "none".
 inline constexpr std::array kNeighbours{"own", "other", "none"};
 
 /// Returns the core for a loop that runs beside a Neighbour: the last core.
 [[nodiscard]] int loopCore();
 
-/// Reproducible other work, during the object's life. A thread runs through 4,096 pieces of code
-/// and 8 MB of memory in random order, with unpredictable branches. On the loop's own core it has
-/// priority over all other work without real-time priority. So each of the loop's ticks follows the
-/// same kind of work.
+/// Reproducible other work: a thread runs through 4,096 pieces of code and 8 MB of memory in random
+/// order, with unpredictable branches. On the loop's core its priority is the highest without
+/// real-time priority, so that each tick follows the same kind of work.
 class Neighbour {
  public:
-  /// @param where  One of kNeighbours.
   explicit Neighbour(const std::string& where);
   Neighbour(const Neighbour&) = delete;
   Neighbour& operator=(const Neighbour&) = delete;

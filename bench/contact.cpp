@@ -1,5 +1,4 @@
-/// Prints a table of contact on concave or rough surfaces: its cost, and how precisely it holds the
-/// proxy.
+/// Prints the cost and the precision of contact on concave or rough surfaces.
 ///
 ///     palpate_bench_contact [--frames N] [--only ROW] [--substeps N] [--seed N] [--surface]
 ///     [--times]

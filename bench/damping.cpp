@@ -1,5 +1,5 @@
-/// Measures the effect of the time over which the coupling's damper computes its velocity. Prints
-/// the force noise that an encoder's steps cause, and the stiffest coupling that comes to rest.
+/// Measures how the averaging time of the coupling's damper affects two results: the force noise
+/// from encoder steps, and the largest stable stiffness.
 #include <cstdio>
 #include <string>
 #include <vector>

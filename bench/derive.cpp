@@ -1,12 +1,10 @@
-/// Compares two ways to get a property of a flow. One derives it from the current cell at every
-/// reading; the other computes it once into a grid, which is then read. Measures time per reading,
-/// memory and error of both.
+/// Compares two ways to get a property of a flow: from the current cell at every reading, or from a
+/// grid that is computed once. Measures time per reading, memory and error.
 ///
 ///     palpate_bench_derive [--quick] > derive.md
 ///
-/// The flow is that of Arnold, Beltrami and Childress, whose properties are known exactly, with 8,
-/// 16 and 32 voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random
-/// points.
+/// The flow is that of Arnold, Beltrami and Childress, which is known exactly, at 8, 16 and 32
+/// voxels per wavelength. Times are for a walk in steps of 0.05 voxels, and for random points.
 #include "palpate/samplers/grid/derive.h"
 
 #include <array>
@@ -38,8 +36,7 @@ using bench::Clock;
 using openvdb::Vec3d;
 
 constexpr double kMegabyte = 1e6;
-/// Points keep this distance from the block's edge [voxels], where derivatives lack neighbours and
-/// B-splines oscillate.
+/// Distance of points from the block's edge, where neighbours are missing [voxels].
 constexpr double kMargin = 16.0;
 
 struct Options {
@@ -84,10 +81,8 @@ std::shared_ptr<const Volume> makeFlow(int block, const Flow& flow) {
   return loadVolume(folder / "flow.vdb", "");
 }
 
-/// Returns the first three numbers of a property at a place.
 using Read = std::function<Vec3(const Vec3&)>;
 
-/// A field, with the cache for reading it.
 template <class Field>
 struct Bound {
   explicit Bound(std::shared_ptr<const Field> f)
@@ -137,8 +132,7 @@ double errorOf(const Read& read, Derivation what, const Flow& flow, int block, s
   return std::sqrt(error / size);
 }
 
-/// Makes a hand's path in steps of 0.05 voxels. Its direction changes slowly, and reverses at the
-/// block's edge.
+/// Makes a path in steps of 0.05 voxels. Its direction changes slowly, and reverses at the edge.
 std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   constexpr double kStep = 0.05;
   test::Random random(3);
@@ -157,7 +151,6 @@ std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   return walk;
 }
 
-/// Returns the time per call [ns].
 template <class Reader>
 double timeCalls(const Reader& read, const std::vector<Vec3>& points) {
   static volatile double keep = 0.0;
@@ -171,14 +164,12 @@ double timeCalls(const Reader& read, const std::vector<Vec3>& points) {
   });
 }
 
-/// Median times over the rounds, for the walk and for random points [ns].
 struct Cost {
   double walk = 0.0;
   double random = 0.0;
 };
 using Timed = std::function<double(const std::vector<Vec3>&)>;
 
-/// Times the contenders in turns. Each round begins with the next contender.
 std::vector<Cost> measureCosts(const std::vector<Timed>& contenders, const Options& options) {
   const std::vector<Vec3> walk = makeWalk(options.block(), options.calls());
   test::Random random(4);

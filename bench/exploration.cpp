@@ -42,8 +42,8 @@ std::unique_ptr<const Scene> makeBall(Explored what) {
                     {"stream", makeVortex(Vec3::Zero(), {2.0, 4.0, 10.0}, 0.3, 0.1, kVoxel)}});
 }
 
-/// Returns the scripted exploration of the box around the ball, with a tremor. The pace varies
-/// between 0.4 and 3.6 times that of the script.
+/// Returns the target of a hand that explores the ball's box along the scripted path, with a
+/// tremor. The script runs at 0.4 to 3.6 times its normal speed.
 HandTarget tremble(double seconds, std::uint64_t seed) {
   constexpr double kPace = 2.0;
   constexpr double kSway = 1.6;                    // amplitude, relative to the mean pace
@@ -72,8 +72,7 @@ HandTarget tremble(double seconds, std::uint64_t seed) {
           seconds};
 }
 
-/// Returns the place of the proxy when the primitives were placed, which is the anchor of the
-/// viscosity or follow mode's primitive.
+/// Returns the proxy's position when the primitives were placed: the anchor of the second mode.
 Vec3 startOf(std::span<const Primitive> primitives, const Vec3& before) {
   for (const Primitive& p : primitives) {
     if (p.kind == PrimitiveKind::kPoint || p.kind == PrimitiveKind::kLine) return p.position;

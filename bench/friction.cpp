@@ -24,8 +24,7 @@ namespace {
 using namespace palpate;
 using bench::Clock;
 
-/// Planes under a motion: planes whose normals are within 70 degrees of one direction, or the two
-/// walls of a groove with an angle of 10 to 80 degrees.
+/// Planes with normals within 70 degrees of one direction, or a groove of 10 to 80 degrees.
 struct Family {
   const char* name;
   int planes;
@@ -74,7 +73,6 @@ std::vector<Plane> planesOf(const Family& family, test::Random& random) {
   return planes;
 }
 
-/// Statistics of a family's balances.
 struct Done {
   std::vector<double> iterations;
   std::vector<double> ns;
@@ -101,8 +99,7 @@ struct Done {
   }
 };
 
-/// Checks a converged balance against Coulomb's law and the spring. Throws if they do not hold,
-/// because the measured times would then be useless.
+/// Checks a converged balance against Coulomb's law and the spring. Throws if they do not hold.
 void judge(const Vec3& hand, double stiffness, const PrimitiveSet& set, const SolveResult& result,
            const std::vector<Vec3>& forces) {
   if (result.status != SolveStatus::kConverged) return;

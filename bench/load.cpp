@@ -1,13 +1,11 @@
-/// Measures how long a grid takes to load, and the peak memory. Compares loadVolume with OpenVDB's
-/// own File::readGrid. loadVolume also counts, checks and measures the data that it reads. Each
-/// load runs in its own process. The two loaders take turns and read files that are in the system's
-/// cache.
+/// Measures time and peak memory of loading a grid. Compares loadVolume, which also checks the
+/// data, with OpenVDB's File::readGrid, in turns. Each load has its own process and a cached file.
 ///
 ///     palpate_bench_load [FILE.vdb...] [--grid NAME] [--runs N]
 ///
-/// Without a file, the benchmark makes its own: the level set of a large ball and a dense fog, each
-/// compressed with Blosc and uncompressed. It also makes the fog with zip compression, which
-/// OpenVDB does not use for level sets.
+/// Without a file, the benchmark makes the level set of a large ball and a dense fog, each with
+/// Blosc and uncompressed. It also makes the fog with zip, which OpenVDB does not use for level
+/// sets.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -50,7 +48,6 @@ struct Options {
   std::size_t threads = 2;
 };
 
-/// Result of a child process, which the child sends through a pipe.
 struct Said {
   double ms = 0.0;
   double memory = 0.0;  ///< Memory that the grid occupies [MB].
@@ -65,8 +62,7 @@ double peakOfProcess() {
   return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts in kB
 }
 
-/// Runs `work` in a separate process, so that its memory, threads and caches do not affect the next
-/// run. Throws if `work` throws.
+/// Runs `work` in a separate process, so that runs do not affect each other. Throws if it throws.
 template <class Work>
 Said inChild(const Options& options, Work work) {
   std::fflush(nullptr);
@@ -130,7 +126,6 @@ std::string nameOf(const path& file, const Options& options) {
   return said.text.data();
 }
 
-/// Returns the compression of the grid, as the file states it.
 std::string compressionOf(const path& file, const std::string& grid, const Options& options) {
   const Said said = inChild(options, [&](Said& out) {
     openvdb::io::File source(file.string());
@@ -150,7 +145,6 @@ std::string compressionOf(const path& file, const std::string& grid, const Optio
   return said.text.data();
 }
 
-/// Reads a file once, so that it is in the system's cache.
 void warm(const path& file) {
   std::ifstream in(file, std::ios::binary);
   std::vector<char> buffer(std::size_t{1} << 20U);
@@ -158,7 +152,6 @@ void warm(const path& file) {
   }
 }
 
-/// Results of the runs of one loader.
 struct Runs {
   std::vector<double> ms;
   std::vector<double> peak;  ///< Peak memory, less that of an idle process [MB].
@@ -197,7 +190,7 @@ void measure(const path& file, const Options& options) {
   std::fflush(stdout);
 }
 
-/// Makes a dense block whose values are smooth and differ from each other.
+/// Makes a dense block of smooth values that all differ.
 FloatGrid::Ptr makeFog(int edge) {
   auto fog = FloatGrid::create(0.0F);
   fog->setName("density");

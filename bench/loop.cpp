@@ -1,7 +1,6 @@
-/// Measures the cost of a loop that ticks on time. Runs the haptic thread over scenes, with the
-/// simulated device, at 1 and 10 kHz. The thread sleeps until each tick's time, or wakes before it
-/// and warms up its caches (LoopParams::early). It takes turns with a bare loop that only sleeps
-/// and reads the clock. All of them run beside the same other work (Neighbour in bench/cold.h).
+/// Measures the cost of ticks on time. Runs the haptic thread over scenes at 1 and 10 kHz, in turns
+/// with a bare loop, beside the same other work (Neighbour in bench/cold.h). The thread sleeps
+/// until each tick, or wakes early and warms up its caches (LoopParams::early).
 ///
 ///     palpate_bench_loop SCENE... [--seconds S] [--turns N] [--neighbour own|other|none]
 #include <algorithm>

@@ -10,7 +10,6 @@ namespace palpate::bench {
 
 namespace {
 
-/// Pins the calling thread to its present core. Returns false if the system does not allow this.
 bool stayHere() {
   cpu_set_t core;
   CPU_ZERO(&core);

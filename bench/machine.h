@@ -16,11 +16,10 @@ struct Machine {
   /// Commit of the build; ends with "+" if sources differed from the commit.
   std::string commit;
   double clock_step = 0.0;  ///< Resolution of the clock: the smallest step that was seen [ns].
-  bool pinned = false;      ///< The thread stays on one core.
+  bool pinned = false;
 };
 
-/// Keeps the calling thread on its present core during the object's life, if the system allows
-/// this.
+/// Keeps the calling thread on its present core, if the system allows this.
 class Pinned {
  public:
   Pinned();
@@ -34,11 +33,10 @@ class Pinned {
   bool good_ = false;
 };
 
-/// Describes this machine. If `pin` is set and the system allows it, pins the calling thread to its
-/// current core first.
+/// Describes this machine. If `pin`, first pins the calling thread to its present core where
+/// possible.
 [[nodiscard]] Machine takeMachine(bool pin = true);
 
-/// Returns one line for the heading of a table.
 [[nodiscard]] std::string describe(const Machine& machine);
 
 }  // namespace palpate::bench

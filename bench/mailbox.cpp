@@ -45,7 +45,6 @@ void tell(const char* what, const char* when, const std::vector<double>& ns) {
               bench::percentile(ns, 0.999));
 }
 
-/// Times both ends, each alone and then with the other end busy on another core.
 void time() {
   std::printf("%-8s %-12s %10s %8s %8s %8s\n", "end", "other end", "calls", "p50 ns", "p99 ns",
               "p99.9 ns");
@@ -76,7 +75,6 @@ struct Words {
   std::array<std::uint64_t, sizeof(Telemetry) / 8> words{};
 };
 
-/// Exchanges values of the size of a tick's telemetry, as fast as two threads can.
 bool exchange(std::uint64_t count) {
   Mailbox<Words> box;
   std::uint64_t torn = 0;

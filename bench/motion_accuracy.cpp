@@ -1,7 +1,5 @@
-/// Measures the cost of a tick, and the distance of the proxy from its surface or stream. Compares
-/// the engine at several tolerances with textbook methods that keep no reference
-/// (motion_methods.h). The surfaces and streams are known exactly, and the hand moves at several
-/// speeds.
+/// Measures the cost of a tick, and the proxy's distance from known surfaces and streams. Compares
+/// the engine with textbook methods that keep no reference (motion_methods.h), at several speeds.
 ///
 ///     palpate_bench_motion_accuracy > motion_accuracy.json
 ///     bench/motion_accuracy_chart.py motion_accuracy.json docs/charts
@@ -41,7 +39,6 @@ struct Options {
   std::vector<std::string> flows;  ///< .vdb files.
   std::string scan;                ///< a CT scan as .vdb, on which the hand slides
 
-  // Sizes of the full and the quick measurement.
   [[nodiscard]] std::vector<double> speeds() const {
     return quick ? std::vector{0.5} : std::vector{0.05, 0.5, 1.0, 2.0};  // [m/s]
   }
@@ -58,7 +55,7 @@ constexpr double kStreamStrength = 1.0;  // [N], of a stream
 constexpr double kPull = 1.0;            // distance of the hand beside a stream [voxels]
 constexpr int kSubsteps = 16;            // largest number for the engine
 
-/// A method at one setting. `make` makes it for a problem.
+/// A method at one setting. `on` makes the method for a problem.
 template <class Problem>
 struct Contender {
   std::string method;
@@ -88,7 +85,6 @@ Stepper stepperOf(std::shared_ptr<Method> method, double level = 0.0) {
   };
 }
 
-/// Tolerances of the engine, with their names in charts.
 const std::vector<std::pair<std::string, double>> kTolerances{
     {"0.1", 0.1}, {"0.01", 0.01}, {"1e-3", 1e-3}, {"1e-4", 1e-4}};
 
@@ -134,7 +130,6 @@ std::vector<Contender<Stream>> streamContenders() {
   return out;
 }
 
-/// Returns the median and the tails over the rounds.
 ordered_json ofRounds(const std::vector<double>& ns) {
   return {{"median", rounded(percentile(ns, 0.5))},
           {"p10", rounded(percentile(ns, 0.1))},
@@ -142,8 +137,8 @@ ordered_json ofRounds(const std::vector<double>& ns) {
 }
 
 /// Runs all methods in all rounds. Each round begins with the next method, so that other work of
-/// the machine affects all methods equally. Writes the row that `run` returned in the first round,
-/// with the times of all rounds.
+/// the machine affects all equally. Writes the rows of the first round, with the times of all
+/// rounds.
 template <class Problem, class Run>
 void compare(const std::vector<Contender<Problem>>& contenders, const Options& options,
              ordered_json& results, const Run& run) {
@@ -242,8 +237,7 @@ void measureStreams(const std::string& name, const std::vector<Stream>& streams,
   }
 }
 
-/// Returns streams of a file's vector grid. The hand stays on the near side of the centre of
-/// curvature, as on the streams of procedural flows.
+/// Returns a file's streams with the hand on the near side of the centre of curvature.
 std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   std::vector<Stream> streams = streamsOfFile(file, 4 * options.starts(), options.length());
   std::erase_if(streams, [](const Stream& s) { return !(s.mostBend(kPull) < kMostBend); });
@@ -262,8 +256,7 @@ double timeNothing(const Options& options) {
   return feelSurface(motion, nothing, 0.5, options.way() / motion.lap).nanoseconds;
 }
 
-/// Measures the force noise on the skin of a real scan of a head, with and without a proxy that is
-/// held back.
+/// Measures the force noise on a scanned head's skin, with and without a proxy that is held back.
 ordered_json rubOn(const Options& options) {
   constexpr double kSkin = -300.0;  // [HU]
   constexpr double kScale = 1e-3;   // metres per unit of the scan: millimetres

@@ -122,7 +122,8 @@ void MemorylessStream::move(const Vec3& probe, Moved& moved) noexcept {
       break;
     }
   }
-  // Across the line: the part of the spring that exceeds what the line holds.
+  // Perpendicular to the line, the proxy moves by the part of its distance to the hand that exceeds
+  // give_.
   const double off = aside.norm();
   if (off > give_) proxy_ += (1.0 - give_ / off) * aside;
 }

@@ -1,6 +1,5 @@
-/// Textbook methods that move a proxy over a surface or along a stream. They keep only the proxy's
-/// place, not the level or line to which it belongs. For charts; the engine has its own method
-/// (engine/tick/step.h).
+/// Textbook methods that move a proxy over a surface or along a stream. They keep the proxy's
+/// place, but no level or line. For charts; the engine's method is in engine/tick/step.h.
 #pragma once
 
 #include <memory>
@@ -10,25 +9,24 @@
 
 namespace palpate::methods {
 
-/// Result of one tick of a method.
 struct Moved {
   Vec3 proxy = Vec3::Zero();  ///< [m]
   int reads = 0;              ///< Readings of the field.
   int cells = 0;              ///< Cells searched for a contact while the proxy was free.
-  bool held = false;          ///< The proxy is held apart from the hand.
+  bool held = false;          ///< True if the proxy is held apart from the hand.
 };
 
 /// How a surface method divides the hand's path in one tick.
 struct SurfaceRule {
   int substeps = 1;  ///< Number of parts of the hand's path.
-  /// How often the normal is read again, half-way to the end of the previous try. 1: the explicit
-  /// midpoint rule; more: approaches the implicit midpoint rule.
+  /// Number of times that the normal is read again, half-way to the end of the last try. 1: the
+  /// explicit midpoint rule. More: approaches the implicit midpoint rule.
   int midpoints = 0;
 };
 
-/// A plane through the proxy, with the normal read at the proxy. Each sub-step has one balance in
-/// closed form, as in Lundin et al., section 3.2. A free proxy touches the surface where V falls
-/// through `level`. After that the level has no effect.
+/// A plane through the proxy, with the normal read there. Each sub-step has one balance in closed
+/// form (Lundin et al., section 3.2). A free proxy touches the surface where the field's value
+/// crosses `level` on the way into the solid. Afterwards the level has no effect.
 class MemorylessSurface {
  public:
   /// @param sign  +1 if the solid's values are below the level, -1 if they are above.
@@ -40,8 +38,8 @@ class MemorylessSurface {
   [[nodiscard]] Moved tick(const Vec3& probe) noexcept;
 
  private:
-  /// Balances the spring with a plane through the proxy. The normal is read at `at`. Returns false
-  /// if the normal is zero, or if the probe is in front of the plane.
+  /// Balances the spring with a plane through the proxy and the normal at `at`. Returns false if
+  /// the normal is zero, or if the probe is in front of the plane.
   bool balance(const Vec3& at, const Vec3& probe, Vec3& end, Moved& moved) noexcept;
   void move(const Vec3& probe, Moved& moved) noexcept;
 
@@ -57,7 +55,6 @@ class MemorylessSurface {
   Vec3 probe_ = Vec3::Zero();
 };
 
-/// Rules to follow the line through the proxy.
 enum class Along {
   kTangent,   ///< Straight along the line at the proxy.
   kMidpoint,  ///< Along the direction at the half-way point, by the length of the line's balance.
@@ -69,9 +66,9 @@ struct StreamRule {
   int substeps = 1;
 };
 
-/// A line through the proxy along v, in closed form. Along the line the proxy follows the hand.
-/// Across the line, the proxy moves only if the hand is farther away than `give`. Rules of higher
-/// order assume a smooth field, although the field has kinks at the faces of cells.
+/// A line through the proxy along the flow, in closed form. The proxy follows the hand along the
+/// line. Perpendicular to the line, it moves only if the hand is farther away than `give`. Rules of
+/// higher order ignore the field's kinks at the faces of cells.
 class MemorylessStream {
  public:
   /// @param give  Strength / stiffness, s/k [m].
@@ -80,7 +77,8 @@ class MemorylessStream {
   [[nodiscard]] Moved tick(const Vec3& probe) noexcept;
 
  private:
-  /// Returns v / |v|, or zero if v is zero or `at` is outside the data.
+  /// Returns the unit direction of the flow, or zero if the flow is zero or `at` is outside the
+  /// data.
   [[nodiscard]] Vec3 direction(const Vec3& at, Moved& moved) noexcept;
   void move(const Vec3& probe, Moved& moved) noexcept;
 

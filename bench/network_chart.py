@@ -6,7 +6,7 @@
 Left and middle: a hand in a volume of bricks that a web server sends, through real TCP and palpate_relay (the bowl of
 tests/scenes/http_test.py). Left: the share of ticks that read coarse bricks. Middle: the force error of these runs,
 relative to a replay with bricks from a folder. Right: the distance between two linked hands, in virtual time
-(palpate_loop_tests "a hand is led*"). Writes network.png and .svg into FOLDER; the tables go to standard output. Takes
+(palpate_loop_tests "a hand follows*"). Writes network.png and .svg into FOLDER; the tables go to standard output. Takes
 three minutes."""
 import re
 import subprocess
@@ -54,7 +54,7 @@ def through_a_window():
 
 def linked():
     """Returns for each loss, one pair for each delay: the delay and the distance of two hands [mm]."""
-    said = subprocess.run([BUILD / "tests/palpate_loop_tests", "a hand is led*"], check=True, capture_output=True,
+    said = subprocess.run([BUILD / "tests/palpate_loop_tests", "a hand follows*"], check=True, capture_output=True,
                           text=True, timeout=60).stdout
     found = {}
     for delay, loss, apart in re.findall(r"^ *(\d+) +(\d+): ([\d.]+)$", said, re.MULTILINE):

@@ -1,12 +1,11 @@
 /// Measures whether energy comes out of the hand's port: palpate_bench_passivity [RUNS [HANDS]].
-/// Makes millions of runs: without a passivity controller, with Hannaford and Ryu's observer, and
+/// Makes millions of runs without a passivity controller, with Hannaford and Ryu's observer, and
 /// with the energy tank. RUNS (default 20000) is the number of the tank's runs "at random" and
-/// "restarted"; all other rows have a tenth of it. HANDS selects the rows whose name contains it.
+/// "restarted"; other rows have a tenth. HANDS selects rows by a part of their name.
 ///
 /// Columns:
 /// - active: runs in which more energy came out than rounding explains.
-/// - broken: runs in which more energy came out than the tank promises, or in which the tank claims
-///   more energy than there is.
+/// - broken: runs in which more energy came out than the tank allows, or its sum is too high.
 /// - acts: share of the ticks in which the controller changed the force.
 /// - takes: share of the force that the controller removed (an observer adds force).
 #include <algorithm>

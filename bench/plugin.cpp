@@ -1,7 +1,5 @@
-/// Measures the cost of running a plug-in in a separate process. Reads and drives the plug-in's arm
-/// at a fixed rate, with the plug-in inside this process and in its own. Prints the time that
-/// reading and writing add to a tick, the age of a position when it is read, and the delay of a
-/// force on its way to the plug-in.
+/// Measures the cost of a plug-in in a separate process, compared with one in this process: added
+/// time in a tick, age of a position when it is read, and delay of a force.
 ///
 ///     palpate_bench_plugin [--rate HZ] [--seconds S]
 #include <cstdio>

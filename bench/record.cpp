@@ -1,6 +1,5 @@
-/// Measures how much time a recording adds to a tick. Runs the haptic thread over a scene, with and
-/// without a Recorder, in turns. Times each tick from the reading of the hand until the tick is
-/// stored.
+/// Measures how much time a recording adds to a tick. Runs the haptic thread with and without a
+/// Recorder, in turns. Times each tick from the reading of the hand until the tick is stored.
 ///
 ///     palpate_bench_record SCENE [--rate HZ] [--seconds S] [--turns N]
 #include <algorithm>
@@ -53,8 +52,7 @@ class Noting final : public Device {
   SimulatedDevice inner_;
 };
 
-/// Passes each tick to the recorder, if there is one. Stores the time from the reading until the
-/// tick has been passed on.
+/// Passes each tick to the recorder, if there is one. Stores the time since the hand's reading.
 class Kept final : public TickSink {
  public:
   Kept(const Noting& device, Recorder* recorder, std::size_t ticks)
@@ -79,7 +77,6 @@ struct Times {
   std::int64_t lost = 0;
 };
 
-/// Runs one turn, from the first tick to the end of the hand's path.
 void feel(const BuiltScene& built, const Options& options, bool recorded, Times& times) {
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "palpate_bench.rec";
   Noting device(explore(built.bounds, options.seconds), options.rate);

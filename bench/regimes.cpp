@@ -1,5 +1,4 @@
-/// Prints a table for the documents: cases in which other methods fail, and the engine's result
-/// there.
+/// Prints a table of cases in which other methods fail, with the engine's results.
 ///
 ///     palpate_bench_regimes
 ///

@@ -17,8 +17,8 @@ void tell(const std::string& what);
 
 [[nodiscard]] nlohmann::ordered_json asJson(const Machine& machine);
 
-/// Writes a result as JSON, with one list element per line, so that people can read it and `diff`
-/// can compare it. An empty name means standard output. Throws if it cannot write.
+/// Writes JSON with one list element per line; to standard output if `file` is empty. Throws if it
+/// cannot write.
 void writeResult(const nlohmann::ordered_json& result, const std::string& file);
 
 }  // namespace palpate::bench

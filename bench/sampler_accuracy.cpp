@@ -1,7 +1,5 @@
-/// Measures the cost and the error of a reading. Prints the time per call against the errors of the
-/// value, of the gradient and of the gradient's direction. Covers every interpolation of palpate,
-/// OpenVDB's samplers and stencils, and NanoVDB's samplers, each with warm, cold and emptied
-/// caches.
+/// Measures time per call, and errors of value and gradient, with warm, cold and emptied caches.
+/// Covers every interpolation of palpate, OpenVDB's samplers and stencils, and NanoVDB's samplers.
 ///
 ///     palpate_bench_sampler_accuracy > sampler_accuracy.json
 ///     bench/sampler_accuracy_chart.py sampler_accuracy.json docs/charts
@@ -35,7 +33,6 @@ struct Options {
   bool quick = false;
   std::string output;
 
-  // Sizes of the full and the quick measurement.
   [[nodiscard]] std::size_t errorPoints() const { return quick ? 20000 : 200000; }
   [[nodiscard]] std::size_t jumpPoints() const { return quick ? 2000 : 20000; }
   [[nodiscard]] double ballRadius() const { return quick ? 40.0 : 200.0; }  // [voxels]
@@ -45,25 +42,21 @@ struct Options {
   [[nodiscard]] std::size_t firstCalls() const { return quick ? 3 : 300; }
 };
 
-/// A field with a known gradient, for one number of voxels per wavelength. Its values are at
-/// most 1. Its gradients, per voxel, are at most `steepest`.
+/// A field with a known gradient. Values are at most 1, gradients per voxel at most `steepest`.
 struct Analytic {
   const char* name;
   double voxels;  ///< Voxels per wavelength, or per radius of the ball.
   double steepest;
   int block;  ///< Edge of the block that holds the field [voxels].
   std::function<Sampled(const Vec3&)> truth;
-  /// Returns a random point at which the error is measured.
   std::function<Vec3(test::Random&)> place;
 };
 
-/// Voxels around the measured region. The influence of a voxel on B-splines falls by a factor of
-/// 0.27 per voxel.
+/// Voxels around the measured region. A voxel's influence falls by a factor 0.27 per voxel.
 constexpr double kMargin = 16.0;
-/// Keeps voxels away from zeros and crests, and centres away from voxels.
+/// Offset of the waves, so that voxels are not at zeros or maxima of the field.
 const Vec3 kOff(0.37, 0.21, 0.44);
 
-/// Makes sin x sin y sin z over one wavelength, but at least sixteen voxels.
 Analytic makeWaves(double voxels) {
   const double k = 2.0 * M_PI / voxels;
   const double edge = std::max(voxels, 16.0);
@@ -81,8 +74,7 @@ Analytic makeWaves(double voxels) {
           }};
 }
 
-/// Makes the distance to a ball's surface, divided by the ball's radius, for points within a
-/// quarter of the radius of the surface.
+/// Makes the distance to a ball's surface divided by the radius, up to a quarter of the radius.
 Analytic makeDistance(double voxels) {
   const int block = static_cast<int>(2.5 * voxels + 2.0 * kMargin) + 2;
   const Vec3 centre = Vec3::Constant(0.5 * block) + kOff;
@@ -99,7 +91,6 @@ Analytic makeDistance(double voxels) {
           }};
 }
 
-/// Mean of the squared errors, and the largest error.
 struct Error {
   double squares = 0.0;
   double largest = 0.0;
@@ -121,8 +112,7 @@ double degreesBetween(const Vec3& a, const Vec3& b) {
   return std::atan2(a.cross(b).norm(), a.dot(b)) * 180.0 / M_PI;
 }
 
-/// Returns the largest jump of the gradient across the faces of cells and voxels, divided by
-/// `steepest`.
+/// Returns the gradient's largest jump across faces of cells and voxels, divided by `steepest`.
 double largestJump(Sampler& sampler, const Analytic& field, std::size_t count) {
   constexpr double kBeside = 1e-6;
   test::Random random(2);
@@ -179,8 +169,7 @@ ordered_json measureErrors(const Options& options) {
   return results;
 }
 
-/// The ball of the walk. The walk stays in a band about the surface, away from the borders of the
-/// tree's nodes.
+/// The ball of the walk. Its band lies away from the borders of the tree's nodes.
 struct Ball {
   Vec3 centre = Vec3::Constant(2048.3);
   double radius = 0.0;
@@ -191,8 +180,7 @@ struct Ball {
   }
 };
 
-/// Makes a hand's path through the band, in steps of up to a tenth of a voxel whose direction
-/// changes slowly.
+/// Makes a path through the band, in steps of up to 0.1 voxel with slowly changing direction.
 std::vector<Vec3> makeWalk(const Ball& ball, std::size_t steps) {
   constexpr double kStep = 0.1;
   test::Random random(3);
@@ -220,16 +208,14 @@ std::vector<Vec3> makeScatter(const Ball& ball, std::size_t count) {
   return points;
 }
 
-/// Returns the size of the first core's last-level cache [bytes]. sysconf would give the sum over
-/// all caches of the processor, including those of other cores.
+/// Returns the size of a core's last-level cache [bytes]. sysconf would add those of all cores.
 std::size_t lastCache() {
   std::ifstream file("/sys/devices/system/cpu/cpu0/cache/index3/size");
   std::size_t kilobytes = 0;
   return file >> kilobytes ? kilobytes << 10U : std::size_t{32} << 20U;
 }
 
-/// Memory of twice the size of the last-level cache. Reading this memory evicts all other data from
-/// the cache.
+/// Memory of twice the size of the last-level cache. Reading it evicts all other data.
 class Evictor {
  public:
   explicit Evictor(bool quick) : memory_((quick ? 1U << 20U : 2 * lastCache()) / sizeof(long), 1) {}
@@ -253,14 +239,12 @@ struct Cost {
   std::vector<double> first_far;
 };
 
-/// Returns the median and the tails of the rounds' means.
 ordered_json ofRounds(const std::vector<double>& ns) {
   return {{"median", rounded(percentile(ns, 0.5))},
           {"p10", rounded(percentile(ns, 0.1))},
           {"p90", rounded(percentile(ns, 0.9))}};
 }
 
-/// Returns percentiles of single calls.
 ordered_json ofCalls(const std::vector<double>& ns) {
   return {{"p50", rounded(percentile(ns, 0.5))},
           {"p90", rounded(percentile(ns, 0.9))},
@@ -268,15 +252,14 @@ ordered_json ofCalls(const std::vector<double>& ns) {
           {"count", ns.size()}};
 }
 
-/// Returns the time per call [ns]. Times calls in small batches and uses only the middle half of
-/// the batches, which excludes batches in which another program had the core.
+/// Returns the time per call [ns], from the middle half of small batches, to exclude other work.
 double timeCalls(Sampler& sampler, std::span<const Vec3> points) {
   return middleOfBatches(points,
                          [&](std::span<const Vec3> batch) { return sampler.timeAll(batch); });
 }
 
 /// Calls `turn` for every contender in every round. Each round begins with the next contender, so
-/// that other work of the machine affects all contenders equally.
+/// that other work of the machine affects all equally.
 template <class Turn>
 void takeTurns(std::size_t contenders, std::size_t rounds, const char* what, Turn turn) {
   for (std::size_t round = 0; round < rounds; ++round) {

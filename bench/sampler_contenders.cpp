@@ -34,8 +34,7 @@ Vec3d asVec3d(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-// Convert a result to numbers. Their sum is used, which prevents the optimiser from removing the
-// call.
+// Conversions of results to numbers. Their sum keeps the optimiser from removing the call.
 Sampled asSampled(double value) noexcept {
   return {value, Vec3::Zero()};
 }
@@ -51,8 +50,7 @@ Sampled asSampled(const VectorSample& s) noexcept {
 Sampled asSampled(const Vec3& v) noexcept {
   return {v.sum(), Vec3::Zero()};
 }
-// Adds plain numbers. In a source file of this size the compiler calls Eigen's sum() instead of
-// inlining it, which costs some nanoseconds.
+// Adds plain numbers: in a large source the compiler does not inline Eigen's sum().
 template <std::size_t N>
 double added(const double* values) noexcept {
   double sum = 0.0;
@@ -79,7 +77,6 @@ double since(Clock::time_point start) {
   return std::chrono::duration<double, std::nano>(Clock::now() - start).count();
 }
 
-/// A sampler from a callable, compiled into the timed loops.
 template <class Read>
 class SamplerOf final : public Sampler {
  public:
@@ -128,7 +125,6 @@ auto differencesOf(Read read) {
   };
 }
 
-/// Returns one of OpenVDB's samplers, with an accessor that does not lock.
 template <class SamplerT, class GridT>
 auto openVdb(const typename GridT::Ptr& grid) {
   using Accessor = openvdb::tree::ValueAccessor<const typename GridT::TreeType, false>;
@@ -151,8 +147,7 @@ auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
   };
 }
 
-/// Returns OpenVDB's stencil over a cell's eight voxels, which gives value and gradient of their
-/// polynomial.
+/// Returns OpenVDB's stencil over a cell's eight voxels: value and gradient of their polynomial.
 auto boxStencil(const FloatGrid::Ptr& grid) {
   using Stencil = openvdb::math::BoxStencil<FloatGrid, false>;
   return [grid, stencil = std::make_shared<Stencil>(*grid)](const Vec3& p) {
@@ -186,7 +181,6 @@ auto nanoVdb(const FloatGrid::Ptr& grid) {
 }
 #endif
 
-/// Makes palpate's field. All of palpate's contenders get their field from this function.
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, Interpolation interpolation) {
   return makeVdbField(volume, Placement{}, {interpolation});
 }

@@ -1,7 +1,5 @@
-/// The compared samplers (palpate's, OpenVDB's and NanoVDB's) behind one interface, and the grids
-/// that they read. A grid has voxels of size 1, and the hand's world is the file's space. So
-/// positions are index positions for all samplers. This favours OpenVDB, because palpate's sampler
-/// maps positions even here.
+/// The compared samplers (palpate's, OpenVDB's and NanoVDB's) and their grids. World positions are
+/// index positions, which favours OpenVDB: palpate's sampler maps positions even here.
 #pragma once
 
 #include <cstdint>
@@ -28,8 +26,7 @@ class Sampler {
   Sampler& operator=(const Sampler&) = delete;
   virtual ~Sampler() = default;
 
-  /// Returns value and gradient. For a vector field, returns the sum of its components and a zero
-  /// gradient.
+  /// Returns value and gradient; for a vector field, the sum of components and a zero gradient.
   [[nodiscard]] virtual Sampled at(const Vec3& p) = 0;
   /// Reads at all points, one after the other. Returns the time [ns].
   [[nodiscard]] virtual double timeAll(std::span<const Vec3> points) = 0;
@@ -40,7 +37,6 @@ class Sampler {
 /// The quantities that a call returns.
 enum class Reads : std::uint8_t { kValue, kValueAndGradient, kValueAndJacobian };
 
-/// Returns "V", "V+G" or "V+J".
 [[nodiscard]] const char* wordFor(Reads reads) noexcept;
 
 struct Contender {
@@ -50,26 +46,24 @@ struct Contender {
   std::unique_ptr<Sampler> sampler;
 };
 
-/// Makes a sampler that reads nothing, to time the loops and the clock alone.
+/// Makes an empty sampler, to time the loops and the clock alone.
 [[nodiscard]] Contender makeNothing();
 
-/// A grid, and the samplers that read it.
 struct Contest {
   std::uint64_t active_voxels = 0;
   std::uint64_t memory = 0;  ///< [bytes]
   std::vector<Contender> contenders;
 };
 
-/// Returns true if NanoVDB was found at build time.
 [[nodiscard]] bool hasNanoVdb() noexcept;
 
-/// Makes a dense block of voxels [0, n)^3 whose values are f(position).
+/// Makes a dense block of voxels [0, n)^3 with the values f(position).
 [[nodiscard]] Contest overBlock(int n, const std::function<double(const Vec3&)>& f);
 
 /// Makes the level set of a ball, with a half-width of three voxels.
 [[nodiscard]] Contest overBall(const Vec3& centre, double radius);
 
-/// Makes the velocity field of a rotation about the centre, in the voxels of that ball's level set.
+/// Makes the velocity field of a rotation about the centre, in the voxels of the ball's level set.
 [[nodiscard]] Contest overSpinningBall(const Vec3& centre, double radius);
 
 }  // namespace palpate::bench

@@ -1,11 +1,10 @@
-/// Measures the cost of many volumes: ticks, memory and build time. Varies the number of volumes,
-/// the number that overlap at the hand, and their size.
+/// Measures the cost of many volumes (ticks, memory, build time) by number, overlap and size.
 ///
 ///     palpate_bench_scale [--quick] [--pairs N] [--only WHAT] [--scene SCENE]... [--out
 ///     RESULT.json]
 ///
-/// Compares ticks in pairs of runs; the order of the two scenes alternates from pair to pair.
-/// Scenes are built on all cores. The thread that ticks stays on one core while it is timed.
+/// Compares ticks in pairs of runs, in alternating order. Scenes are built on all cores; the thread
+/// that ticks stays on one core.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -74,7 +73,6 @@ std::shared_ptr<const Volume> throughAFile(const openvdb::GridBase::Ptr& grid) {
   return loadVolume(file, "");
 }
 
-/// Makes the level set of a ball.
 std::shared_ptr<const Volume> makeBall(double radius) {
   openvdb::initialize();
   const auto grid = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
@@ -83,7 +81,7 @@ std::shared_ptr<const Volume> makeBall(double radius) {
   return throughAFile(grid);
 }
 
-/// Makes a cloud whose density is highest in its middle.
+/// Makes a cloud that is densest in its middle.
 std::shared_ptr<const Volume> makeCloud() {
   openvdb::initialize();
   const auto grid = openvdb::FloatGrid::create();
@@ -105,7 +103,6 @@ PlaceSpec placeAt(const Vec3& at) {
   return place;
 }
 
-/// Modes: skin() for a ball, layers() for a cloud.
 ModeSpec skin() {
   ModeSpec mode;
   mode.kind = ModeKind::kIsosurface;
@@ -122,7 +119,6 @@ ModeSpec layers() {
   return mode;
 }
 
-/// Makes a scene from one volume with instances at `places`.
 SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
                   const std::vector<Vec3>& places) {
   SceneSpec spec;
@@ -135,7 +131,7 @@ SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& m
   return spec;
 }
 
-/// Makes the same scene from volumes of one graph, which each tick evaluates.
+/// Makes the same scene with all volumes in one graph. Each tick evaluates the whole graph.
 SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
                      const std::vector<Vec3>& places) {
   SceneSpec spec;
@@ -152,8 +148,7 @@ SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec
 
 /// Returns the place of a hand in free space at a time [s], on a path at 0.3 m/s.
 Vec3 freePlace(double time) {
-  // The path is a circle about the two balls, in the plane through an edge's middle and a corner of
-  // the room.
+  // A circle about the two balls, in the plane through an edge's middle and a corner of the room.
   constexpr double kRound = 0.35;  // [m]
   const double turn = 0.3 * time / kRound;
   const Vec3 u = Vec3(1, 1, 0).normalized();
@@ -161,13 +156,12 @@ Vec3 freePlace(double time) {
   return kRound * (std::cos(turn) * u + std::sin(turn) * v);
 }
 
-/// Returns the places of two balls that overlap, and of further balls that a hand does not reach on
-/// its two paths.
+/// Returns the places of two balls that overlap, and of balls out of reach of the hand's paths.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
   constexpr double kApart = 0.06;  // [m] from the middle, because the hand stays within 35 mm of it
-  // [m] from the free path, because a ball has 2 cm and its data another 3 mm.
+  // [m] from the free path. A ball has a radius of 2 cm, and its data reach 3 mm farther.
   constexpr double kFree = 0.03;
   std::vector<Vec3> free;
   free.reserve(2000);
@@ -184,8 +178,7 @@ std::vector<Vec3> placesOf(std::size_t count) {
   return places;
 }
 
-/// Returns a path around two overlapping balls, up to 3 mm inside and outside of their surface, at
-/// up to 0.17 m/s.
+/// Returns a path around two overlapping balls, within 3 mm of their surface, at up to 0.17 m/s.
 std::vector<Vec3> wayAround(std::size_t ticks) {
   std::vector<Vec3> way;
   way.reserve(ticks);
@@ -207,7 +200,6 @@ struct Ride {
   std::vector<StepReport> reports;
 };
 
-/// Times a hand's ticks along a path, after a thousand ticks as warm-up.
 Ride ride(const Scene& scene, const std::vector<Vec3>& way) {
   const bench::Pinned pinned;
   Reader reader;
@@ -247,7 +239,6 @@ void append(std::vector<double>& to, const std::vector<double>& from) {
   to.insert(to.end(), from.begin(), from.end());
 }
 
-/// Returns the median time that reading the clock adds [ns].
 double clockCost() {
   std::vector<double> ns;
   ns.reserve(10001);
@@ -258,8 +249,7 @@ double clockCost() {
   return bench::percentile(ns, 0.5);
 }
 
-/// Times the search for near volumes, and whole ticks, for a hand that moves through free space at
-/// 0.3 m/s.
+/// Times the search for near volumes, and whole ticks, of a hand in free space at 0.3 m/s.
 void freeSpace(const Scene& scene, ordered_json& row) {
   constexpr int kLooks = 40000;
   std::vector<Vec3> way;
@@ -292,8 +282,7 @@ void freeSpace(const Scene& scene, ordered_json& row) {
   row["free_tick"] = timesOf(free.ns);
 }
 
-/// Returns the memory of four hands beyond that of the scene [bytes]: readers and proxies after
-/// their first ticks.
+/// Returns the memory of the readers and proxies of four hands after their first ticks [bytes].
 double memoryOfHands(const Scene& scene, const std::vector<Vec3>& way) {
   const double before = residentMemory();
   std::vector<Reader> readers(4);
@@ -354,7 +343,7 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
   return rows;
 }
 
-/// Several clouds within 4 mm of each other, and a hand's path through all of them.
+/// Several clouds within 4 mm of each other, and a hand's path through all clouds.
 struct Heap {
   std::vector<Vec3> places;
   std::vector<Vec3> way;
@@ -373,7 +362,7 @@ struct Heap {
   }
 };
 
-/// Measures ticks with different numbers of clouds, up to more than a tick has room for.
+/// Measures ticks with different numbers of clouds, up to more clouds than a tick can evaluate.
 ordered_json crowds(const Options& options) {
   ordered_json rows = ordered_json::array();
   const auto cloud = makeCloud();
@@ -402,7 +391,6 @@ ordered_json byOverlap(const Options& options) {
     std::vector<double> one_ns;
     std::vector<double> ratios;
     double iterations = 0.0;
-    // Keeps only ticks in which all clouds take part.
     const auto keep = [&](const Ride& ridden, std::vector<double>& ns) {
       std::vector<double> own;
       own.reserve(heap.way.size());
@@ -479,7 +467,6 @@ ordered_json bySize(const Options& options) {
     const BuiltScene single = buildScene(sceneOf(volume, skin(), {Vec3::Zero()}));
     const double first = seconds(start);
     const double with_one = residentMemory();
-    // A thousand balls that do not overlap.
     std::vector<Vec3> places;
     places.reserve(1000);
     for (int i = 0; i < 1000; ++i) {
@@ -490,7 +477,6 @@ ordered_json bySize(const Options& options) {
     const BuiltScene many = buildScene(sceneOf(volume, skin(), places));
     const double thousand = seconds(again);
     const double with_all = residentMemory();
-    // A path over the balls' surface.
     std::vector<Vec3> way;
     const std::size_t ticks = options.quick ? 4000 : 40000;
     way.reserve(ticks);
@@ -556,8 +542,7 @@ int run(const Options& options) {
   ordered_json json;
   const auto ball = makeBall(kRadius);
   {
-    // Builds a scene once before measuring, because some memory is allocated only at the first
-    // build.
+    // Builds a scene before measuring, because the first build allocates additional memory.
     (void)buildScene(sceneOf(ball, skin(), placesOf(10)));
   }
   bench::Machine machine = bench::takeMachine(false);

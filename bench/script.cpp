@@ -1,11 +1,10 @@
-/// Measures the time of the calls of a script in C++. script_cost.py compares this time with that
-/// of the script. Samples the same points of the same grid, and runs the same ticks of the same
-/// scene.
+/// Measures the calls of a script in C++, for comparison by script_cost.py. Samples the same points
+/// of the same grid, and runs the same ticks of the same scene.
 ///
 ///     palpate_bench_script FILE.vdb GRID POINTS PROBES
 ///
-/// POINTS (in the file's space) and PROBES (in W) are files of raw doubles, three per point. Prints
-/// the smallest of five rounds, in this order: ns per sample, ns per tick.
+/// POINTS (in the file's space) and PROBES (in world space) are files of raw doubles, three per
+/// point. Prints the smallest of five rounds, in this order: ns per sample, ns per tick.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -43,7 +42,6 @@ std::vector<Vec3> readPoints(const char* file) {
   return points;
 }
 
-/// Returns the time per item [ns] in the fastest of five rounds.
 template <class Round>
 double best(std::size_t items, Round round) {
   double least = 1e300;

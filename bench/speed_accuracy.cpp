@@ -1,8 +1,7 @@
-/// Compares the speed and the accuracy of the methods of the literature and of the engine's solver.
-/// Measures the time per balance against the error of the proxy. Each method has several settings;
-/// problems and motions come from several families. Also measures the solvers' iterations over a
-/// recorded exploration (the paper's figure 7), and the excess force of non-orthogonal constraints
-/// (its section 3.1).
+/// Compares speed and accuracy of the methods of the literature and of the engine's solver: time
+/// per balance and error of the proxy, for several settings and families of problems and motions.
+/// Also measures iterations over a recorded exploration (figure 7 of Lundin et al.), and the excess
+/// force of non-orthogonal constraints (section 3.1 of Lundin et al.).
 ///
 ///     palpate_bench_speed_accuracy > speed_accuracy.json
 ///     bench/speed_accuracy_chart.py speed_accuracy.json docs/charts
@@ -42,7 +41,6 @@ using nlohmann::ordered_json;
 
 constexpr double kShortest = 5.0;  // [ns]: shorter times are noise of the clock
 
-/// Accuracies to reach, as shares of S/k.
 struct Target {
   const char* word;
   double share;
@@ -62,7 +60,6 @@ double nanoseconds(Clock::duration d) {
   return std::chrono::duration<double, std::nano>(d).count();
 }
 
-/// A family's problems with their exact answers.
 struct Row {
   std::string family;
   std::size_t primitives = 0;
@@ -86,7 +83,7 @@ Row makeRow(Family family, int count, const Options& options) {
 }
 
 std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBalance>& exploration) {
-  // A motion consists of twenty stretches, each of which starts cold.
+  // A motion consists of twenty stretches with a cold start.
   constexpr std::size_t kStretches = 20;
   const std::size_t ticks = std::max<std::size_t>(10, options.problems / 4);
   std::vector<Row> rows;
@@ -121,8 +118,8 @@ std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBala
   return rows;
 }
 
-/// Finds the exact answers with the reference solver, which is slow, uses quadruple precision and
-/// shares no code with the measured methods. Throws if it cannot find an answer to within 1e-6 S/k.
+/// Finds the exact answers with the slow reference solver, in quadruple precision, which shares no
+/// code with the measured methods. Throws if an answer is not within 1e-6 S/k.
 ordered_json findTruth(std::vector<Row>& rows) {
   constexpr double kClose = 1e-6;  // share of S/k
   std::size_t cases = 0;
@@ -145,7 +142,6 @@ ordered_json findTruth(std::vector<Row>& rows) {
   return {{"cases", cases}, {"widest_bound_over_reach", rounded(widest)}};
 }
 
-/// Results of one contender on one row.
 struct Score {
   std::vector<std::vector<double>> times;  // per case, one per pass [ns]
   std::vector<double> cost;                // per case, mean of the middle half [ns]
@@ -161,8 +157,7 @@ struct Score {
   std::vector<double> cold;  // times of the first cases under a tick's conditions [ns]
 };
 
-/// Makes one pass over a row. Times single balances, and never solves a problem twice in a row, so
-/// that branches are as hard to predict as in a tick.
+/// Times each problem of a row once, so that branches are as hard to predict as in a tick.
 void pass(const Contender& contender, const Row& row, double overhead, Score& score) {
   std::vector<Primitive> primitives(row.primitives);
   const auto begin = Clock::now();
@@ -188,7 +183,7 @@ void pass(const Contender& contender, const Row& row, double overhead, Score& sc
   score.spent += 1e-9 * nanoseconds(Clock::now() - begin);
 }
 
-/// Returns the time of an empty measurement, that is, of the clock and the call.
+/// Returns the time of an empty measurement: of the clock and the call [ns].
 double measureOverhead() {
   const Contender nothing{
       "", "", [](const BalanceProblem&, std::span<const Primitive>) { return Answer{}; }};
@@ -204,8 +199,7 @@ double measureOverhead() {
   return middleHalf(times);
 }
 
-/// Measures the contenders in turns over a row, so that other work of the machine affects all of
-/// them equally.
+/// Measures the contenders in turns, so that other work of the machine affects all equally.
 std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& row,
                            double overhead, double seconds_each) {
   constexpr int kPasses = 9;
@@ -227,8 +221,8 @@ std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& 
   return scores;
 }
 
-/// Times a motion's first balances under a tick's conditions: each after a millisecond of sleep, on
-/// a busy core. Times only the engine's solver as a tick uses it, and the paper's solver.
+/// Times a motion's first balances as in a tick: after a millisecond of sleep, on a busy core. Only
+/// for the engine's solver as a tick uses it, and the paper's solver.
 void measureCold(const std::vector<Contender>& contenders, const Row& row, double overhead,
                  std::size_t most, std::vector<Score>& scores) {
   const Neighbour neighbour("own");
@@ -307,7 +301,6 @@ ordered_json describe(const Contender& contender, const Row& row, const Score& s
           {"passes", score.passes}};
 }
 
-/// The settings of one method, as indices of contenders.
 struct Settings {
   std::string method;
   std::vector<std::size_t> indices;
@@ -329,9 +322,8 @@ std::vector<Settings> rivalsAmong(const std::vector<Contender>& contenders) {
   return rivals;
 }
 
-/// Returns the setting that a user would choose for a target: the cheapest of the reliable
-/// settings. A setting is reliable if it reaches the target in at most one case in a hundred less
-/// often than the best setting does.
+/// Returns the cheapest reliable setting for a target. A setting is reliable if the share of cases
+/// that reach the target is at most one percentage point below that of the best setting.
 std::size_t bestSetting(const Settings& settings, const Row& row, const std::vector<Score>& scores,
                         const Target& target) {
   std::size_t most = 0;
@@ -350,12 +342,10 @@ std::size_t bestSetting(const Settings& settings, const Row& row, const std::vec
   return best;
 }
 
-/// Compares the engine's solver, set to a target, with every other method at its best setting, over
-/// the cases in which both reach the target. Also writes in how many cases each misses the target,
-/// and two more ratios. The first ratio takes the cheapest setting that reaches the target, case by
-/// case. No program can make this choice, so it favours the other method. The second ratio covers
-/// all cases, also those in which the other method missed the target, because these are seldom
-/// easy.
+/// Compares the engine's solver with every other method at its best setting for a target, over the
+/// cases in which both reach the target. Also writes the missed cases and two more ratios. The
+/// first takes the cheapest setting of each case, a choice that no program can make, so it favours
+/// the other method. The second covers all cases.
 void addRatios(const std::vector<Contender>& contenders, const Row& row,
                const std::vector<Score>& scores, ordered_json& ratios) {
   for (std::size_t o = 0; o < contenders.size(); ++o) {
@@ -410,8 +400,7 @@ void addRatios(const std::vector<Contender>& contenders, const Row& row,
   }
 }
 
-/// Returns the data of figure 7: the iterations and the hand's speed, tick by tick, over an
-/// exploration.
+/// Returns the data of figure 7: iterations and the hand's speed in each tick.
 ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
   std::vector<double> speed;
   std::vector<std::size_t> primitives;
@@ -444,11 +433,10 @@ ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
       {"rate_hz", 1000}, {"speed_m_s", speed}, {"primitives", primitives}, {"solvers", solvers}};
 }
 
-/// Repeats section 3.1 as an experiment. There are three constraints: two at an angle to each
-/// other, and one orthogonal to both. The proxy is where the constraints were placed, and the hand
-/// is 5 mm away, in many directions. The excess force is the difference between the force on the
-/// hand and that of the exact balance. The exact force is zero if all strengths are zero. For the
-/// primitives, a constraint becomes two planes, one for each sense of its direction.
+/// Repeats section 3.1 with three constraints: two at an angle, one orthogonal to both. The
+/// constraints meet at the proxy, and the hand is 5 mm away, in many directions. The excess force
+/// is the difference from the force of the exact balance. The exact balance uses two planes for
+/// each constraint, one for each sense of its direction.
 ordered_json nonorthogonal(const Options& options) {
   constexpr double kStiffness = 500.0;
   constexpr double kAway = 5e-3;  // [m]

@@ -1,6 +1,6 @@
-/// Compares speed, accuracy and stability of the methods. For each method, finds the largest stable
-/// stiffness on a wall and between two planes, at 1, 4 and 10 kHz. Also measures the error of the
-/// force and the cost of a balance.
+/// Compares the methods' speed, accuracy and stability. Finds the largest stable stiffness on a
+/// wall and between two planes at 1, 4 and 10 kHz. Also measures the error of the force and the
+/// cost of a balance.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -24,8 +24,7 @@ namespace {
 constexpr double kStiffness = 500.0;  // [N/m], at which forces are compared
 constexpr double kLeast = 20.0;       // [N/m], at which the search starts
 
-/// Returns the largest stiffness such that it and all smaller tried ones, down to kLeast, come to
-/// rest; 0 if kLeast does not come to rest.
+/// Returns the largest stable stiffness below the first unstable try; 0 if kLeast is unstable.
 ///
 /// @param step   Factor from one tried stiffness to the next. Halving then refines to `ratio`.
 double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
@@ -102,8 +101,7 @@ int run(bool quick, const std::string& output) {
         MapSetting setting;
         setting.rate = rate;
         setting.arm.delay = 1.0 / rate;
-        // Without Coulomb friction, because friction would stop a small kick above the stability
-        // limit, which is not the method's merit.
+        // Coulomb friction would stop a small kick even above the stability limit.
         setting.arm.coulomb = 0.0;
         setting.arm.encoder = 1e-7;
         setting.seconds = quick ? 1.0 : 3.0;

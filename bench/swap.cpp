@@ -2,9 +2,8 @@
 ///
 ///     palpate_bench_swap [--pairs N] [--seconds S] [--rate HZ] [--voxels N]
 ///
-/// Compares pairs of runs of the real loop. In one run the scene stays. In the other run, the
-/// volume is loaded and replaced as often as possible. The order of the two alternates from pair to
-/// pair.
+/// Compares pairs of runs of the real loop, in alternating order. In one run the scene stays. In
+/// the other, the volume is loaded and replaced as often as possible.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -30,7 +29,6 @@ namespace {
 
 using namespace palpate;
 
-/// Collects the times of a run's ticks.
 class Times final : public TickSink {
  public:
   explicit Times(std::size_t most) { ns_.reserve(most); }

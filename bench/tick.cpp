@@ -1,8 +1,7 @@
-/// Measures the cost of one whole tick. Runs a scene with the simulated device, and prints the
-/// times of single ticks without pauses, grouped by the number of primitives that they balanced.
-/// Also prints their iterations, and the ticks that did not converge. Then measures the same ticks
-/// under the conditions of a real hand (bench/cold.h): the haptic thread sleeps until each tick's
-/// time. This thread takes turns with a bare loop, which shows the time of clock and wake-up.
+/// Measures the cost of one whole tick. Runs a scene with the simulated device without pauses.
+/// Prints times and iterations by number of primitives, and the ticks that did not converge. Then
+/// measures the same ticks as with a real hand (bench/cold.h): the haptic thread sleeps until each
+/// tick's time, in turns with a bare loop, which shows the time of clock and wake-up.
 ///
 ///     palpate_bench_tick SCENE [SECONDS [REPEATS]] [--cold SECONDS] [--neighbour own|other|none]
 #include <algorithm>

@@ -1,6 +1,5 @@
-/// Measures the cost of a tick on a volume that deforms, on one that moves by keyframes, and on one
-/// at rest. A hand is held in contact with a ball. The three volumes take turns, so that other work
-/// of the machine affects all of them equally.
+/// Measures the cost of a tick in contact with a ball that deforms, moves by keyframes, or is at
+/// rest. The three take turns, so that other work of the machine affects all equally.
 ///
 ///     palpate_bench_warp [--turns N]
 #include <cmath>
@@ -28,8 +27,7 @@ const Vec3 kCentre(52.3, 51.7, 52.45);  // [voxels], centre of the ball
 constexpr double kPeriod = 0.2;         // [s]
 constexpr int kTicks = 400;             // per turn
 
-/// Makes a warp that expands and contracts by a tenth, on cells of 8 voxels, with 16 frames per
-/// period.
+/// Makes a warp that expands and contracts by a tenth: cells of 8 voxels, 16 frames per period.
 WarpPtr breathing() {
   constexpr int kFrames = 16;
   DisplacementFrames out;
@@ -117,7 +115,6 @@ void measure(int turns) {
   double sum = 0.0;
   for (int turn = 0; turn < turns; ++turn) {
     for (auto& [name, one] : all) run(one);
-    // A thousand readings along each path, in steps of 0.02 voxel.
     constexpr int kReads = 1000;
     const auto path = [](int i) {
       return Vec3(kVoxel * (kCentre + 0.02 * i * Vec3(0.6, 0.64, 0.48)));

@@ -1,11 +1,9 @@
-/// Measures the cost of a volume that does not fit into memory. Moves a hand in real time along the
-/// skin of a head whose size is many times the window's budget. The head is read through the window
-/// or is completely in memory, in turns.
+/// Measures the cost of a volume that does not fit into memory. A hand moves in real time along the
+/// skin of a large head. The head is read through the window or is completely in memory, in turns.
 ///
 ///     palpate_bench_window DATA [--voxel MM] [--times N] [--pairs N] [--out RESULT.json]
 ///
-/// DATA: a folder with VTK's head (ct_headsq). Writes bricks into --folder, and removes them at the
-/// end.
+/// DATA: folder with VTK's head (ct_headsq). Bricks are in --folder and are removed at the end.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -52,7 +50,6 @@ double used() {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
-/// Stores the ticks of a run, from the time at which the hand is inside the head.
 class Ticks final : public TickSink {
  public:
   struct Row {
@@ -68,7 +65,6 @@ class Ticks final : public TickSink {
     rows_.push_back({static_cast<double>(tick.tick) * kTick, static_cast<double>(tick.tick_ns),
                      tick.report.force.norm(), tick.report.coarse, tick.missed});
   }
-  /// Returns the ticks of the path along the skin.
   [[nodiscard]] std::vector<Row> felt() const {
     std::vector<Row> out;
     for (const Row& row : rows_) {
@@ -81,7 +77,6 @@ class Ticks final : public TickSink {
   std::vector<Row> rows_;
 };
 
-/// State of the window at a time of the run.
 struct Held {
   double time;
   WindowState state;
@@ -90,7 +85,7 @@ struct Held {
 struct Run {
   std::vector<Ticks::Row> ticks;
   std::vector<Held> held;
-  /// A fault cut the run, because the machine kept the loop from its core for 5 ms.
+  /// True if a fault cut the run, because the machine kept the loop from its core for 5 ms.
   bool cut = false;
 };
 
@@ -128,7 +123,7 @@ Run feel(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>
   return run;
 }
 
-/// Repeats the run until the machine does not keep the loop from its core, at most five times.
+/// Repeats the run, at most five times, until the machine does not keep the loop from its core.
 Run feelWhole(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>& path,
               const BrickWindow* window) {
   constexpr int kMost = 5;
@@ -163,8 +158,7 @@ struct Figures {
   }
 };
 
-/// Returns the median over several runs for each tick. This time depends on the path, not on delays
-/// by the machine.
+/// Returns each tick's median over several runs, which excludes delays by the machine.
 std::vector<double> tickByTick(const std::vector<std::vector<Ticks::Row>>& runs) {
   std::vector<double> out;
   for (std::size_t i = 0;; ++i) {
@@ -275,8 +269,7 @@ void measure(const Options& options) {
 
   Json result;
   result["machine"] = bench::asJson(bench::takeMachine(/*pin=*/false));
-  // The first run allocates memory of the loop itself, such as its locked stack. So it is not
-  // measured.
+  // The first run, which allocates the loop's own memory such as its locked stack, is not measured.
   (void)feel(nullptr, {{0.0, Vec3::Zero()}, {0.1, Vec3::Zero()}}, nullptr);
   const double before = used();
   BuiltScene through = buildScene(spec);

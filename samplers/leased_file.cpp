@@ -19,7 +19,6 @@
 namespace palpate {
 namespace {
 
-/// Closes a file descriptor when destroyed, unless release() was called.
 class Descriptor {
  public:
   explicit Descriptor(int number) : number_(number) {}
@@ -35,17 +34,14 @@ class Descriptor {
   int number_;
 };
 
-/// Takes a read lease. Returns true if the lease was granted. Then no process has the file open for
-/// writing, and a process that wants to open it for writing must wait.
+/// Returns true if the system grants a read lease. Then programs that want to write must wait.
 bool lease(int file) {
-  // Selects SIGURG as the signal for a waiting program. The default signal would end this program,
-  // but SIGURG is ignored unless the program handles it.
+  // SIGURG signals a waiting program. The default signal would end this program.
   if (fcntl(file, F_SETSIG, SIGURG) != 0 || fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
   (void)fcntl(file, F_SETOWN, 0);
   return true;
 }
 
-/// Returns the longest time that the system lets a program wait for the end of a lease.
 LeasedFile::Clock::duration longestWait() {
   double seconds = 45.0;
   std::ifstream("/proc/sys/fs/lease-break-time") >> seconds;
@@ -65,7 +61,6 @@ int nameless(const std::filesystem::path& folder) {
   return named;
 }
 
-/// Copies a whole file. Returns 0, or the errno of the failure.
 int copyAll(int from, int to) {
   if (to < 0 || lseek(from, 0, SEEK_SET) < 0) return errno;
   constexpr std::size_t kPiece = std::size_t{1} << 30U;
@@ -75,8 +70,7 @@ int copyAll(int from, int to) {
       if (moved > 0) continue;
       if (moved == 0 && lseek(from, 0, SEEK_CUR) > 0) return 0;
       if (moved < 0 && errno == EINTR) continue;
-      // Falls through if copy_file_range() does not support these two file systems, or if the file
-      // reports a size of 0.
+      // Reached if copy_file_range() does not support the file systems, or for a stated size of 0.
       if (moved < 0 && (errno == ENOSPC || errno == EIO)) return errno;
       by_system = false;
     }
@@ -93,8 +87,7 @@ int copyAll(int from, int to) {
   }
 }
 
-/// Returns the descriptor of a private copy, which is in the folder for temporary files or in
-/// memory.
+/// Returns the descriptor of a private copy, in the folder for temporary files or in memory.
 int copyOf(int file, const std::filesystem::path& path) {
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
@@ -125,8 +118,7 @@ LeasedFile::LeasedFile(const std::filesystem::path& path) {
 }
 
 bool LeasedFile::keptAt(Clock::time_point now) const noexcept {
-  // While another process waits, F_GETLEASE does not return F_RDLCK but the type to which the lease
-  // must change.
+  // While another process waits, F_GETLEASE returns the type to which the lease must change.
   if (!leased_) return true;
   if (fcntl(file_, F_GETLEASE) == F_RDLCK) {
     alone_ = now.time_since_epoch().count();

@@ -17,7 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the folder of the program or shared library that contains this function.
 fs::path ownFolder() {
   Dl_info info{};
   link_map* map = nullptr;

@@ -1,5 +1,5 @@
-/// Private to palpate: its modules, shared libraries that are loaded when they are first used,
-/// because they need libraries that nothing else needs.
+/// Private to palpate: modules, which are shared libraries that are loaded at their first use,
+/// because they need further libraries.
 #pragma once
 
 #include <string>
@@ -26,14 +26,13 @@ struct ModuleEntry : ModuleVersion {
   Function* function;  ///< The function that the module offers.
 };
 
-/// Loads a module and returns its symbol. The module is never unloaded: it may have threads.
+/// Loads a module and returns its symbol. Never unloads it, because it may have threads.
 ///
-/// The folder of modules is $PALPATE_MODULES, if this is an absolute path. Otherwise it is
-/// ../lib/palpate of the program or library that contains this function. If that folder does not
-/// exist, the search covers palpate in the folder `lib` above the program, and the system's
-/// folders. A program with more rights than its user searches the system's folders only. Throws
-/// Error if no folder has the file, if it cannot be loaded, or if all belong to other releases of
-/// palpate. Not for a tick: reads files.
+/// The folder is $PALPATE_MODULES if this is an absolute path, else ../lib/palpate of the program
+/// or library that contains this function. If that folder does not exist, the search covers palpate
+/// in the folder `lib` above the program, and the system's folders. A program with more rights than
+/// its user searches only the system's folders. Throws Error if no folder has the file, if it
+/// cannot be loaded, or if all belong to other releases of palpate. Not for a tick: reads files.
 ///
 /// @param subject  Error::subject(): the option, file or address that needs the module.
 [[nodiscard]] const ModuleVersion& loadModule(const Module& module, const std::string& subject);

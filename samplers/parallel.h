@@ -10,12 +10,10 @@
 namespace palpate {
 
 /// Calls body(0) to body(count - 1) in any order, from several threads. If a call throws, the calls
-/// that have begun run to their end, the remaining calls are skipped, and the exception is thrown
-/// again.
+/// in progress end, the others are skipped, and the exception is thrown again.
 ///
-/// In contrast, tbb::parallel_for would also cancel loops inside the other bodies, without an
-/// error. OpenVDB frees its trees in such inner loops, and cancelled loops would leak memory. A
-/// spline filter would also be left unfinished.
+/// tbb::parallel_for would also cancel loops inside other bodies, without an error. Then OpenVDB
+/// would leak trees, and a spline filter would stay unfinished.
 template <class Body>
 void inParallel(std::size_t count, Body body) {
   std::atomic<bool> failed{false};

@@ -1,5 +1,4 @@
-/// A group of processes that work on one task, possibly on several machines. The number of a
-/// process in its group is its rank.
+/// Processes that work on one task, possibly on several machines. Each has a number, its rank.
 #pragma once
 
 #include <cstddef>
@@ -12,8 +11,7 @@
 
 namespace palpate {
 
-/// Thrown when another rank has failed. Do not report this exception: the failed rank reports the
-/// error.
+/// Thrown when another rank has failed. Do not report it: the failed rank reports the error.
 class GroupEnded : public std::exception {
  public:
   /// Returns a fixed text that is not meant for users.
@@ -39,9 +37,8 @@ class ProcessGroup {
   /// another rank has failed, and Error if the connection between the ranks is lost.
   [[nodiscard]] virtual std::vector<Bytes> gather(std::span<const std::byte> own) = 0;
 
-  /// Reports to all ranks that this rank has failed. A failed rank calls it in place of its next
-  /// gather(). Waits for all ranks.
-  /// @return  True on the lowest of the ranks that have failed. That rank must report the error.
+  /// Reports to all ranks that this rank has failed, in place of its next gather(). Waits for them.
+  /// @return  True on the lowest failed rank, which must report the error.
   [[nodiscard]] virtual bool giveUp() noexcept = 0;
 };
 
@@ -56,8 +53,8 @@ class SingleProcess final : public ProcessGroup {
   [[nodiscard]] bool giveUp() noexcept override { return true; }
 };
 
-/// Gathers one trivially copyable value from each rank, in the order of ranks. All machines must
-/// have the same byte order and data layout.
+/// Gathers a value from each rank, in the order of ranks. All machines must have the
+/// same byte order and data layout.
 template <class T>
 [[nodiscard]] std::vector<T> gatherOne(ProcessGroup& group, const T& own) {
   static_assert(std::is_trivially_copyable_v<T>);

@@ -8,8 +8,7 @@
 
 namespace palpate::detail {
 
-/// Schedules retries by id: the first retry after 1 s, each further retry after twice the previous
-/// delay, up to 32 s.
+/// Schedules retries by id: after 1 s, then after twice the previous delay, up to 32 s.
 template <class Id>
 class Retries {
  public:

@@ -13,13 +13,11 @@ namespace {
 /// Orthonormal basis of the directions that primitives constrain.
 class ConstrainedFrame {
  public:
-  /// Adds the part of a direction that is outside the basis. A direction within 1e-6 rad of the
-  /// basis counts as inside.
+  /// Adds the part of a direction outside the basis, if the angle to the basis exceeds 1e-6 rad.
   void add(const Vec3& direction) noexcept {
     const Vec3 rest = unconstrained(direction);
     if (count_ < axes_.size() && rest.norm() > 1e-6) axes_[count_++] = rest.normalized();
   }
-  /// Returns the part of v that no primitive constrains.
   [[nodiscard]] Vec3 unconstrained(const Vec3& v) const noexcept {
     Vec3 rest = v;
     for (std::size_t i = 0; i < count_; ++i) rest -= axes_[i].dot(rest) * axes_[i];
@@ -31,7 +29,8 @@ class ConstrainedFrame {
   std::size_t count_ = 0;
 };
 
-/// Applies eq. (2) along the direction of eta: returns the part of eta that exceeds s/k.
+/// Applies eq. (2) of Lundin et al. along the direction of eta: returns the part of eta that
+/// exceeds s/k.
 Vec3 yieldedAlong(const Vec3& eta, double strength_over_stiffness) noexcept {
   const double length = eta.norm();
   return length > strength_over_stiffness ? Vec3((1.0 - strength_over_stiffness / length) * eta)
@@ -53,7 +52,6 @@ Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
 
 Balance constraintApproach(const Vec3& probe, double stiffness,
                            std::span<const Primitive> primitives, const Vec3& start) noexcept {
-  // The spring's end relative to the probe, and the basis of the constrained directions.
   Vec3 end = Vec3::Zero();
   ConstrainedFrame constrained;
   for (const Primitive& p : primitives) {

@@ -1,5 +1,4 @@
-/// The earlier method on which the paper improves: one-dimensional constraints, Lundin et al., eq.
-/// (2).
+/// The earlier method that the paper improves: Lundin et al., eq. (2), for scalar constraints.
 #pragma once
 
 #include <span>
@@ -15,32 +14,24 @@ struct Constraint {
 };
 
 /// Applies eqs (1) and (2): each constraint moves the proxy separately, and the movements are
-/// added. Correct only for orthogonal directions (section 3.1). Applies eq. (2) to q and to -q:
-/// with eq. (2) as printed, a push against q would never move the proxy.
+/// added. Correct only for orthogonal directions (section 3.1). Applies eq. (2) to q and to -q,
+/// because eq. (2) alone does not let a push against q move the proxy.
 [[nodiscard]] Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
                                    std::span<const Constraint> constraints) noexcept;
 
-/// Applies eqs (1) and (2) to haptic primitives in one pass: each primitive moves the proxy
-/// separately, and the movements are added.
+/// Applies eqs (1) and (2) to haptic primitives, one by one, and adds the movements.
 ///
-/// The paper has no map from primitives to constraints; this map is the most favourable that we
-/// know. Every set has an answer. The answer is the balance if the constrained directions of
-/// different primitives are orthogonal: planes with orthogonal normals, a line and the plane across
-/// it, a point alone; directed forces may be added to each. For other sets the answer is not
-/// useful, which is the paper's point.
-/// - A plane constrains its normal in one sense: eq. (2) with s_i against the normal, with zero
-///   along it.
-/// - A line constrains the two directions across it, a point all three. The paper lets the frame
-///   turn with the motion. With the frame's first axis along the constrained part of eta, only
-///   that axis moves. The two or three strengths then bound the length of the force, as they
-///   should, and not its components.
+/// The paper does not state how to convert primitives to constraints. This conversion is the most
+/// favourable one that we know. The answer is the balance if the constrained directions of
+/// different primitives are orthogonal; directed forces may be added. For other sets the answer is
+/// not useful.
+/// - A plane constrains its normal in one sense: s_i against the normal, zero along it.
+/// - A line constrains the two directions perpendicular to it, a point all three. One axis of the
+///   constraints is along the motion, so that the strength bounds the length of the force.
 /// - Directed forces move the spring's end: eta leads to probe + sum s_i q_i / k.
-/// - Directions that no primitive constrains follow the spring's end. Section 2 needs three
-///   independent constraints; these directions are the missing ones, with zero strength. They are
-///   orthogonal to all constrained directions.
-/// - eta starts at the primitive's own anchor if it differs from the proxy. A constraint has no
-///   position, so without this a plane away from the proxy would have no effect.
-///
+/// - Directions that no primitive constrains follow the spring's end, as with zero strength.
+/// - eta starts at the primitive's own anchor: a constraint has no position, so a plane away from
+///   the proxy would otherwise have no effect.
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.
 /// @param start       Last proxy [m]; has no effect if the answer is the balance.

@@ -8,22 +8,19 @@
 namespace palpate::methods {
 
 struct EulerFixedParams {
-  /// Length of a step as a share of 1/k. With 1, a step moves the proxy to the place where the
-  /// present forces balance the spring.
+  /// Step as a share of 1/k. With 1, the proxy moves to the balance of the present forces.
   double step = 1e-3;
-  /// The method stops when |f_res| <= tolerance * S, with S the sum of strengths. The next move
-  /// would be shorter than step * tolerance * S/k.
+  /// Stops when |f_res| <= tolerance * S, with S the sum of strengths.
   double tolerance = 1e-4;
   int max_iterations = 20000;
 };
 
-/// Iterates x <- x + (step / k) f_res(x), eq. (14) exactly as printed (zero on a kink), from
-/// `start`.
+/// Iterates x <- x + (step / k) f_res(x) from `start`, where f_res is that of eq. (14). On its
+/// kink, a primitive contributes zero.
 ///
-/// If the balance lies on a kink, f_res does not vanish near the balance. The proxy then chatters
-/// about the kink by up to step * s/k, and only the iteration limit stops it. So `step` sets the
-/// accuracy, and 1 / step the cost, since the error of a smooth problem falls by the factor 1 -
-/// step per iteration. The default reaches 1e-3 S/k; a chart should try others.
+/// If the balance lies on a kink, the proxy chatters about the kink, by up to step * s/k, until the
+/// iteration limit. So `step` sets the accuracy, and 1 / step the cost: the error of a smooth
+/// problem falls by the factor 1 - step per iteration. The default reaches 1e-3 S/k.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

@@ -7,13 +7,12 @@
 
 namespace palpate::methods {
 
-/// Returns the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe itself: f =
-/// sum f_i(probe). The result is the offset f/k at which the spring pulls with this force.
+/// Returns the sum of the primitives' forces, eqs (8), (9), (11) and (13), at the probe itself, f =
+/// sum f_i(probe), as the offset f/k.
 ///
-/// The primitives replace the force functions of the papers that section 1 cites, which differ from
-/// paper to paper. The answer equals the balance only if no kink lies between probe and proxy. A
-/// plane that would hold the proxy still pushes with all its strength, and the force jumps at the
-/// kink. This is the instability that section 1 describes.
+/// The primitives replace the different force functions of the papers that section 1 cites. The
+/// answer equals the balance only if no kink lies between probe and proxy. The force jumps at a
+/// kink, which is the instability that section 1 describes.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0; sets only the unit of the answer.

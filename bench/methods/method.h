@@ -1,5 +1,5 @@
-/// Input and result of the methods from the literature. Benchmarks and tests compare these methods
-/// with the engine's single solver. The shipped program does not link them.
+/// Input and result of the methods from the literature, which benchmarks and tests compare with the
+/// engine's solver. The shipped program does not link them.
 #pragma once
 
 #include <span>
@@ -9,10 +9,10 @@
 
 namespace palpate::methods {
 
-/// A method's answer to one balance.
+/// The solution of one balance by a method.
 struct Balance {
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]; the hand feels k times this.
-  int iterations = 0;          ///< Evaluations of eq. (14) (of the potential, for Nelder-Mead).
+  int iterations = 0;          ///< Evaluations of the potential or of f_res (Lundin et al.).
   bool settled = false;        ///< The method's own stopping rule ended it before its limit.
 };
 

@@ -16,18 +16,14 @@ struct NelderMeadParams {
 };
 
 /// Minimises the potential of eq. (14), E of engine/balance/solver.h, by downhill simplex
-/// (simplex.h).
+/// (simplex.h). The method does not minimise |f_res|, which has additional minima
+/// (smallest_residual.h). First moves `start` to within S/k of the probe, because the balance is
+/// there.
 ///
-/// Minimising the potential, not |f_res|, is the fair interpretation of the method, because |f_res|
-/// has other minima (smallest_residual.h). `start` is first moved to within S/k of the probe, where
-/// the balance must lie. Otherwise the search would go the whole way in steps of the simplex's
-/// size.
-///
-/// Measured as in euler_adaptive.h, 200 problems per family (60 with 32 primitives): within 1e-3
-/// S/k of the answer in 99.8 % with 2 primitives (273 evaluations on average), 99.9 % with 8 (265)
-/// and 32 (256). Without the restart 99 % in 150; with tolerance 1e-4 99 % in 210; with both
-/// changes 97 % in 120 (60, 40 and 15 problems per family). The restart helps because a simplex can
-/// collapse on a kink before it has arrived.
+/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives): within
+/// 1e-3 S/k of the answer in 99.8 % with 2 primitives (273 evaluations on average), 99.9 % with 8
+/// (265) and 32 (256). Without the restart the share is 99 % (150 evaluations), because a simplex
+/// can collapse on a kink.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

@@ -1,7 +1,6 @@
-/// Eq. (14) exactly as printed and its potential, which the searching methods evaluate.
-///
-/// Positions are relative to the probe (`offset`), so that no digits are lost 1e4 m from the
-/// origin. Inline, because the methods spend most of their time here.
+/// Computes the residual force f_res, eq. (14) of Lundin et al., and its potential. Positions are
+/// relative to the probe (`offset`), so that rounding errors stay small even 1e4 m from the origin.
+/// The functions are inline, because they take most of the methods' time.
 #pragma once
 
 #include <algorithm>
@@ -12,13 +11,14 @@
 
 namespace palpate::methods {
 
-/// Returns m of eq. (10): the vector to the nearest point of a line, from a proxy at d = x - x_i.
+/// Returns m of eq. (10): the vector from the proxy x to the nearest point of a line. The line
+/// passes through x_i, and d = x - x_i.
 [[nodiscard]] inline Vec3 acrossLine(const Vec3& direction, const Vec3& d) noexcept {
   return direction * direction.dot(d) - d;
 }
 
-/// Returns a primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13): zero
-/// exactly on the kink.
+/// Returns a primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13). The
+/// force is zero exactly on the primitive's kink.
 [[nodiscard]] inline Vec3 forceOf(const Primitive& primitive, const Vec3& d) noexcept {
   switch (primitive.kind) {
     case PrimitiveKind::kForce:
@@ -39,7 +39,6 @@ namespace palpate::methods {
   return Vec3::Zero();
 }
 
-/// Returns f_res of eq. (14) [N] at probe + offset.
 [[nodiscard]] inline Vec3 residualForce(const Vec3& offset, const Vec3& probe, double stiffness,
                                         std::span<const Primitive> primitives) noexcept {
   Vec3 force = -stiffness * offset;
@@ -47,9 +46,8 @@ namespace palpate::methods {
   return force;
 }
 
-/// Returns E of engine/balance/solver.h [J] at probe + offset. f_res is minus its gradient, where
-/// the gradient exists. The energy of a directed force is counted from the probe, which changes E
-/// only by a constant.
+/// Returns E of engine/balance/solver.h [J] at probe + offset, up to a constant. f_res is minus its
+/// gradient, where the gradient exists.
 [[nodiscard]] inline double potential(const Vec3& offset, const Vec3& probe, double stiffness,
                                       std::span<const Primitive> primitives) noexcept {
   double energy = 0.5 * stiffness * offset.squaredNorm();
@@ -73,16 +71,14 @@ namespace palpate::methods {
   return energy;
 }
 
-/// Returns S, the sum of strengths [N]. The balance is never farther than S/k from the probe, so S
-/// and S/k are the scales of a problem: tolerances are shares of S or S/k.
+/// Returns S, the sum of strengths [N]. The balance is at most S/k away from the probe.
 [[nodiscard]] inline double sumOfStrengths(std::span<const Primitive> primitives) noexcept {
   double sum = 0.0;
   for (const Primitive& p : primitives) sum += p.strength;
   return sum;
 }
 
-/// Returns `offset` if it is within `reach`, otherwise the point at distance `reach` on the line
-/// from the probe to it. This gives a nearer start.
+/// Returns the point nearest to `offset` within `reach` of the probe.
 [[nodiscard]] inline Vec3 withinReach(const Vec3& offset, double reach) noexcept {
   const double distance = offset.norm();
   return distance > reach ? Vec3((reach / distance) * offset) : offset;

@@ -26,7 +26,7 @@ Balance smallestResidual(const Vec3& probe, double stiffness, std::span<const Pr
     balance.settled = found.settled;
   };
 
-  // Starts at the last proxy, at the probe and at the anchors, because the kinks around them
+  // Starts at different points, because the kinks near the last proxy, the probe and the anchors
   // differ.
   search_from(start - probe);
   if (params.searches > 1) search_from(Vec3::Zero());

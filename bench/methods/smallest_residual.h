@@ -15,22 +15,16 @@ struct SmallestResidualParams {
   int max_evaluations = 2000;
 };
 
-/// Solves eq. (15) "by minimizing the magnitude of the function", with eq. (14) exactly as printed
-/// (zero on a kink), even if the minimum is not the balance. The paper does not say how to
-/// minimise. |f_res| jumps at every kink, and has a minimum of its own in many of the cells between
-/// kinks. So we search by downhill simplex (simplex.h), which needs no gradient. The searches start
-/// at several points, each moved to within S/k of the probe, and the smallest result is kept.
+/// Solves eq. (15) "by minimizing the magnitude of the function", with f_res of eq. (14), even if
+/// the minimum is not the balance. On its kink, a primitive contributes zero to f_res. |f_res|
+/// jumps at every kink, and has other minima between kinks. So downhill simplex searches
+/// (simplex.h) start at several points within S/k of the probe, and the smallest result is kept. A
+/// search can reach the kinks of planes. It reaches the kinks of lines and points only if it starts
+/// at an anchor.
 ///
-/// The kinks of planes bound cells, and a search reaches the cells' edges. The force of a line or a
-/// point is zero only on a set without volume, which floating-point numbers can meet at most at an
-/// anchor.
-///
-/// Measured as in euler_adaptive.h, 200 problems per family (60 with 32 primitives): within 1e-3
-/// S/k of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8 (386), 93
-/// % with 32 (377). Additional searches from every anchor find a smaller |f_res|, but no more
-/// balances (93 instead of 95 %, 84 and 84, 95 and 95 on 40, 40 and 15 problems per family), at 2,
-/// 4 and 12 times the cost. With 8 planes, in 8 of 100 problems another place had a smaller |f_res|
-/// than every place that was found about the balance.
+/// Measured as in euler_adaptive.h, with 200 problems per family (60 with 32 primitives): within
+/// 1e-3 S/k of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8
+/// (386), 93 % with 32 (377). More searches find smaller |f_res|, but no more balances.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

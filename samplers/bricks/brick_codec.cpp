@@ -68,7 +68,6 @@ BrickCodec::~BrickCodec() = default;
 std::span<const std::byte> BrickCodec::encode(const BrickId& id, std::span<const float> values,
                                               std::span<const std::uint8_t> active,
                                               int compression) {
-  // The buffer receives the values, then the active bits, then the identity.
   brick_.assign(format_.bytes(), std::byte{0});
   if (format_.half) {
     for (std::size_t n = 0; n < values.size(); ++n) {
@@ -90,7 +89,7 @@ std::span<const std::byte> BrickCodec::encode(const BrickId& id, std::span<const
   ZSTD_CCtx_setParameter(contexts_->out, ZSTD_c_checksumFlag, 1);
   const std::size_t bytes =
       ZSTD_compress2(contexts_->out, object_.data(), object_.size(), brick_.data(), brick_.size());
-  // The buffer is large enough for any result, so the only possible error is a lack of memory.
+  // The buffer fits any result, so the only possible error is a lack of memory.
   if (ZSTD_isError(bytes) != 0) throw std::bad_alloc();
   return std::span(object_).first(bytes);
 }
@@ -106,8 +105,7 @@ bool BrickCodec::isOthers(const BrickId& id, std::span<const std::byte> slot) co
 }
 
 bool BrickCodec::isFinite(std::span<const std::byte> slot) const {
-  // Tests whether all bits of the exponent are set. The test has no branch, so that the compiler
-  // can process many values at a time.
+  // Tests whether all bits of the exponent are set, without a branch, for vectorisation.
   const std::size_t count = kBrickVoxels * format_.components();
   unsigned endless = 0;
   for (std::size_t n = 0; n < count; ++n) {
@@ -131,7 +129,6 @@ BrickVerdict BrickCodec::decode(const BrickId& id, std::size_t bytes, const Bric
       !cut && entry != nullptr &&
       brickChecksum(std::span<const std::byte>(object_).first(bytes)) != entry->checksum;
   const bool whole = decompress(bytes, slot);
-  // A brick that decompresses contains its own identity, which is compared with the requested one.
   if (whole && isOthers(id, slot)) {
     const bool volume = tailOf(slot).identity != identity_;
     return {BrickStatus::kOthers,
@@ -162,7 +159,6 @@ void unpackBrick(const BrickFormat& format, std::span<const std::byte> slot,
 }
 
 void fillBrick(const BrickFormat& format, const BrickEntry& entry, std::span<std::byte> slot) {
-  // Makes one value, then copies it to all voxels.
   const std::size_t bytes = format.components() * format.componentBytes();
   std::array<std::byte, 12> one{};
   for (std::size_t c = 0; c < format.components(); ++c) {

@@ -1,5 +1,4 @@
-/// Private to samplers: compresses a brick into an object of the store, and decompresses the
-/// object. Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: compresses bricks into objects and decompresses them.
 #pragma once
 
 #include <cstddef>
@@ -13,8 +12,7 @@
 
 namespace palpate {
 
-/// Returns the checksum of an object. The checksum is CRC-32 as in zlib, and equals Python's
-/// zlib.crc32.
+/// Returns the checksum of an object: CRC-32, equal to Python's zlib.crc32.
 [[nodiscard]] std::uint32_t brickChecksum(std::span<const std::byte> bytes) noexcept;
 
 /// The result of reading a brick.
@@ -42,10 +40,8 @@ class BrickCodec {
   /// Returns the buffer for the object that decode() reads. It has one byte more than the longest
   /// object, so that a longer object is detected.
   [[nodiscard]] std::span<std::byte> object() noexcept { return object_; }
-  /// Decompresses the first `bytes` of object() into `slot`, and checks that the result is brick
-  /// `id`.
-  /// @param entry  Entry of the manifest, whose size and checksum must match. If null, they are not
-  ///               compared.
+  /// Decompresses the first `bytes` of object() into `slot`, and checks that it is brick `id`.
+  /// @param entry  Entry with the expected size and checksum. If null, they are not compared.
   [[nodiscard]] BrickVerdict decode(const BrickId& id, std::size_t bytes, const BrickEntry* entry,
                                     std::span<std::byte> slot);
 

@@ -28,13 +28,11 @@ constexpr const char* kRemedy = "copy or write it again";
 constexpr std::size_t kMostText = 1U << 16U;
 /// Largest coordinate of a voxel, so that sums of a few coordinates fit into 32 bits.
 constexpr std::int32_t kFarthestVoxel = 1 << 30;
-/// Largest number of bricks of a level. The limit bounds the time of the writer, which visits each
-/// brick of a level once.
+/// Largest number of bricks of a level. Bounds the time of the writer, which visits each brick.
 constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
 /// Largest number of bricks of the coarsest level, which a window always holds in memory.
 constexpr std::uint64_t kFew = 8;
-/// Growth of the active band of a level set from one level to the next coarser level, at most, on
-/// each side [voxels of the coarser level].
+/// Largest growth of a level set's band per level, on each side [voxels of the coarser level].
 constexpr std::int32_t kBand = 3;
 
 static_assert(sizeof(BrickEntry) == 36 && std::is_trivially_copyable_v<BrickEntry>,
@@ -45,7 +43,6 @@ std::int32_t floorShift(std::int32_t v, int bits) noexcept {
   return v >> bits;
 }
 
-/// Returns all levels of the pyramid over an extent. The result depends on these arguments alone.
 std::vector<BrickLevel> levelsOf(const Mat3& linear, const Vec3& origin,
                                  std::array<VoxelAt, 2> extent, bool level_set) {
   std::vector<BrickLevel> levels;
@@ -59,8 +56,7 @@ std::vector<BrickLevel> levelsOf(const Mat3& linear, const Vec3& origin,
     }
     levels.push_back(level);
     if (level.bricks() <= kFew) return levels;
-    // A voxel of the coarser level is the mean of eight voxels, so its centre lies in the middle of
-    // their centres.
+    // The centre of a coarser voxel is the mean of the centres of its eight finer voxels.
     level.origin += 0.5 * level.linear * Vec3::Ones();
     level.linear *= 2.0;
     const std::int32_t more = level_set ? kBand : 0;
@@ -83,7 +79,6 @@ std::string textOf(const Json& json, int indent = -1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
-/// Returns the FNV-1a hash of a text, with 64 bits.
 std::uint64_t hashOf(std::string_view text) noexcept {
   std::uint64_t hash = 0xCBF29CE484222325U;
   for (const char c : text) {
@@ -98,7 +93,7 @@ std::string hexOf(std::uint64_t number) {
   return text.data();
 }
 
-/// Reads and checks values in the JSON of a manifest. The functions throw std::exception.
+/// Reads and checks values in the JSON of a manifest. Throws std::exception.
 class FactsReader {
  public:
   explicit FactsReader(const Json& json) : json_(json) {}
@@ -195,7 +190,8 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
     throw VolumeError("\"" + input.name + "\"", why, remedy);
   };
   if (input.grid_class == GridClass::kStaggered) {
-    refuse("it is staggered", "give its components one by one, or at the voxels' centres");
+    refuse("it is staggered",
+           "give each component as a grid of its own, or give the vectors at the voxels' centres");
   }
   if (!isMap(input.linear, input.origin)) {
     refuse("its transform is singular or not finite", "give its voxels a volume above 0");
@@ -239,8 +235,7 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
   facts_["metadata"] = Json::parse(input.metadata);
   facts_["values"] = input.identity;
   facts_["zstd"] = {{"level", options.compression}, {"version", ZSTD_versionString()}};
-  // The identity is a hash of all facts, so every option that changes the bytes also changes the
-  // identity.
+  // A hash of all facts, so every option that changes the bytes also changes the identity.
   manifest_.identity_ = hashOf(textOf(facts_));
   facts_["identity"] = hexOf(manifest_.identity_);
   Json levels = Json::array();
@@ -251,7 +246,7 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
                       {"count", level.count}});
   }
   facts_["levels"] = std::move(levels);
-  // [bytes]: room for the statistics, which setStatistics() adds later
+  // Room for the statistics, which setStatistics() adds later [bytes].
   constexpr std::size_t kStatistics = 1U << 12U;
   if (textOf(facts_).size() > kMostText - kStatistics) {
     refuse("its name, source and metadata are more than 60 kB", "shorten them");
@@ -326,8 +321,7 @@ std::vector<std::byte> BrickFacts::file() const {
 
 namespace {
 
-/// Parses JSON text from a file. Limits the depth of nesting, so that recursion does not exhaust
-/// the stack.
+/// Parses JSON. Limits the depth of nesting, so that recursion does not exhaust the stack.
 template <class... Text>
 Json parseText(Text... text) {
   constexpr int kDeepest = 64;
@@ -337,8 +331,7 @@ Json parseText(Text... text) {
   });
 }
 
-/// Reads consecutive bytes of a manifest. The constructor checks the magic number and the checksum.
-/// The functions throw VolumeError.
+/// Checks a manifest's magic number and checksum, and reads it in order. Throws VolumeError.
 class ManifestReader {
  public:
   ManifestReader(std::span<const std::byte> bytes, const std::string& called) : called_(called) {
@@ -367,7 +360,6 @@ class ManifestReader {
     std::memcpy(&number, take(sizeof number).data(), sizeof number);
     return number;
   }
-  /// Returns the JSON text, which contains all facts except the entries.
   std::string_view takeText() {
     const auto size = takeNumber<std::uint32_t>();
     if (size > kMostText) refuse("its description is longer than 64 kB");
@@ -448,8 +440,7 @@ bool isValidEntry(const BrickEntry& entry, const BrickId& id, const BrickManifes
          (entry.kind == BrickKind::kStored) == (entry.bytes > 0);
 }
 
-/// Reads the table of entries of a level. Throws VolumeError if the entries are not sorted by their
-/// places.
+/// Reads the entries of a level. Throws VolumeError if they are not sorted by place.
 std::vector<BrickEntry> readEntries(ManifestReader& reader, const BrickManifest& manifest,
                                     std::int32_t level) {
   const auto count = reader.takeNumber<std::uint64_t>();

@@ -1,5 +1,4 @@
-/// Private to samplers: makes, writes and parses the manifest of a volume in bricks. Include it in
-/// .cpp files only.
+/// Private to samplers, for .cpp files only: makes, writes and parses a manifest.
 #pragma once
 
 #include <cstddef>
@@ -18,8 +17,7 @@ namespace palpate {
 inline constexpr const char* kBrickManifestFile = "palpate.bricks";  ///< Manifest; written last.
 inline constexpr const char* kBrickAttributesFile = ".zattrs";  ///< Attributes for readers of Zarr.
 
-/// Statistics of the active values of level 0, collected brick by brick. A vector counts by its
-/// magnitude.
+/// Statistics of the active values of level 0; for vectors, of the magnitudes.
 struct BrickStatistics {
   std::uint64_t active = 0;  ///< Number of active voxels.
   VoxelAt lower{};           ///< Least coordinates of active voxels.
@@ -53,8 +51,7 @@ class BrickFacts {
 
   /// Returns the identity in the text of .zattrs; 0 if the text has no identity.
   [[nodiscard]] static std::uint64_t identityIn(const std::string& attributes) noexcept;
-  /// Returns the length of the head of a manifest [bytes]. The head is the part before the table of
-  /// entries. It describes the volume.
+  /// Returns the length of a manifest's head, the part before the table of entries [bytes].
   [[nodiscard]] static std::size_t headOf(std::span<const std::byte> manifest) noexcept;
   /// See BrickManifest::parse.
   [[nodiscard]] static BrickManifest parse(std::span<const std::byte> bytes,

@@ -21,18 +21,15 @@ using detail::IndexMap;
 using detail::kNoCell;
 using detail::LatticeReader;
 
-/// Distance over which the weight of a level changes between 0 and 1 near a missing brick [voxels
-/// of the level].
+/// Smallest distance to missing bricks at which a level has full weight [voxels of the level].
 constexpr double kFade = 4.0;
 /// Time in which the weight of a brick that arrives near a hand grows to 1 [ns].
 constexpr double kArrives = 10e6;
-/// Time constant of the filter for a hand's velocity [s]. The filter smooths the steps of the
-/// encoders.
+/// Time constant of the velocity's filter, which smooths the steps of the encoders [s].
 constexpr double kSmooth = 0.02;
 /// Longest wait in virtual time [s].
 constexpr double kLongestWait = 60.0;
 
-/// Provides the voxels of one level of a window to a LatticeReader.
 template <int C>
 class BrickLevelSource {
  public:
@@ -110,7 +107,6 @@ FieldFrame frameOf(const BrickManifest& manifest, const Placement& placement, do
   return frame;
 }
 
-/// Common part of scalar and vector fields over bricks.
 template <class Base, int C>
 class BrickField : public Base {
  protected:
@@ -118,14 +114,12 @@ class BrickField : public Base {
   using Level = LatticeReader<BrickLevelSource<C>, Kernel>;
   using Row = typename Level::Row;
 
-  /// A level that was read, and the cache of its last cell.
   struct Read {
     explicit Read(typename Level::Cache of) : cache(std::move(of)) {}
     typename Level::Cache cache;
     int level = -1;
   };
-  /// A region in which only the finest level is read. One search finds the region around a brick.
-  /// Most readings of the same tick and of the next tick are in this region.
+  /// A region in which only the finest level is read. Most readings of a tick lie in it.
   struct Finest {
     bool settled = false;  ///< True if no brick in the region or next to it is still fading in.
     std::uint64_t changes = 0;  ///< BrickWindow::changes when the region was found.
@@ -144,8 +138,8 @@ class BrickField : public Base {
         : fine(std::move(a)), coarse(std::move(b)) {}
     Read fine;    ///< Finest level of the last reading.
     Read coarse;  ///< Next coarser level that contributed to the last reading.
-    /// Time of the tick, on the clock of BrickWindow::arrival. Without ticks, or if the window
-    /// waits for bricks, every loaded brick counts as completely faded in.
+    /// Time of the tick, on the clock of BrickWindow::arrival. At its initial value, outside of
+    /// ticks or if the window waits, every loaded brick counts as completely faded in.
     std::int64_t now = std::numeric_limits<std::int64_t>::max();
     Vec3 probe = Vec3::Zero();     ///< Position of the hand [m].
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
@@ -199,7 +193,7 @@ class BrickField : public Base {
       if (!cache.finest.settled || cache.finest.changes != changes) cache.finest = {};
       cache.finest.changes = changes;
     }
-    return false;  // an arriving brick fades in, and its values are near those of the coarser level
+    return false;  // arriving bricks fade in, so values do not jump
   }
   void leave(FieldCache& memory) const noexcept final {
     if (const auto side = std::exchange(cacheIn(memory).side, std::nullopt)) window_->leave(*side);
@@ -212,8 +206,7 @@ class BrickField : public Base {
     return *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
   }
 
-  /// Registers a reader for one reading, if no tick has registered it. This happens outside of
-  /// ticks, and in a window that waits for bricks.
+  /// Registers a reader for one reading, outside of ticks or in a window that waits for bricks.
   class Visit {
    public:
     Visit(const BrickWindow& window, const Cache& cache) noexcept : window_(window) {
@@ -248,8 +241,6 @@ class BrickField : public Base {
                                            const std::array<int, 3>& cell) const noexcept {
     return window_->entryAt(level, cell[0], cell[1], cell[2]);
   }
-  /// A point in the index space of a level, its cell, and the entry of the brick from which the
-  /// cell is read.
   struct At {
     Vec3 p_I;
     std::array<int, 3> cell;
@@ -262,9 +253,9 @@ class BrickField : public Base {
     out.entry = entryOf(level, out.cell);
     return out;
   }
-  /// Returns the share s of a level at a point. This is the minimum, over all bricks within kFade
-  /// voxels, of the brick's faded-in weight plus its distance divided by kFade. So s is continuous
-  /// in space, and also in time as bricks arrive.
+  /// Returns the share s of a level at a point: the minimum, over all bricks within kFade voxels,
+  /// of the brick's faded-in weight plus its distance / kFade. So s is continuous in space and
+  /// time.
   [[nodiscard]] double shareAt(const At& at, int level, std::int64_t now) const noexcept {
     double least = arrived(at.entry, now);
     std::array<int, 3> side{};
@@ -292,9 +283,8 @@ class BrickField : public Base {
     return least;
   }
 
-  /// Finds the region of the finest level around a point's brick. The region extends into
-  /// neighbours that have faded in completely. It excludes points that are nearer than kFade to a
-  /// brick that has not.
+  /// Finds the region of the finest level around a point's brick. It includes neighbours that have
+  /// faded in completely, and excludes points that are nearer than kFade to any other brick.
   void findFinest(const Vec3& p_I, const std::array<int, 3>& brick, Cache& cache) const noexcept {
     Finest& finest = cache.finest;
     finest.brick = brick;
@@ -319,16 +309,15 @@ class BrickField : public Base {
     if (!same) read.cache.cell.fill(kNoCell);
     read.level = 0;
   }
-  /// Converts a distance [m] to the largest extent along each axis of a level's index space
-  /// [voxels].
+  /// Returns the largest extent of a distance [m] along each axis of a level [voxels].
   [[nodiscard]] Vec3 reachIn(int level, double distance) const noexcept {
     if (distance <= 0.0) return Vec3::Zero();
     const IndexMap& map = maps_[static_cast<std::size_t>(level)];
     return distance * map.index_from_world.rowwise().norm();
   }
-  /// Calls `of(level, its cache)` if two points, and all points within `about` [m] of the box
-  /// between them, are in the region of the finest level. Returns false if they are not, or if a
-  /// brick was removed during the call.
+  /// Calls `of(level, its cache)` if the box between two points, with `about` [m] around it, is in
+  /// the region of the finest level. Returns false if not, or if a brick was removed during the
+  /// call.
   template <class Of>
   [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, double about, Cache& cache,
                               const Of& of) const noexcept {
@@ -368,11 +357,10 @@ class BrickField : public Base {
     return read.cache.source.whole;
   }
 
-  /// Blends the levels at a point: B_l = s_l L_l + (1 - s_l) B_(l+1). The coarsest level is always
-  /// loaded and has s = 1. Where the brick of a level is missing, s_l = 0. So all B_l are
-  /// continuous where L and s are. Calls `add(weight, level, read, row, inside)` for each level
-  /// with a weight above 0, from the finest level on. A brick that is removed during the call
-  /// counts as missing. Returns true if a level other than level 0 has contributed.
+  /// Blends the levels at a point: B_l = s_l L_l + (1 - s_l) B_(l+1), with s = 1 at the coarsest.
+  /// All B_l are continuous where L and s are. Calls `add(weight, level, read, row, inside)` for
+  /// each level with a weight above 0, the finest first. A brick that is removed during the call
+  /// counts as missing. Returns true if a level other than 0 has contributed.
   template <class Add>
   bool readLevels(const Vec3& p_W, Cache& cache, const Add& add) const noexcept {
     const Visit visit(*window_, cache);
@@ -395,8 +383,7 @@ class BrickField : public Base {
     return true;
   }
 
-  /// Reads the value and the derivatives at a point. Returns true if there is data. `coarse`
-  /// becomes true if a level other than level 0 has contributed.
+  /// Reads the row at a point, and returns true if there is data. `coarse`: level 0 was not enough.
   [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
     bool inside = false;
     const auto straight = [&](const Level& level, typename Level::Cache& of) {
@@ -420,8 +407,7 @@ class BrickField : public Base {
     return inside;
   }
 
-  /// Numbers of the bricks of a level in a box: all, those in memory, and those that have faded in
-  /// completely.
+  /// Numbers of a level's bricks in a box: all, in memory, and completely faded in.
   struct Counted {
     int all = 0;
     int resident = 0;
@@ -448,9 +434,8 @@ class BrickField : public Base {
     }
     return out;
   }
-  /// Calls `of` for the region between two points and `about` [m] around them, if the whole region
-  /// is read from a single level. Returns false if it is not, or if a brick was removed during the
-  /// call.
+  /// Calls `of` for the region between two points and `about` [m] around them, if one level
+  /// provides all of it. Returns false if not, or if a brick was removed during the call.
   template <class Of>
   [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, double about, Cache& cache,
                                 const Of& of) const noexcept {
@@ -525,8 +510,7 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
   }
 
  private:
-  /// Returns the result of `of` for each level at a point, blended with the same weights as the
-  /// values.
+  /// Returns the results of `of` for the levels at a point, blended in the same way as the values.
   template <class Out, class Of>
   [[nodiscard]] Out mixed(const Vec3& p_W, FieldCache& memory, const Of& of) const noexcept {
     Out out{};

@@ -16,11 +16,9 @@
 namespace palpate {
 namespace {
 
-/// Folder of the files that are being written. A complete file is moved from there to its final
-/// place.
+/// Folder of the files that are being written. Complete files are moved to their final places.
 constexpr const char* kPartial = ".partial";
 
-/// A file descriptor that the destructor closes.
 class Opened {
  public:
   explicit Opened(int number) noexcept : number_(number) {}
@@ -30,8 +28,7 @@ class Opened {
     if (number_ >= 0) ::close(number_);
   }
   [[nodiscard]] int get() const noexcept { return number_; }
-  /// Closes the file. Returns false on an error, because the system may report a failed write only
-  /// at this time.
+  /// Returns false on an error. The system may report a failed write only at this time.
   [[nodiscard]] bool close() noexcept { return ::close(std::exchange(number_, -1)) == 0; }
 
  private:
@@ -104,8 +101,7 @@ void BrickFolder::fail(const std::string& name, int error) const {
 }
 
 void BrickFolder::lock() {
-  // A file system without locks, such as some network file systems, gives no protection against a
-  // second writer.
+  // Some network file systems have no locks, and so no protection against a second writer.
   if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
   throw Error(path_.string(), "another run is writing into it",
               "wait for the end of that run, or name another folder");
@@ -123,8 +119,7 @@ void BrickFolder::write(const std::string& name, std::span<const std::byte> byte
       std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
   int error = 0;
   {
-    // Removes the file of a terminated run, or a link that another user made, and then creates a
-    // new file.
+    // Removes the file of a terminated run or the link of another user.
     ::unlinkat(folder_, partial.c_str(), 0);
     Opened file(::openat(folder_, partial.c_str(),
                          O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,

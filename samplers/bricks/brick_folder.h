@@ -1,5 +1,4 @@
-/// Private to samplers: reads and writes the files in a folder of bricks. Include it in .cpp files
-/// only.
+/// Private to samplers, for .cpp files only: reads and writes the files in a folder of bricks.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +9,7 @@
 
 namespace palpate {
 
-/// An open folder. The object keeps referring to the same folder, even if the path is renamed or
-/// replaced.
+/// An open folder. It stays the same folder if the path is renamed or replaced.
 class BrickFolder {
  public:
   /// Opens an existing folder. Throws VolumeError.
@@ -25,8 +23,7 @@ class BrickFolder {
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
   /// Returns true if the folder has been removed.
   [[nodiscard]] bool isGone() const noexcept;
-  /// Identifies a version of a file or folder. The stamp changes when the file or folder is
-  /// replaced.
+  /// Identifies a version of a file or folder. Changes if the file or folder is replaced.
   struct Stamp {
     std::uint64_t device = 0;  ///< Number of the device.
     std::uint64_t file = 0;    ///< Number of the file on the device.
@@ -53,13 +50,11 @@ class BrickFolder {
   void lock();
   /// Makes a folder inside this folder if it does not exist.
   void makeFolder(const std::string& name) const;
-  /// Writes a whole file. If this fails, an existing file of that name stays unchanged. Throws
-  /// Error.
+  /// Writes a whole file. On failure an existing file stays unchanged. Throws Error.
   void write(const std::string& name, std::span<const std::byte> bytes) const;
   /// Writes a text as the other overload writes bytes.
   void write(const std::string& name, const std::string& text) const;
-  /// Removes the partial files of terminated processes. Call it before the first write and after
-  /// the last write.
+  /// Removes partial files of terminated processes. Call it before and after all writes.
   void removePartial() const;
   /// Waits until all earlier writes are on the disk.
   void sync() const;

@@ -52,7 +52,6 @@ std::array<std::uint32_t, 3> bitsOf(const Value& value) {
   return std::bit_cast<std::array<std::uint32_t, 3>>(numbers);
 }
 
-/// Returns true for metadata that OpenVDB itself writes or computes.
 bool isOpenvdbs(const std::string& key) {
   using openvdb::GridBase;
   constexpr std::string_view kFile = "file_";
@@ -62,8 +61,7 @@ bool isOpenvdbs(const std::string& key) {
          key.compare(0, kFile.size(), kFile) == 0;
 }
 
-/// Returns the metadata as JSON, {"key": {"type": value}}. Contains the types that palpate and most
-/// other programs write.
+/// Returns the metadata as JSON, {"key": {"type": value}}, of the types that programs often write.
 std::string metadataOf(const openvdb::GridBase& grid) {
   Json all = Json::object();
   for (auto meta = grid.beginMeta(); meta != grid.endMeta(); ++meta) {
@@ -120,12 +118,10 @@ void setMetadata(const std::string& text, openvdb::GridBase& grid) {
   }
 }
 
-/// Number of bits by which a voxel's coordinate is shifted right to get the coordinate of its
-/// brick. This also holds for negative coordinates.
+/// Right shift from a voxel's coordinate to its brick's, also if negative [bits].
 constexpr int kBrickShift = 6;
 static_assert(1 << kBrickShift == kBrickSide);
 
-/// Fills boxes of voxels (BrickInput::fill) from a grid.
 template <class GridT>
 class GridBoxes {
   using Tree = typename GridT::TreeType;
@@ -159,8 +155,8 @@ class GridBoxes {
   }
 
  private:
-  /// Returns true if a whole box lies in one tile. The box is not larger than a node of the level
-  /// above the leaves. So it overlaps only nodes that contain one of its corners.
+  /// Returns true if a whole box lies in one tile. The box is not larger than a node above the
+  /// leaves, so its corners show every node that it overlaps.
   bool isOneTile(const Accessor& accessor, const CoordBBox& all, const BrickBox& box) const {
     static_assert(Above::DIM >= kBrickEdge);
     const Value value = accessor.getValue(all.min());
@@ -229,14 +225,12 @@ class Sum {
   std::uint64_t hash_ = 0xCBF29CE484222325U;
 };
 
-/// The checksum of one leaf, and the origin of that leaf.
 struct LeafSum {
   VoxelAt origin{};
   std::uint64_t sum = 0;
 };
 
-/// Sorts leaves in the order in which a tree stores them: node by node, and within a node along x,
-/// y and z.
+/// Sorts leaves as a tree stores them: node by node, and within a node along x, y and z.
 template <class Tree>
 void sortAsTree(std::vector<LeafSum>& leaves) {
   using Lower = typename Tree::RootNodeType::ChildNodeType::ChildNodeType;
@@ -249,9 +243,8 @@ void sortAsTree(std::vector<LeafSum>& leaves) {
             [&](const LeafSum& a, const LeafSum& b) { return key(a) < key(b); });
 }
 
-/// Sets the identity, extent, background, metadata and fill function of an input from a grid.
-/// @param group  Process group that holds the parts of the grid. Each rank adds the leaves in its
-///               own share (BrickInput::share).
+/// Sets the identity, extent, background, metadata and fill function of an input from a grid. Each
+/// rank of `group` adds the leaves in its own share (BrickInput::share).
 template <class GridT>
 void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInput& input) {
   using Tree = typename GridT::TreeType;
@@ -304,7 +297,6 @@ void lookAt(const typename GridT::ConstPtr& grid, ProcessGroup& group, BrickInpu
   input.fill = GridBoxes<GridT>(grid);
 }
 
-/// The nodes of one brick: leaves, and tiles, which have one value each.
 template <class GridT>
 struct BrickNodes {
   using Leaf = typename GridT::TreeType::LeafNodeType;
@@ -318,7 +310,6 @@ struct BrickNodes {
   std::vector<Tile> tiles;
 };
 
-/// Returns all nodes of a brick that are not background.
 template <class GridT>
 BrickNodes<GridT> nodesOf(const BrickView& view, const Coord& origin,
                           const typename GridT::ValueType& background) {
@@ -427,7 +418,6 @@ openvdb::GridClass classOf(GridClass grid_class) {
   return openvdb::GRID_UNKNOWN;
 }
 
-/// @param share  Value of BrickInput::share.
 BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half,
                    ProcessGroup& group, const std::optional<Share>& share) {
   if (parts.size() != 1) {

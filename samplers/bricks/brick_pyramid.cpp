@@ -11,8 +11,7 @@ namespace {
 
 /// Edge of a brick at half the resolution [voxels].
 constexpr int kHalf = kBrickSide / 2;
-/// Distance from a voxel up to which signs are read to decide whether the voxel is in the band of a
-/// level set [voxels].
+/// Distance within which both signs occur around a voxel of a level set's band [voxels].
 constexpr int kPyramidReach = 3;
 /// Number of voxels that are read around a brick's own voxels, on each side.
 constexpr int kAround = kBrickApron + kPyramidReach;
@@ -51,16 +50,14 @@ void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std:
   const std::size_t size = from.size();
   for (std::size_t s = 1; s <= kPyramidReach; ++s) {
     const std::size_t by = s * stride;
-    // At an edge of the block, some bytes are combined with bytes from the opposite edge. Only
-    // bytes within kPyramidReach of an edge are affected, and these are not read.
+    // Near the edges, bytes of opposite edges are combined. These results are not read.
     for (std::size_t n = 0; n + by < size; ++n) to[n] |= from[n + by];
     for (std::size_t n = by; n < size; ++n) to[n] |= from[n - by];
   }
   from.swap(to);
 }
 
-/// Returns the Morton code of a place: the bits of its coordinates in turn. Places with similar
-/// codes are near each other.
+/// Returns the Morton code of a place. Places with similar codes are near each other.
 std::uint64_t mortonOf(const VoxelAt& at) noexcept {
   std::uint64_t code = 0;
   for (unsigned bit = 0; bit < 21; ++bit) {
@@ -73,8 +70,7 @@ std::uint64_t mortonOf(const VoxelAt& at) noexcept {
 
 constexpr std::size_t kBlockVoxels = std::size_t{kBlock} * kBlock * kBlock;
 
-/// Copies a finer halved brick into the block around the coarser brick.
-/// @param step  Place of the finer brick among the 4 x 4 x 4 of the block.
+/// Copies a finer halved brick into the block, at place `step` of its 4 x 4 x 4 bricks.
 void copyIntoBlock(const HalvedBrick& halved, const std::array<int, 3>& step,
                    std::size_t components, CoarserSpace& space) {
   // `begin` is the position of the finer brick's first voxel in the block. `low` and `high` bound
@@ -128,7 +124,6 @@ void activateBand(CoarserSpace& space) {
   }
 }
 
-/// Copies the brick and its apron from the block.
 void cutBrick(const CoarserSpace& space, std::size_t components, std::span<float> values,
               std::span<std::uint8_t> active) {
   std::fill(active.begin(), active.end(), std::uint8_t{0});
@@ -219,8 +214,7 @@ bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, Coarse
   const std::size_t components = finer.manifest().format().components();
   const auto places = placesBelow(finer.manifest(), finer.level(), at);
 
-  // First handles the case that all bricks have the same single value, which is frequent in a
-  // sparse volume.
+  // In a sparse volume, all bricks often have the same single value.
   const BrickEntry first = finer.manifest().entry({finer.level(), places[0]});
   const bool uniform = std::all_of(places.begin(), places.end(), [&](const VoxelAt& place) {
     const BrickEntry one = finer.manifest().entry({finer.level(), place});
@@ -250,8 +244,7 @@ std::vector<VoxelAt> coarserPlaces(const BrickManifest& manifest, std::int32_t f
   std::vector<std::pair<std::uint64_t, VoxelAt>> ordered;
   ordered.reserve(manifest.entries(finer).size());
   for (const BrickEntry& entry : manifest.entries(finer)) {
-    // The entry affects its parent brick, and neighbours of the parent whose apron it reaches: two
-    // places along each axis.
+    // An entry affects its parent, and neighbours of the parent: two places along each axis.
     for (int n = 0; n < 8; ++n) {
       VoxelAt at{};
       bool there = true;

@@ -1,5 +1,4 @@
-/// Private to samplers: makes the bricks of a level from those of the next finer level. Include it
-/// in .cpp files only.
+/// Private to samplers, for .cpp files only: makes bricks from those of the next finer level.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +15,7 @@
 
 namespace palpate {
 
-/// A brick's own voxels at half the resolution: 32^3 voxels, or a single value for all of them.
+/// A brick's own voxels at half the resolution: 32^3 voxels, or a single value.
 struct HalvedBrick {
   /// If kStored, each voxel has its own value; else all voxels have `value`.
   BrickKind kind = BrickKind::kStored;
@@ -26,12 +25,10 @@ struct HalvedBrick {
   std::vector<std::uint8_t> active;
 };
 
-/// Makes the halved bricks of a level at their first request, and caches the latest kMost of them.
-/// Any thread may use it.
+/// Makes the halved bricks of a level on request. Caches the latest kMost. Thread-safe.
 class HalvedBricks {
  public:
-  /// @param source  Source of the bricks of `level`. Its manifest must contain the entries of that
-  ///                level.
+  /// @param source  Source of the bricks of `level`. Its manifest must contain their entries.
   HalvedBricks(BrickSource& source, std::int32_t level);
 
   /// Returns a halved brick. Throws VolumeError if the brick does not arrive.
@@ -60,8 +57,7 @@ class HalvedBricks {
 struct CoarserSpace {
   std::vector<float> values;         ///< Values of the block around the brick.
   std::vector<std::uint8_t> active;  ///< Active voxels of the block, one byte for each voxel.
-  /// Signs near each voxel: bit 0 is set if a value below zero is near, bit 1 if another value is
-  /// near.
+  /// Signs near each voxel: bit 0 for values below zero, bit 1 for other values.
   std::vector<std::uint8_t> signs;
   std::vector<std::uint8_t> other;  ///< Working memory for the computation of `signs`.
 };
@@ -69,8 +65,7 @@ struct CoarserSpace {
 /// Makes a brick of the next coarser level, with its apron.
 /// @param values  Receives kBrickVoxels values.
 /// @param active  Receives kBrickActiveBytes bytes of active bits.
-/// @return        True if all voxels have the same value and state. Then only the first voxel of
-///                `values` and `active` is set.
+/// @return        True if all voxels have one value and state; then only the first is set.
 [[nodiscard]] bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set,
                                 CoarserSpace& space, std::span<float> values,
                                 std::span<std::uint8_t> active);

@@ -10,11 +10,9 @@
 namespace palpate {
 namespace {
 
-/// Distance that a hand must move since the last choice of requests before they are chosen again
-/// [voxels].
+/// Movement of a hand since the last choice that requires a new choice of requests [voxels].
 constexpr double kMoved = 8.0;
-/// Distance that a hand's predicted position must move since the last choice before requests are
-/// chosen again [voxels].
+/// Movement of a hand's predicted position that requires a new choice [voxels].
 constexpr double kMovedAhead = kBrickSide / 2.0;
 
 }  // namespace
@@ -66,8 +64,8 @@ std::uint32_t BrickWindow::enter() const noexcept {
     const std::uint32_t side = pool_->side.load();
     pool_->in[side].readers.fetch_add(1);
     if (pool_->side.load() == side) return side;
-    // The loader has changed the side since `side` was read, and may not wait for this reader. The
-    // reader therefore tries again. The loader changes the side at most once per brick.
+    // The loader has changed the side, and may not wait for this reader. It changes the side at
+    // most once per brick, so a further try soon succeeds.
     pool_->in[side].readers.fetch_sub(1);
   }
 }

@@ -1,4 +1,4 @@
-/// A window of bricks: the part of a volume that is in memory, if the volume is larger than memory.
+/// A window of bricks: the part of a large volume that is in memory.
 #pragma once
 
 #include <array>
@@ -20,12 +20,11 @@ namespace palpate {
 struct WindowParams {
   /// Memory for the pool, the tables and the fetches in progress [bytes].
   std::uint64_t budget = 256ULL << 20;
-  /// Time for which the window predicts a hand's path from its velocity [s]. The time is longer if
-  /// bricks take long to arrive (BrickSource::delay).
+  /// Look-ahead along a hand's path [s]. The window extends it if bricks arrive slowly.
   double horizon = 0.25;
   bool lock = true;  ///< True to lock the pool in memory, if the system permits it.
-  /// If true, attend() of a field waits for all requested bricks, at most 60 s. For virtual time,
-  /// in which equal motions must give equal forces.
+  /// If true, attend() of a field waits up to 60 s for all requested bricks, so that equal motions
+  /// give equal forces in virtual time.
   bool waits = false;
 
   /// True if all parameters are equal.
@@ -39,20 +38,17 @@ struct WindowState {
   /// Memory for the pool, the tables and the fetches in progress [bytes].
   std::uint64_t bytes = 0;
   std::uint64_t fetched = 0;  ///< Number of bricks fetched so far, including those at the start.
-  /// Number of bricks whose fetch failed. A coarser level is read in their place, and they are
-  /// requested again.
+  /// Number of bricks that could not be fetched yet. A coarser level is read in their place.
   std::uint64_t failed = 0;
   bool locked = false;  ///< True if the pool is locked in memory.
   bool gone = false;    ///< Value of BrickWindow::lost().
 };
 
-/// A pool of bricks of all levels around the hands. A loader thread keeps the pool full. It prefers
-/// bricks that are near a hand or on its predicted path. The whole coarsest level is always loaded.
+/// A pool of bricks of all levels around the hands. A loader thread fills it, first with bricks
+/// near a hand or its predicted path. The whole coarsest level is always loaded.
 ///
-/// Any number of readers share one pool, without a lock. The loader never overwrites a brick that a
-/// reader may be reading. It first removes the brick from the tables. It then waits until all
-/// readers that had called enter() before have left, and reuses the slot. A reader that does not
-/// leave stops the loader.
+/// Readers share the pool without a lock. To reuse a slot, the loader removes its brick from the
+/// tables and waits until all earlier readers have left. A reader that stays stops the loader.
 class BrickWindow {
  public:
   /// Number of hands that a window can follow. Further hands share the records of the first ones.
@@ -80,13 +76,12 @@ class BrickWindow {
     Vec3 probe = Vec3::Zero();     ///< Position of the probe.
     Vec3 velocity = Vec3::Zero();  ///< Velocity of the probe.
   };
-  /// Reports where a hand is. Call it once in each tick. If a hand has not reported for a second,
-  /// the window stops following it. RT: wait-free.
+  /// Reports where a hand is. Call it once in each tick: a hand without reports for 1 s is ignored.
+  /// RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
 
-  /// Registers a reader. Bricks that entryAt() returns from now on stay readable until leave(). A
-  /// registered reader must not call settle(). RT: no lock; tries again if the loader removes a
-  /// brick during the call.
+  /// Registers a reader. Bricks from later calls of entryAt() stay readable until leave(). Until
+  /// then, do not call settle(). RT: no lock; retries if the loader removes a brick.
   [[nodiscard]] std::uint32_t enter() const noexcept;
   /// Ends the registration of a reader. `side` is the value that enter() returned. RT: wait-free.
   void leave(std::uint32_t side) const noexcept;
@@ -126,8 +121,8 @@ class BrickWindow {
     std::uint64_t bits_ = 0;
   };
 
-  /// Returns the number of changes of the tables. While this number stays the same, all entries
-  /// stay the same. RT: no lock.
+  /// Returns the number of changes of the tables. If it stays the same, so do all entries. RT: no
+  /// lock.
   [[nodiscard]] std::uint64_t changes() const noexcept;
 
   /// Returns the entry of the brick that contains cell (i, j, k) of a level. For a cell outside of
@@ -135,8 +130,8 @@ class BrickWindow {
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
   /// Returns the time at which the brick in a slot arrived [ns of the steady clock]. For other
-  /// entries, and for a brick that arrived far from all proxies, returns a time in the distant
-  /// past. RT: no lock.
+  /// entries, and for bricks that arrived far from all proxies, returns a time long ago. RT: no
+  /// lock.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
   /// A block of 4^3 voxels: pointers to its rows along the last axis, and its active bits in the
@@ -146,24 +141,21 @@ class BrickWindow {
     std::uint64_t active = 0;           ///< One bit for each voxel, set if the voxel is active.
     std::array<float, 64UL * 3> room;   ///< Memory for rows that the pool stores in another form.
   };
-  /// Reads the block of voxels around a cell. The block begins one voxel before the cell's lowest
-  /// corner. The caller must have got `entry` after its last call of enter(). Returns false if the
-  /// brick is missing. RT: no allocation.
+  /// Reads the block of 4^3 voxels around a cell, from one voxel before the cell's lowest corner
+  /// on. `entry` must come from entryAt() after the last enter(). Returns false if the brick is
+  /// missing. RT: no allocation.
   [[nodiscard]] bool cellAt(const Entry& entry, std::int32_t level, const std::array<int, 3>& cell,
                             Cell& out) const noexcept;
 
   [[nodiscard]] WindowState state() const;  ///< Returns the present state. Takes a lock.
-  /// Returns true while the volume is missing (BrickSource::isThere). A loss is detected after one
-  /// to two seconds. Bricks in memory stay readable. RT: wait-free.
+  /// Returns true while the volume is missing (BrickSource::isThere), 1 to 2 s after the loss.
+  /// Bricks in memory stay readable. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;
-  /// Returns the errors since the last call: one line for each brick and kind of error, at most 8
-  /// lines of a kind. Further lines report that the whole volume is missing, or that it is
-  /// available again.
+  /// Returns the errors since the last call: a line for each brick and kind, at most 8 of a kind,
+  /// and a line when the whole volume goes missing or returns.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
-  /// Waits until every requested brick has arrived or failed. Returns false if that takes more than
-  /// `seconds` [s]. In virtual time the loop does not wait for disks, so call this before each
-  /// tick. During the wait the window keeps following its hands, even if they do not report. Cost:
-  /// two loads if no request changed.
+  /// Waits until every requested brick has arrived or failed. Returns false after `seconds` [s]. In
+  /// virtual time, call it before each tick. Cost: two loads if no request changed.
   [[nodiscard]] bool settle(double seconds) const;
 
  private:

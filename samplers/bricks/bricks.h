@@ -1,6 +1,5 @@
-/// Volumes larger than memory: bricks of 64^3 values, in levels of which each has half the
-/// resolution of the one before. Each brick is stored as one object and can be fetched by itself.
-/// docs/bricks.md has the format.
+/// Volumes larger than memory, as bricks of 64^3 values in levels; each level halves the
+/// resolution. Each brick is one stored object. docs/bricks.md has the format.
 #pragma once
 
 #include <array>
@@ -34,11 +33,9 @@ inline constexpr std::size_t kBrickActiveBytes = kBrickVoxels / 8;
 /// A voxel in the index space of a level.
 using VoxelAt = std::array<std::int32_t, 3>;
 
-/// Memory layout of the bricks of a volume. First come the values of kBrickVoxels voxels. The index
-/// along the last axis varies fastest, and the components of a vector are next to each other. Then
-/// comes one bit for each voxel, lowest bit first, which is set if the voxel is active. Padding
-/// follows, up to a whole number of slabs. A slab holds as many bytes as the values of all voxels
-/// with one index along the first axis. The last bytes identify the brick.
+/// Memory layout of a brick: the values (last axis fastest, components side by side), one active
+/// bit for each voxel (lowest bit first), padding, and the brick's identity in the last bytes. The
+/// size is a whole number of slabs. A slab holds the values of one index along the first axis.
 struct BrickFormat {
   bool vector = false;  ///< True for vectors of three components, false for scalars.
   bool half = false;    ///< True if a component has 16 bits, false if it has 32 bits.
@@ -68,8 +65,8 @@ class BrickView {
   BrickView(const BrickFormat& format, const std::byte* slot) noexcept
       : format_(format), slot_(slot) {}
 
-  /// Returns the number of a voxel in a brick. i, j and k are from -2 to 65. (0, 0, 0) is the
-  /// brick's first own voxel, and negative indices are in the apron.
+  /// Returns the number of voxel (i, j, k); indices are from -2 to 65. (0, 0, 0) is the brick's
+  /// first own voxel. Indices below 0 and above 63 are in the apron.
   [[nodiscard]] static std::size_t numberOf(int i, int j, int k) noexcept {
     return (static_cast<std::size_t>(i + kBrickApron) * kBrickEdge +
             static_cast<std::size_t>(j + kBrickApron)) *
@@ -114,11 +111,10 @@ struct BrickId {
 /// One level of a pyramid. Voxel I of a level is the mean of the voxels 2 I and 2 I + 1, along each
 /// axis, of the next finer level. Its centre lies in the middle of their centres.
 struct BrickLevel {
-  /// Linear part of the map file = linear * index + origin, where index is in this level's index
-  /// space.
+  /// Linear part of file = linear * index + origin, with index in this level's index space.
   Mat3 linear = Mat3::Identity();
   Vec3 origin = Vec3::Zero();  ///< Position of index (0, 0, 0) in the file's world space.
-  /// Index of brick (0, 0, 0) in bricks: its first own voxel is at 64 times this.
+  /// Offset of the level [bricks]: the first own voxel of brick (0, 0, 0) is at 64 * first.
   VoxelAt first{};
   std::array<std::int32_t, 3> count{};  ///< Number of bricks along each axis.
 
@@ -148,13 +144,12 @@ struct BrickEntry {
   std::array<float, 3> value{};           ///< Value of all voxels, if `kind` is not kStored.
 };
 
-/// The description of a volume in bricks, without its values. Takes a few hundred bytes of memory,
-/// and 36 bytes for each brick that differs from the background.
+/// Description of a volume in bricks, without its values. Needs a few hundred bytes, and 36 bytes
+/// for each brick that differs from the background.
 class BrickManifest {
  public:
-  /// Reads the manifest of a finished folder. Throws VolumeError if the folder does not exist, is
-  /// unfinished, does not hold bricks or is of another version, or if its manifest is cut off or
-  /// damaged.
+  /// Reads the manifest of a finished folder. Throws VolumeError if the folder is missing, is
+  /// unfinished, has no bricks or another version, or if its manifest is truncated or damaged.
   [[nodiscard]] static BrickManifest read(const std::filesystem::path& folder);
   /// Parses a manifest in memory. Throws VolumeError for the same errors as read().
   /// @param called  Name of the manifest in error messages.
@@ -169,23 +164,19 @@ class BrickManifest {
   [[nodiscard]] const std::array<float, 3>& background() const noexcept { return background_; }
   /// Returns the levels from the finest to the coarsest. The coarsest level has at most 8 bricks.
   [[nodiscard]] const std::vector<BrickLevel>& levels() const noexcept { return levels_; }
-  /// Returns the entries of a level, in the order of BrickId. Bricks without an entry are
-  /// background.
+  /// Returns the entries of a level in the order of BrickId. Bricks without one are background.
   [[nodiscard]] std::span<const BrickEntry> entries(std::int32_t level) const noexcept;
   /// Returns true if the pyramid contains this place.
   [[nodiscard]] bool has(const BrickId& id) const noexcept;
-  /// Returns the entry of a brick. For a brick without an entry, or outside of the pyramid, returns
-  /// an entry of the background. RT: no allocation. Cost: logarithm of the number of entries.
+  /// Returns the entry of a brick; for a brick without an entry or outside of the pyramid, one of
+  /// the background. RT: no allocation. Cost: logarithm of the number of entries.
   [[nodiscard]] BrickEntry entry(const BrickId& id) const noexcept;
-  /// Returns the brick that has the voxel as one of its own; std::nullopt if the voxel is outside
-  /// of the level.
+  /// Returns the brick that owns the voxel; std::nullopt if the voxel is outside of the level.
   [[nodiscard]] std::optional<BrickId> holding(std::int32_t level,
                                                const VoxelAt& voxel) const noexcept;
-  /// Returns the identity of the volume. Volumes in bricks have the same identity if they were made
-  /// from the same values with the same options.
+  /// Returns the volume's identity, which is equal for equal values and options.
   [[nodiscard]] std::uint64_t identity() const noexcept { return identity_; }
-  /// Returns the first and the last voxel of the box in which level 0 may differ from the
-  /// background.
+  /// Returns the first and last voxel of the box in which level 0 may differ from background.
   [[nodiscard]] const std::array<VoxelAt, 2>& extent() const noexcept { return extent_; }
   /// Returns the first and the last voxel of the box of the active voxels of level 0.
   [[nodiscard]] const std::array<VoxelAt, 2>& activeBox() const noexcept { return active_box_; }
@@ -212,7 +203,7 @@ class BrickManifest {
 /// Returns the name of a brick's object, relative to the folder of the volume: "0/1.2.3.0.0.0".
 [[nodiscard]] std::string brickObject(const BrickId& id, const BrickFormat& format);
 
-/// The result of a brick's fetch. After each of them, other bricks can be fetched.
+/// Result of a brick's fetch. After an error, other bricks can still be fetched.
 enum class BrickStatus : std::uint8_t {
   kArrived,  ///< The slot contains the brick.
   kUnknown,  ///< The pyramid does not contain this place. The caller made an error.
@@ -232,8 +223,7 @@ enum class BrickStatus : std::uint8_t {
 /// A requested brick.
 struct BrickWish {
   BrickId id;  ///< The brick.
-  /// Priority. The brick with the highest priority is fetched first; of equal priorities, the brick
-  /// that is first in the list.
+  /// Priority. The highest is fetched first; equal ones are fetched in the order of the list.
   double priority = 0.0;
 };
 
@@ -246,18 +236,15 @@ struct BrickArrival {
   std::string why;
 };
 
-/// A source of bricks: a folder, or a store that provides objects by name.
-///
-/// One thread requests bricks. The same thread or other threads receive them as they arrive:
+/// A source of bricks: a folder, or a store that provides objects by name. Thread-safe. One thread
+/// requests bricks, and any threads receive them:
 ///
 ///   source.want(wishes);                 // when the hand has moved
 ///   while (auto arrival = source.next(slot, patience))  // in another thread
 ///       if (arrival->status == BrickStatus::kArrived) ...
 ///
-/// Each list of requests replaces the previous list, so a request need not be cancelled. If the
-/// fetch of a brick has begun, the brick arrives once, even if later lists omit or repeat it. If a
-/// brick that has arrived is requested again, it is fetched again. Any thread may call any function
-/// at any time.
+/// Each list of requests replaces the previous list. A brick in transfer arrives once, even if
+/// later lists omit or repeat it. A new request for an arrived brick fetches it again.
 class BrickSource {
  public:
   BrickSource() = default;
@@ -271,33 +258,28 @@ class BrickSource {
   /// Requests these bricks and drops all earlier requests. Never waits for a fetch.
   virtual void want(std::vector<BrickWish> wishes) = 0;
 
-  /// Fetches the requested brick of the highest priority into a slot of the caller. A brick of one
-  /// value is delivered in the same way. Several threads may call this at the same time, each with
-  /// its own slot. If a brick is requested, the call takes as long as its fetch. Otherwise it waits
-  /// for a request, at most for `patience`.
-  /// @param slot  Memory of the caller, BrickFormat::bytes() bytes. Its content is unspecified if
-  ///              the brick has not arrived.
-  /// @return      std::nullopt if no brick was requested in time, or if no brick arrived from a
-  ///              remote source in time.
+  /// Fetches the requested brick of the highest priority into `slot`, also if it has one value.
+  /// Several threads may call it, each with its own slot. Waits for a request for at most
+  /// `patience`, then takes as long as the fetch.
+  /// @param slot  BrickFormat::bytes() bytes; unspecified if the brick has not arrived.
+  /// @return      std::nullopt if no brick was requested or, from a store, has arrived in time.
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 
-  /// Returns true if a finished volume is at the place of this volume and has the same manifest. If
-  /// the volume has returned after a loss, later fetches read it there. Takes as long as reading a
-  /// small file.
+  /// Returns true if the finished volume at this place has the same manifest. After a loss, later
+  /// fetches read the returned volume. Cost: reads a small file.
   [[nodiscard]] virtual bool isThere() = 0;
 
   /// Fetches one brick at once, independently of all requests.
   [[nodiscard]] virtual BrickArrival read(const BrickId& id, std::span<std::byte> slot) = 0;
 
-  /// Returns the recent mean time from the start of a fetch to the arrival of its brick. The
-  /// window's look-ahead grows by a few times this value. 0 means that the time is negligible.
+  /// Returns the recent mean duration of a fetch; 0 if it is negligible. The window's look-ahead
+  /// grows by a few times this value.
   [[nodiscard]] virtual std::chrono::duration<double> delay() const { return {}; }
 };
 
-/// Bricks in a folder. This source has no thread of its own: the thread that calls next() reads,
-/// decompresses and checks the brick. The memory for that is kept from brick to brick. There is one
-/// set of memory for each thread that was in next() at the same time.
+/// Bricks in a folder. Has no thread: the thread that calls next() reads, decompresses and checks
+/// the brick. Keeps working memory for each thread that was in next() at the same time.
 class PosixBricks final : public BrickSource {
  public:
   /// Opens a finished folder. Throws VolumeError in the cases of BrickManifest::read.
@@ -322,17 +304,15 @@ class PosixBricks final : public BrickSource {
 /// Returns true if the folder contains bricks, even if the volume is unfinished.
 [[nodiscard]] bool isBricks(const std::filesystem::path& folder) noexcept;
 
-/// Loads a level of a volume in bricks as one grid in memory, for comparison and display. Values
-/// and active states equal the written ones to the last bit. Throws VolumeError in the cases of
-/// BrickManifest::read, if the level does not exist, and if a brick does not arrive.
+/// Loads a level as one grid in memory, equal to the written values and active states. Throws
+/// VolumeError like BrickManifest::read, and if the level is missing or a brick does not arrive.
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder,
                                                        std::int32_t level = 0);
 /// Loads a level from any source in the same way.
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level,
                                                        const std::string& called);
 
-/// Returns the path of the manifest in a folder of bricks. The writer creates this file last. It
-/// contains the identity of the volume.
+/// Returns the path of a folder's manifest, which the writer creates last.
 [[nodiscard]] std::filesystem::path brickManifestFile(const std::filesystem::path& folder);
 
 }  // namespace palpate

@@ -1,5 +1,4 @@
-/// Finds a region around a brick in which all bricks are loaded, so that each reading need not
-/// check all neighbours.
+/// Finds a region around a brick in which no reading needs to check for missing bricks.
 #pragma once
 
 #include <array>
@@ -24,7 +23,7 @@ template <class There>
                               const There& there) noexcept {
   const Vec3 end = first + Vec3::Constant(kBrickSide);
   Box box{first - Vec3::Constant(kBrickSide - fade), end + Vec3::Constant(kBrickSide - fade)};
-  // neighbours across faces first, then those across edges, then those across corners
+  // Neighbours across faces first, then across edges, then across corners.
   for (int touching = 1; touching <= 3; ++touching) {
     for (int n = 0; n < 27; ++n) {
       const std::array<int, 3> off{n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1};

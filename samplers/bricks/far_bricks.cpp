@@ -26,14 +26,13 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
 /// Longest part of a manifest's head that is compared to identify the volume [bytes].
 constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
-/// Largest number of bytes by which compression can enlarge a brick [bytes].
+/// Most bytes by which compression can enlarge a brick.
 constexpr std::size_t kMostAround = std::size_t{64} << 10U;
 /// Number of recent bricks over which the delay is averaged.
 constexpr double kDelaysAveraged = 8.0;
 /// Longest time that the thread waits for an event.
 constexpr std::chrono::milliseconds kTurn{100};
 
-/// Converts the result of a request to the verdict on the object of a brick.
 BrickVerdict verdictOf(const ObjectRequest& of) {
   switch (of.status) {
     case BrickStatus::kArrived:
@@ -64,7 +63,6 @@ struct FarBricks::State {
     if (thread.joinable()) thread.join();
   }
 
-  /// A fetch that is in progress or complete. The object is reused for later fetches.
   struct Fetch {
     BrickId id;
     BrickEntry entry;
@@ -73,8 +71,7 @@ struct FarBricks::State {
   };
   using FetchPtr = std::unique_ptr<Fetch>;
 
-  /// Returns the largest number of bytes that is accepted for the object of a brick, even if the
-  /// manifest states more.
+  /// Returns the largest accepted size of a brick's object, even if the manifest states more.
   [[nodiscard]] std::size_t longest(const BrickEntry& entry) const {
     return std::min<std::size_t>(entry.bytes, manifest->format().bytes() + kMostAround);
   }
@@ -97,8 +94,7 @@ struct FarBricks::State {
   std::optional<BrickManifest> manifest;
   std::vector<std::byte> head;  ///< Head of the manifest when the source was opened.
 
-  /// Guards the members from here down to `delay`. No thread holds it during a fetch or while it
-  /// decodes a brick.
+  /// Guards the members down to `delay`. Not held during a fetch or while a brick is decoded.
   mutable std::mutex mutex;
   std::condition_variable arrived;
   RequestQueue wishes;
@@ -106,7 +102,6 @@ struct FarBricks::State {
   std::vector<FetchPtr> free;
   std::vector<FetchPtr> here;      ///< Complete fetches that next() has not yet taken.
   std::vector<BrickCodec> codecs;  ///< Codecs that no thread uses now.
-  /// Requests for get() that no thread uses now.
   std::vector<std::unique_ptr<ObjectRequest>> idle;
   double delay = 0.0;  ///< BrickSource::delay [s].
 
@@ -143,8 +138,7 @@ FarBricks::State::State(const std::string& to, std::unique_ptr<ObjectStore> from
   manifest = BrickManifest::parse(body, url(kBrickManifestFile));
   const auto known = std::min({body.size(), BrickFacts::headOf(body), kLongestHead});
   head.assign(body.begin(), body.begin() + static_cast<std::ptrdiff_t>(known));
-  // Allocates all memory now. Later only the store allocates memory, and it reports a lack of
-  // memory as an error.
+  // Allocates all memory now. Later only the store does, and reports a lack of memory.
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
     free.back()->request = store->make();
@@ -230,8 +224,7 @@ void FarBricks::State::come(FetchPtr fetch) {
   arrived.notify_one();
 }
 
-/// Starts fetches until all connections are in use. A complete fetch that next() has not taken
-/// counts as a connection in use.
+/// Starts fetches until all connections are in use, also by fetches that next() has not taken.
 void FarBricks::State::beginFetches() {
   while (true) {
     FetchPtr fetch;
@@ -276,7 +269,6 @@ void FarBricks::State::end(const ObjectRequest* request) {
   come(std::move(fetch));
 }
 
-/// Ends transfers that have stalled or take too long, so that other fetches can begin.
 void FarBricks::State::endStalled() {
   const Clock::time_point now = Clock::now();
   for (std::size_t i = away.size(); i-- > 0;) {
@@ -288,8 +280,7 @@ void FarBricks::State::endStalled() {
   }
 }
 
-/// Processes the answer to a check: the volume exists if the answer equals the head of its
-/// manifest.
+/// Processes the answer to a check: the volume exists if the manifest's head is unchanged.
 void FarBricks::State::answer() {
   // If there was too little memory for the check, the check has no result.
   if (asker->why != kNoMemory) {
@@ -379,8 +370,7 @@ std::optional<BrickArrival> FarBricks::next(std::span<std::byte> slot,
 bool FarBricks::isThere() {
   state_->ask = true;
   state_->store->wake();
-  // `silent` also becomes true if the fetching thread itself waits, for example for the resolution
-  // of a host name.
+  // `silent` is also true if the fetching thread waits, for example for a host's address.
   const Clock::duration since(state_->asked);
   const bool silent =
       since.count() != 0 && Clock::now().time_since_epoch() - since > state_->params.silent;

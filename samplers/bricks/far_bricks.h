@@ -24,7 +24,7 @@ struct StoreParams {
 
   /// isThere() returns false if the store has not answered for this time.
   std::chrono::milliseconds silent{2'000};
-  /// Longest duration of a blocking fetch, which is that of all its tries together.
+  /// Longest duration of a blocking fetch, including all its tries.
   std::chrono::milliseconds opened{60'000};
 };
 
@@ -86,19 +86,15 @@ class ObjectStore {
   /// Starts a request. When the request has ended, ended() returns it. If the request fails at
   /// once, begin() returns false, and `request` contains the reason.
   [[nodiscard]] virtual bool begin(const std::string& name, ObjectRequest& request) noexcept = 0;
-  /// Drops a request in progress. ended() will not return this request, and the store no longer
-  /// writes to it.
+  /// Drops a request in progress. The store neither writes to it nor returns it from ended().
   virtual void drop(ObjectRequest& request) noexcept = 0;
-  /// Waits for the end of a request and returns that request. Returns null if none ends within
-  /// `patience`, or if wake() was called.
+  /// Waits for the end of a request and returns it. Returns null after `patience` or wake().
   [[nodiscard]] virtual ObjectRequest* ended(std::chrono::milliseconds patience) noexcept = 0;
   virtual void wake() noexcept = 0;  ///< Ends the wait of ended(). Any thread may call it.
 };
 
-/// A folder of bricks in a store. A thread of this object requests the objects. The thread that
-/// calls next() decompresses and checks them. A faulty server can withhold bricks but cannot
-/// deliver wrong bricks. An object is rejected if it is longer than the manifest states or than a
-/// brick can be. Objects are checked in the same way as files.
+/// A folder of bricks in a store. Its thread requests objects. The thread that calls next()
+/// decompresses and checks them like files, so a faulty server cannot deliver wrong bricks.
 class FarBricks final : public BrickSource {
  public:
   /// Fetches the manifest. Throws VolumeError if the store does not answer or has no manifest.

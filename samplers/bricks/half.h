@@ -1,5 +1,4 @@
-/// Conversion of 16-bit floating-point numbers (IEEE 754 binary16), in which bricks may be stored.
-/// Includes no header of another library.
+/// Conversion of 16-bit floating-point numbers (IEEE 754 binary16). Needs no other library.
 #pragma once
 
 #include <bit>
@@ -11,9 +10,8 @@ namespace palpate {
 [[nodiscard]] constexpr float floatOfHalf(std::uint16_t half) noexcept {
   const std::uint32_t sign = (std::uint32_t{half} & 0x8000U) << 16U;
   const std::uint32_t rest = (std::uint32_t{half} & 0x7FFFU) << 13U;
-  // The bias of the exponent changes from 15 to 127. Subnormal results are computed as a difference
-  // of normal numbers, so that they are right even if the processor flushes subnormal numbers to
-  // zero.
+  // Changes the bias of the exponent from 15 to 127. Subnormal results are differences of normal
+  // numbers, so they are right even if the processor flushes subnormal numbers to zero.
   constexpr std::uint32_t kBias = (127U - 15U) << 23U;
   constexpr std::uint32_t kLeast = kBias + (1U << 23U);
   if (rest < (1U << 23U)) {
@@ -24,8 +22,7 @@ namespace palpate {
   return std::bit_cast<float>((rest + kBias + endless) | sign);
 }
 
-/// Returns the nearest 16-bit number. If two are equally near, returns the one whose last bit is 0.
-/// The result is infinite for magnitudes of 65520 or more.
+/// Returns the nearest 16-bit number; ties go to last bit 0. Infinite for magnitudes from 65520 on.
 [[nodiscard]] constexpr std::uint16_t halfOfFloat(float value) noexcept {
   const auto bits = std::bit_cast<std::uint32_t>(value);
   const std::uint32_t sign = (bits >> 16U) & 0x8000U;
@@ -36,8 +33,7 @@ namespace palpate {
   } else if (size >= 0x477FF000U) {
     half = 0x7C00U;
   } else if (size < 0x38800000U) {
-    // For subnormal results: the sum with a number whose last bit has the weight of the result's
-    // last bit rounds the value.
+    // Rounds subnormal results: adds a number with a last bit of the same weight.
     constexpr std::uint32_t kAdded = ((127U - 15U) + (23U - 10U) + 1U) << 23U;
     const float sum = std::bit_cast<float>(size) + std::bit_cast<float>(kAdded);
     half = std::bit_cast<std::uint32_t>(sum) - kAdded;

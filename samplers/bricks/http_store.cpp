@@ -39,7 +39,6 @@ struct HttpRequest final : ObjectRequest {
   bool too_long = false;
 };
 
-/// Returns the value of a header line if the line has that name.
 std::optional<std::string_view> valueOf(std::string_view line, std::string_view name) noexcept {
   const auto same = [](unsigned char a, unsigned char b) { return a == std::tolower(b); };
   if (line.size() <= name.size() || line[name.size()] != ':' ||
@@ -53,15 +52,14 @@ std::optional<std::string_view> valueOf(std::string_view line, std::string_view 
   return line;
 }
 
-/// Reads a number at the start of `text`, and removes it. Returns false if `text` begins otherwise.
+/// Removes a number from the start of `text`. Returns false without a number.
 bool takeNumber(std::string_view& text, std::uint64_t& number) noexcept {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   text.remove_prefix(static_cast<std::size_t>(end - text.data()));
   return error == std::errc();
 }
 
-/// Returns the length of the body [bytes] if a header line states it. A range that does not begin
-/// at the first byte has length 0.
+/// Returns the body's length [bytes] if the header line states it; 0 for a range from a later byte.
 std::optional<std::uint64_t> statedLength(std::string_view line) noexcept {
   std::uint64_t first = 0;
   std::uint64_t number = 0;
@@ -78,8 +76,7 @@ std::optional<std::uint64_t> statedLength(std::string_view line) noexcept {
   return takeNumber(*range, number) && number != UINT64_MAX ? number + 1 : 0;
 }
 
-/// For libcurl: reads one line of an answer's header. If the line states a length other than the
-/// one asked for, it refuses the answer before its body.
+/// For libcurl: reads a header line. Refuses the answer if the stated length is wrong.
 std::size_t readHeader(const char* bytes, std::size_t size, std::size_t count, void* to) noexcept {
   auto& request = *static_cast<HttpRequest*>(to);
   const std::optional<std::uint64_t> length = statedLength({bytes, size * count});
@@ -130,7 +127,6 @@ void conclude(HttpRequest& request, CURLcode how) noexcept {
   } else if (request.announced) {
     request.status = BrickStatus::kCut;
   } else if (request.too_long) {
-    // A server without ranges sends the whole object.
     request.status = request.part ? BrickStatus::kArrived : BrickStatus::kCut;
   } else if (how != CURLE_OK) {
     request.fail(curl_easy_strerror(how));

@@ -8,12 +8,10 @@
 
 namespace palpate {
 
-/// Makes a store of the folder at an address, http://host[:port]/folder or https://..., by libcurl.
-/// Throws VolumeError if the address is invalid, for example has a user or a query, and if the
-/// module palpate_http.so, which contains libcurl's part, is missing. The first call loads the
-/// module.
-///
-/// The store sends only GET, follows no redirection, keeps no cookie, and reads no password file.
+/// Makes a store of the folder at http://host[:port]/folder or https://..., by libcurl. The first
+/// call loads the module palpate_http.so. Throws VolumeError if the module is missing, or if the
+/// address is invalid, such as with a user or query. Sends only GET. Follows no redirection, keeps
+/// no cookie, and reads no password file.
 [[nodiscard]] std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address,
                                                          const StoreParams& params = {});
 /// The function of the module palpate_http.so, which makeHttpStore() loads.

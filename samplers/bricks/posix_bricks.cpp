@@ -49,12 +49,10 @@ struct PosixBricks::State {
     const std::lock_guard lock(mutex);
     return folder;
   }
-  /// Returns true if the volume is in this folder. A finished volume must still have its manifest
-  /// there.
+  /// Returns true if the volume is in this folder. If finished, it must still have its manifest.
   bool isIn(const BrickFolder& some) const {
     return !some.isGone() && (!finished || some.has(kBrickManifestFile));
   }
-  /// Converts errno of a failed read to a verdict.
   static BrickVerdict verdictOf(int error) {
     if (error == ENOENT || error == ENOTDIR) return {BrickStatus::kMissing, "it is missing"};
     if (error == EISDIR) return {BrickStatus::kDamaged, "it is not a file"};

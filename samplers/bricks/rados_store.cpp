@@ -44,7 +44,6 @@ Call call(const char* name) {
                     "install another librados2");
 }
 
-/// The functions in use.
 struct Librados {
   decltype(rados_create)* create = call("rados_create");
   decltype(rados_conf_read_file)* conf_read_file = call("rados_conf_read_file");
@@ -68,7 +67,6 @@ const Librados& librados() {
   return calls;
 }
 
-/// The parts of rados://[user@]pool/folder.
 struct Address {
   std::string user;
   std::string pool;
@@ -119,7 +117,6 @@ const char* nameOf(int error) noexcept {
   return name == nullptr ? "unknown error" : name;
 }
 
-/// Sets a request's result from a read: the number of bytes, or an error.
 void conclude(ObjectRequest& request, const char* bytes, int result) noexcept {
   if (result == -ENOENT) {
     request.status = BrickStatus::kMissing;

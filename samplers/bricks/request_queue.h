@@ -1,5 +1,4 @@
-/// Private to samplers: a queue of requested bricks, ordered by priority. Include it in .cpp files
-/// only.
+/// Private to samplers, for .cpp files only: a queue of requested bricks, ordered by priority.
 #pragma once
 
 #include <algorithm>
@@ -15,23 +14,21 @@
 
 namespace palpate {
 
-/// The requests of the last BrickSource::want(), and the bricks whose fetch is in progress. Not
-/// thread-safe.
+/// Requests of the last BrickSource::want(), and fetches in progress. Not thread-safe.
 class RequestQueue {
  public:
-  /// Reserves memory for this many fetches at a time, so that begin() does not allocate.
+  /// Reserves memory for this many fetches, so that begin() does not allocate.
   explicit RequestQueue(std::size_t at_once = 64) { begun_.reserve(at_once); }
 
-  /// Replaces all requests by new ones. Bricks whose fetch is in progress are not requested again.
+  /// Replaces all requests by new ones, except for bricks with a fetch in progress.
   void set(std::vector<BrickWish> wishes) {
-    // A priority of NaN is replaced by the lowest priority, so that the order is defined.
+    // Orders NaN as the lowest priority.
     for (BrickWish& wish : wishes) {
       if (std::isnan(wish.priority)) wish.priority = -std::numeric_limits<double>::infinity();
     }
     std::stable_sort(wishes.begin(), wishes.end(), [](const BrickWish& a, const BrickWish& b) {
       return a.priority > b.priority;
     });
-    // Keeps each brick once, with its highest priority.
     std::set<BrickId> seen(begun_.begin(), begun_.end());
     std::erase_if(wishes, [&](const BrickWish& wish) { return !seen.insert(wish.id).second; });
     std::reverse(wishes.begin(), wishes.end());
@@ -46,7 +43,6 @@ class RequestQueue {
     begun_.push_back(id);
     return id;
   }
-  /// Records that the fetch of a brick is over, with or without success.
   void end(const BrickId& id) { std::erase(begun_, id); }
 
  private:

@@ -18,21 +18,17 @@ constexpr double kReachAhead = 1.0;
 constexpr int kMostAhead = 8;
 /// The look-ahead time grows by the delay of a brick times this number.
 constexpr double kDelaysAhead = 4.0;
-/// Distance by which a predicted position counts as farther, for each brick of the predicted path
-/// [bricks]. The reason is that the hand may leave that path.
+/// Distance added per brick of a predicted path, because the hand may leave the path [bricks].
 constexpr double kDistancePerBrick = 0.15;
-/// Largest number of messages about one kind of error, in the life of a window.
+/// Largest number of messages about one kind of error.
 constexpr int kMostMessages = 8;
-/// Interval between two checks of whether the volume exists. After two failed checks the volume
-/// counts as lost.
+/// Interval of checks for the volume, which counts as lost after two failed checks.
 constexpr std::chrono::seconds kCheckInterval{1};
 /// If a hand has not reported for this time, the loader stops following it.
 constexpr std::chrono::seconds kSilent{1};
-/// If a proxy is within this distance of a brick, it may read the brick before it reports again
-/// [voxels of level 0].
+/// Distance at which a proxy may read a brick before it reports again [voxels of level 0].
 constexpr double kNearProxy = 16.0;
 
-/// Converts a point in the index space of level 0 to that of another level.
 Vec3 toLevel(const Vec3& p_0, std::int32_t level) noexcept {
   return (p_0 + Vec3::Constant(0.5)) * std::ldexp(1.0, -level) - Vec3::Constant(0.5);
 }
@@ -63,7 +59,7 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
   thread = std::thread([this] { run(); });
 }
 
-/// Returns true if a proxy is in a brick or near it. A new brick must then fade in.
+/// Returns true if a proxy is in a brick or near it, so that the brick must fade in.
 bool BrickWindow::Loader::isNearProxy(const BrickId& id) const noexcept {
   const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
   const double size = std::ldexp(1.0, id.level);
@@ -83,8 +79,7 @@ bool BrickWindow::Loader::isNearProxy(const BrickId& id) const noexcept {
   return false;
 }
 
-/// Waits until all readers that may have read the old tables have left. Readers that enter from now
-/// on are counted on the other side and read the new tables. Returns false if the loader must stop.
+/// Waits until all readers of the old tables have left. Returns false if the loader must stop.
 bool BrickWindow::Loader::leftByAll() {
   constexpr std::chrono::microseconds kLittle{20};
   const std::uint32_t side = pool.side.load();
@@ -96,7 +91,6 @@ bool BrickWindow::Loader::leftByAll() {
   return true;
 }
 
-/// Copies the brick in `staging` to a slot and enters it in the tables. The slot must be empty.
 void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   std::memcpy(pool.slotAt(slot), staging.data(), staging.size());
   owners[slot] = id;
@@ -118,9 +112,8 @@ std::size_t BrickWindow::Loader::takeFree() {
   return slot;
 }
 
-/// Removes from the tables the brick with the largest distance in `wanted`, if `id` has a smaller
-/// distance. Bricks that are not wanted come first, and of these the one that has been unwanted for
-/// longest. Returns the slot of that brick. Readers may still read the slot.
+/// Removes a brick from the tables: the longest unwanted one, else the farthest in `wanted` if `id`
+/// is nearer. Returns its slot, which readers may still read.
 std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   const auto key = [&](const BrickId& of, std::uint64_t last) {
     const auto found = wanted.find(of);
@@ -147,8 +140,8 @@ std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   return victim;
 }
 
-/// Requests the bricks that are nearest to the present and predicted positions of the hands. All
-/// levels are treated alike: distances are counted in bricks of the level.
+/// Requests the bricks nearest to the present and predicted positions of the hands. Distances are
+/// in bricks of the level.
 void BrickWindow::Loader::chooseRequests() {
   struct Place {
     Vec3 p;
@@ -192,8 +185,7 @@ void BrickWindow::Loader::chooseRequests() {
           for (id.at[2] = low[2]; id.at[2] <= high[2]; ++id.at[2]) {
             const Vec3 corner(id.at[0], id.at[1], id.at[2]);
             const Vec3 off = (b - (b.cwiseMax(corner).cwiseMin(corner + Vec3::Ones())));
-            // At equal distances, a brick of a coarser level comes first, because it covers more
-            // space.
+            // At equal distances, the coarser level comes first: its brick covers more space.
             const double key = off.norm() + place.later - 1e-3 * static_cast<double>(l);
             const auto known = all.find(id);
             if (known != all.end() && known->second <= key) continue;
@@ -251,8 +243,7 @@ void BrickWindow::Loader::handleArrival(const BrickArrival& arrival,
     } else if (!free.empty()) {
       publish(arrival.id, takeFree());
     } else if (const auto slot = evictFor(arrival.id)) {
-      // Waits for readers without holding the mutex, so that a reader that does not leave blocks
-      // only the loader.
+      // Waits without the mutex, so that a reader that does not leave blocks only the loader.
       lock.unlock();
       const bool left = leftByAll();
       lock.lock();
@@ -267,7 +258,6 @@ void BrickWindow::Loader::handleArrival(const BrickArrival& arrival,
   changed.notify_all();
 }
 
-/// Checks at intervals whether the volume exists.
 void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   if (now - checked_at < kCheckInterval) return;
   checked_at = now;
@@ -295,7 +285,6 @@ void BrickWindow::Loader::checkVolume(Clock::time_point now) {
   chooseRequests();
 }
 
-/// Finds which hands have reported since the last call, and which hands no longer report.
 void BrickWindow::Loader::updateHands(Clock::time_point now) {
   for (std::size_t h = 0; h < kMostHands; ++h) {
     Following& hand = following[h];

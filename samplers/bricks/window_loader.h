@@ -1,5 +1,4 @@
-/// Private to samplers: the thread that loads the bricks of a window. Include it in .cpp files
-/// only.
+/// Private to samplers, for .cpp files only: the thread that loads the bricks of a window.
 #pragma once
 
 #include <array>
@@ -24,7 +23,6 @@
 
 namespace palpate {
 
-/// Loads the requested bricks of a window in its own thread.
 struct BrickWindow::Loader {
   using Clock = std::chrono::steady_clock;
 
@@ -35,12 +33,10 @@ struct BrickWindow::Loader {
     thread.join();
   }
 
-  void run();  ///< Function of the thread.
-  /// See BrickWindow::settle.
+  void run();
   [[nodiscard]] bool settle(Clock::time_point until);
 
-  // The thread holds `mutex` during the calls of these functions, but releases it in checkVolume()
-  // and during leftByAll().
+  // Callers hold `mutex`, except for checkVolume() and leftByAll().
   void chooseRequests();
   void handleArrival(const BrickArrival& arrival, std::unique_lock<std::mutex>& lock);
   void reportOnce(const BrickArrival& of);
@@ -77,7 +73,7 @@ struct BrickWindow::Loader {
   std::map<BrickStatus, int> messages;                 ///< Number of errors of each kind.
   /// The reports of a hand to the window.
   struct Following {
-    std::uint32_t beats = 0;  ///< HandReport::beats at the last look.
+    std::uint32_t beats = 0;  ///< Value of HandReport::beats at the last check.
     Clock::time_point at;     ///< Time at which the last report was noticed.
     bool alive = false;       ///< True if the loader follows the hand.
   };

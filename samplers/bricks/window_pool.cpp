@@ -10,8 +10,7 @@
 namespace palpate {
 namespace {
 
-/// Smallest number of slots besides those of the coarsest level. The neighbourhood of a hand needs
-/// 27 bricks.
+/// Slots that a window needs in addition to the coarsest level: the 27 bricks around a hand.
 constexpr std::uint64_t kLeastSlots = 27;
 /// Largest part of the machine's memory that a window may use.
 constexpr double kMostOfMemory = 0.75;

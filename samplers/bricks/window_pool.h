@@ -1,5 +1,4 @@
-/// Private to samplers: the memory of a window, which its readers and its loader share. Include it
-/// in .cpp files only.
+/// Private to samplers, for .cpp files only: memory that a window's readers and loader share.
 #pragma once
 
 #include <array>
@@ -16,8 +15,7 @@
 
 namespace palpate {
 
-/// The last report of a hand. One thread writes it and another thread reads it, with a sequence
-/// counter (a seqlock).
+/// The last report of a hand, as a seqlock with one writing and one reading thread.
 struct BrickWindow::HandReport {
   std::atomic<std::uint32_t> count{0};
   std::atomic<std::uint32_t> beats{0};  ///< Number of calls of aim().
@@ -45,7 +43,7 @@ struct BrickWindow::HandReport {
     }
     return out;
   }
-  /// Returns the last report. Returns std::nullopt if there is none, or if it is being written now.
+  /// Returns the last report. Returns std::nullopt before the first report and during a write.
   [[nodiscard]] std::optional<Aim> read() const noexcept {
     const std::uint32_t before = count.load(std::memory_order_acquire);
     if (before == 0 || (before & 1U) != 0) return std::nullopt;
@@ -57,13 +55,11 @@ struct BrickWindow::HandReport {
 
 /// The slots and tables of a window. Any thread may read the tables. Only the loader writes them.
 struct BrickWindow::Pool {
-  /// Number of bricks for which a window needs memory besides the pool: the compressed data and the
-  /// decompressed data of the brick that is being read.
+  /// Memory beyond the pool [bricks]: the brick that is being read, compressed and decompressed.
   static constexpr std::uint64_t kReading = 2;
   /// Arrival time of bricks for which no reader has waited [ns].
   static constexpr std::int64_t kLongAgo = std::numeric_limits<std::int64_t>::min();
 
-  /// Value and state of a brick with only one value.
   struct Constant {
     std::array<float, 3> value{};
     bool active = false;
@@ -74,21 +70,18 @@ struct BrickWindow::Pool {
   Pool& operator=(const Pool&) = delete;
   ~Pool();
 
-  /// Returns the index, along one axis, of the brick from which a cell is read. This is the brick
-  /// that owns the cell's lowest corner. The cell just before the first brick is an exception: it
-  /// is read from the apron of the first brick.
+  /// Returns the index, along one axis, of the brick from which a cell is read: the brick that owns
+  /// the cell's lowest corner. The first brick also serves the cell just before it.
   /// @param first  BrickLevel::first along the axis.
   [[nodiscard]] static int brickOf(int cell, int first) noexcept {
     constexpr int kShift = 6;
     static_assert(1 << kShift == kBrickSide);
-    // the shift rounds down
     return ((cell == kBrickSide * first - 1 ? cell + 1 : cell) >> kShift) - first;
   }
   [[nodiscard]] std::byte* slotAt(std::size_t slot) const noexcept {
     return memory + slot * slot_bytes;
   }
-  /// Returns the place of a cell's brick in the table of the level; std::nullopt if the cell is
-  /// outside of the level.
+  /// Returns the place of a cell's brick in the level's table; std::nullopt outside of the level.
   [[nodiscard]] std::optional<std::size_t> placeOf(std::int32_t level, int i, int j,
                                                    int k) const noexcept {
     const BrickLevel& of = levels[static_cast<std::size_t>(level)];
@@ -101,7 +94,6 @@ struct BrickWindow::Pool {
     }
     return place;
   }
-  /// Returns the table entry of a brick, which must be in the pyramid.
   [[nodiscard]] std::atomic<std::uint64_t>& entry(const BrickId& id) noexcept {
     const auto l = static_cast<std::size_t>(id.level);
     std::size_t place = 0;
@@ -121,7 +113,7 @@ struct BrickWindow::Pool {
   };
   /// Number of readers that have entered on each side and not left.
   mutable std::array<Count, 2> in;
-  std::atomic<std::uint64_t> changes{0};  ///< Number of changes of the tables.
+  std::atomic<std::uint64_t> changes{0};
   std::vector<BrickLevel> levels;
   BrickFormat format;
   /// For each level, Entry::bits() of its bricks.
@@ -132,15 +124,15 @@ struct BrickWindow::Pool {
   std::vector<std::atomic<std::int64_t>> arrivals;
   std::atomic<double> horizon;         ///< Present look-ahead time [s].
   std::atomic<std::uint32_t> side{0};  ///< Side on which readers enter now.
-  bool waits;                          ///< WindowParams::waits.
+  bool waits;
   std::array<HandReport, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};  ///< Number of calls of newHand().
   std::atomic<std::uint64_t> aimed{
       0};                       ///< Counts the reports that require a new choice of requests.
   std::byte* memory = nullptr;  ///< Memory of all slots, in the order of their indices.
-  std::size_t slots = 0;        ///< Number of slots.
-  std::size_t slot_bytes = 0;   ///< Size of a slot [bytes], a multiple of 64.
-  bool locked = false;          ///< See WindowState::locked.
+  std::size_t slots = 0;
+  std::size_t slot_bytes = 0;  ///< Size of a slot [bytes], a multiple of 64.
+  bool locked = false;
 };
 
 }  // namespace palpate

@@ -28,7 +28,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Content of the folder before the first write.
 enum class Found { kNothing, kUnfinished, kFinished };
 
 std::string contentsOf(const fs::path& file) {
@@ -36,8 +35,7 @@ std::string contentsOf(const fs::path& file) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-/// Makes the folder if it does not exist, and returns what it contains. Throws Error if it contains
-/// anything but bricks of this identity.
+/// Makes the folder if it is missing. Throws Error if it contains anything but these bricks.
 Found lookInto(const fs::path& folder, std::uint64_t identity) {
   std::error_code error;
   if (!fs::exists(fs::symlink_status(folder, error))) {
@@ -73,7 +71,6 @@ Found lookInto(const fs::path& folder, std::uint64_t identity) {
   return Found::kNothing;
 }
 
-/// Working memory of one thread.
 struct Space {
   Space(const BrickFormat& format, std::uint64_t identity)
       : values(kBrickVoxels * format.components()),
@@ -88,12 +85,11 @@ struct Space {
   CoarserSpace coarser;
 };
 
-/// Returns the statistics of a brick's own voxels, without its apron.
 BrickStatistics statisticsOf(const Space& space, std::size_t components, const VoxelAt& voxel) {
   BrickStatistics s;
   for (int i = 0; i < kBrickSide; ++i) {
     for (int j = 0; j < kBrickSide; ++j) {
-      // Processes the voxels row by row, for speed: the function visits every voxel of the volume.
+      // Row by row for speed: the function visits every voxel of the volume.
       const std::size_t begin = BrickView::numberOf(i, j, 0);
       const VoxelAt lower{voxel[0] + i, voxel[1] + j, voxel[2] + kBrickSide};
       const VoxelAt upper{lower[0], lower[1], voxel[2]};
@@ -118,7 +114,6 @@ BrickStatistics statisticsOf(const Space& space, std::size_t components, const V
   return s;
 }
 
-/// Copies the value and the state of the first voxel to all voxels of a brick.
 void spreadFirst(Space& space, std::size_t components) {
   for (std::size_t n = components; n < space.values.size(); ++n) {
     space.values[n] = space.values[n - components];
@@ -156,7 +151,6 @@ class Writer {
   BrickReport write() {
     const auto levels = static_cast<std::int32_t>(facts_.manifest().levels().size());
     if (group_.rank() == 0) makeFolders(levels);
-    // Waits until rank 0 has made the folders.
     (void)group_.gather({});
     for (std::int32_t l = 0; l < levels; ++l) {
       l == 0 ? writeFinest() : writeCoarser(l);
@@ -202,8 +196,7 @@ class Writer {
     return facts_.manifest().levels()[static_cast<std::size_t>(l)];
   }
 
-  /// Writes level 0. Each rank writes the bricks of one slab, divided along the last axis, because
-  /// the index along that axis varies slowest in image files.
+  /// Writes level 0: each rank one slab along the last axis, which is the slowest in image files.
   void writeFinest() {
     const auto& first = level(0).first;
     const auto& count = level(0).count;
@@ -239,7 +232,6 @@ class Writer {
     });
   }
 
-  /// Calls `body` for all bricks of a level, in parallel, and reports progress.
   template <class Body>
   void forEach(std::size_t count, Body body) {
     inParallel(count, [&](std::size_t n) {
@@ -248,9 +240,7 @@ class Writer {
     });
   }
 
-  /// Makes one brick and stores it.
-  /// @param fill  Sets the values and bits of a space. Returns true if it has set only the first
-  ///              voxel, whose value and state all voxels have.
+  /// Makes and stores a brick. `fill` returns true if it set only the first voxel, for all voxels.
   template <class Fill>
   void make(const BrickId& id, Fill fill) {
     Space& space = spaces_.local();
@@ -272,14 +262,12 @@ class Writer {
     }
   }
 
-  /// Returns true if a brick with a single value is background.
   [[nodiscard]] bool isBackground(const Space& space) const {
     return (space.active[0] & 1) == 0 &&
            std::memcmp(space.values.data(), facts_.manifest().background().data(),
                        components_ * sizeof(float)) == 0;
   }
 
-  /// Fills a brick of level 0 by BrickInput::fill.
   bool fill(const VoxelAt& at, Space& space) {
     std::fill(space.active.begin(), space.active.end(), std::uint8_t{0});
     VoxelAt lower = level(0).voxelOf(at);
@@ -334,8 +322,8 @@ class Writer {
     return false;
   }
 
-  /// Keeps the object of an earlier run if it is identical to the object that would be written. The
-  /// bytes are compared, because zstd may decompress a damaged object to the same values.
+  /// Keeps the object of an earlier run if it is equal byte for byte: zstd may decompress a damaged
+  /// object to the same values.
   bool keep(const BrickId& id, Space& space) {
     std::size_t got = 0;
     const std::string name = brickObject(id, input_.format);
@@ -398,8 +386,7 @@ class Writer {
     told(0.0);
   }
 
-  /// Reports progress, unless another thread is just reporting.
-  /// @param part  Share of the level that is finished, 0 to 1.
+  /// Reports the finished share `part` of the level, unless another thread is reporting.
   void told(double part) {
     if (!options_.progress) return;
     const std::unique_lock lock(telling_, std::try_to_lock);

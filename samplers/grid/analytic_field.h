@@ -14,8 +14,7 @@ namespace palpate {
 template <class Formula>
 class AnalyticScalarField final : public ScalarField {
  public:
-  /// `frame.voxel` is the distance [m] that the proxy may move before the formula is evaluated
-  /// again.
+  /// `frame.voxel` is the distance that the proxy may move until the next evaluation [m].
   AnalyticScalarField(const FieldFrame& frame, Formula formula)
       : ScalarField(frame), formula_(std::move(formula)) {}
 

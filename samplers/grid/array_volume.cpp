@@ -21,7 +21,6 @@ namespace {
 
 constexpr std::int64_t kMostAlong = std::numeric_limits<std::int32_t>::max();
 
-/// Reads values from an array and converts them to the value type of a grid.
 template <class GridT>
 struct ArrayValues {
   using Value = typename GridT::ValueType;
@@ -67,7 +66,6 @@ double medianOfFaces(const ArrayValues<GridT>& values) {
   return *middle;
 }
 
-/// Makes one leaf of the grid. Returns null if all values of the leaf equal the background.
 template <class GridT>
 std::unique_ptr<typename GridT::TreeType::LeafNodeType> leafOf(
     const ArrayValues<GridT>& values, const openvdb::Coord& origin,
@@ -85,8 +83,7 @@ std::unique_ptr<typename GridT::TreeType::LeafNodeType> leafOf(
     for (c.y() = origin.y(); c.y() < end[1]; ++c.y()) {
       for (c.z() = origin.z(); c.z() < end[2]; ++c.z()) {
         const auto value = values.at(c.x(), c.y(), c.z());
-        // A NaN is not equal to the background, so it becomes an active value that later checks
-        // detect.
+        // A NaN does not equal the background. It becomes active, and later checks detect it.
         if (!(value == background)) leaf->setValueOn(Leaf::coordToOffset(c), value);
       }
     }

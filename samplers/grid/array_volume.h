@@ -1,5 +1,4 @@
-/// Copies an array in memory (values on a regular lattice) into a volume that a hand can feel. Does
-/// not include OpenVDB headers.
+/// Copies an array in memory into a volume. Includes no OpenVDB header.
 #pragma once
 
 #include <array>
@@ -14,8 +13,8 @@
 
 namespace palpate {
 
-/// A view of an array of scalars or of vectors, in any memory order. In the array's own space,
-/// value (i, j, k) is at origin + axes (i, j, k).
+/// View of an array of scalars or vectors on a regular lattice, in any memory order. Value (i, j,
+/// k) is at origin + axes (i, j, k) in the array's own space.
 struct VoxelArray {
   /// Storage type of a scalar, or of a vector's component: 32 or 64 bits.
   enum class Type : std::uint8_t { kFloat, kDouble };
@@ -34,9 +33,8 @@ struct VoxelArray {
   Vec3 origin = Vec3::Zero();   ///< Place of value (0, 0, 0), in the array's unit of length.
   std::string name = "values";  ///< Name of the volume, used in messages.
   bool level_set = false;  ///< True for signed distances, negative inside. The surface is at 0.
-  /// Value of places without data. A value in the array that equals it is not data. If not set, it
-  /// is zero for vectors. For scalars it is the median of the values on the array's six faces, as
-  /// in `palpate import`.
+  /// Value of places without data, and of array elements that are not data. If not set: zero for
+  /// vectors; for scalars the median on the array's six faces, as in `palpate import`.
   std::optional<double> background;
 };
 

@@ -1,5 +1,4 @@
-/// Private to samplers: the cells at the edge of a level set's band in which its values are still
-/// distances.
+/// Private to samplers: cells at the edge of a level set's band that hold the surface.
 #pragma once
 
 #include <algorithm>
@@ -12,16 +11,14 @@ namespace palpate::detail {
 /// Returns true if the values at a cell's eight corners describe the surface of a level set, also
 /// if some corners are inactive.
 ///
-/// A distance changes by at most the length of an edge between the edge's ends, and so does a
-/// distance that is clipped at the width of the band. The background is that width, and a band is
-/// at least one voxel wide. So in a cell that contains the surface, the values change by at most
-/// the background along each edge. Where data are missing instead, a corner has the value of the
-/// background itself. Its difference to a negative neighbour exceeds the background.
+/// Along an edge, a distance changes by at most the edge's length, also if it is clipped at the
+/// band's width. The background is that width, and at least one voxel. So in a cell with the
+/// surface, values change by at most the background along each edge. A corner without data has the
+/// value of the background. Its difference to a negative neighbour is larger.
 ///
-/// kSlack is the share by which a difference may exceed the background, for rounding and for
-/// distances that are not exact. It admits a corner without data only beside a neighbour within
-/// kSlack times the background of the surface. There the surface moves by less than kSlack times
-/// the width of the band: 0.15 voxel for the usual three voxels.
+/// kSlack allows for rounding and for inexact distances. It admits a corner without data only
+/// beside a neighbour within kSlack times the background of the surface. The surface moves by less
+/// than kSlack times the band's width: 0.15 voxel for the usual three voxels.
 ///
 /// @param at  Values of the corners; the last index varies fastest.
 /// @param background  Background of the grid, in the unit of the values.

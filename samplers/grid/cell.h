@@ -1,12 +1,10 @@
-/// Private to samplers: the cached data of the cell that was read last, and the kernels that read
-/// it.
+/// Private to samplers: kernels that interpolate in a cell, from data that load() caches.
 ///
-/// A kernel implements one order of interpolation. It stores the data of the voxels around a cell
-/// that it needs. For a position t in the cell, it returns one row: C components of the value, then
-/// their derivatives by the first, second and third index. If a row depends linearly on the rows of
-/// the cell's corners (kBlendsRows), load() rotates the corners' rows into W, so that the rows that
-/// are read need no rotation. All data are in plain arrays. In a translation unit as large as
-/// OpenVDB's, the compiler does not inline Eigen's expressions, and they take three times as long.
+/// A kernel implements one order of interpolation. At position t in the cell it returns a row: C
+/// components of the value, then their derivatives by the first, second and third index. If
+/// kBlendsRows, a row is linear in the rows of the cell's corners, and load() rotates these into W.
+/// Data are plain arrays: in a large translation unit the compiler does not inline Eigen's
+/// expressions, and they take three times as long.
 #pragma once
 
 #include <algorithm>
@@ -23,10 +21,9 @@ namespace palpate {
 /// The cubic polynomial c0 + c1 s + c2 s^2 + c3 s^3.
 using Cubic = std::array<double, 4>;
 
-/// Returns the first s from 0 to 1 at which a cubic falls below zero; 2 if it does not fall below
-/// zero.
-/// @param above  On entry, true if a value was above zero before this cubic. On return, also true
-///               if the cubic was above zero.
+/// Returns the first s from 0 to 1 at which a cubic falls below zero, else 2.
+/// @param above  In: true if a value before this cubic was above zero. Out: also true if the
+///               cubic was above zero.
 /// @param first  If true, a cubic that begins at or below zero and falls counts as a fall at s = 0.
 inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };
@@ -66,9 +63,8 @@ inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   return 2.0;
 }
 
-/// A cube of W^3 voxels that is read where it is stored. Row (i, j) runs along the last axis.
-/// `first` holds the address of the first number of each row. The components of a voxel are side by
-/// side.
+/// A cube of W^3 voxels, read where it is stored. `first` has the address of the first number of
+/// each row (i, j), which runs along the last axis. Components are side by side.
 template <class Number, int W>
 struct Rows {
   static constexpr std::size_t kW = W;
@@ -85,8 +81,7 @@ constexpr int bitOf(int i, int j, int k) noexcept {
   return (i * W + j) * W + k;
 }
 
-/// Returns the bits of the eight voxels of a cell whose lower corner is voxel (0, 0, 0) of the
-/// cube.
+/// Returns the bits of the cell that has voxel (0, 0, 0) of the cube as its lowest corner.
 template <int W>
 constexpr std::uint64_t cellBits() noexcept {
   std::uint64_t bits = 0;
@@ -98,8 +93,7 @@ constexpr std::uint64_t cellBits() noexcept {
 template <std::size_t N>
 class Trilinear {
  public:
-  /// Computes the coefficients from the numbers at a cell's eight corners, whose last index varies
-  /// fastest.
+  /// Computes the coefficients from a cell's eight corners. The last index varies fastest.
   void load(const std::array<std::array<double, 8>, N>& at) noexcept {
     for (std::size_t n = 0; n < N; ++n) {
       const std::array<double, 8>& d = at[n];
@@ -113,7 +107,6 @@ class Trilinear {
       c[7][n] = (d[7] - d[3]) - (d[5] - d[1]) - c[4][n];
     }
   }
-  /// Evaluates the first M numbers at t.
   template <std::size_t M>
   [[gnu::always_inline]] void read(const Vec3& t, std::array<double, M>& out) const noexcept {
     const double x = t.x();
@@ -130,20 +123,19 @@ class Trilinear {
   std::array<std::array<double, N>, 8> c;  ///< Indexed by coefficient, then by number.
 };
 
-/// Kernel for vectors with C components. The value is trilinear; the derivatives are trilinearly
-/// interpolated central differences, and continuous. At the end of the data (loadKnown), the
-/// difference of a voxel is one-sided; the derivatives of voxels without data are zero.
+/// Kernel for vectors with C components. The value is trilinear. The derivatives are trilinearly
+/// interpolated central differences, and continuous.
 template <int C>
 class TrilinearKernel {
  public:
-  /// Number of voxels along an edge of the block that load() reads.
+  /// Width of the block that load() reads [voxels].
   static constexpr int kWidth = 4;
-  /// Number of voxels of the block before the cell, or before the voxel if kNearest.
+  /// Voxels of the block before the cell, or before the voxel if kNearest.
   static constexpr int kBefore = 1;
   /// True if the block is centred on the nearest voxel, not on the cell.
   static constexpr bool kNearest = false;
   static constexpr bool kBlendsRows = true;
-  /// True if the kernel needs rows that are at the rim of the block along two axes.
+  /// True if the kernel needs the rows at the rim of the block along two axes.
   static constexpr bool kNeedsEdges = false;
   /// True if the derivatives use the reader's slope reach.
   static constexpr bool kDifferences = false;
@@ -152,8 +144,7 @@ class TrilinearKernel {
 
   template <class Number, class Turn>
   void load(const Rows<Number, kWidth>& rows, Turn turn) noexcept {
-    // For each number, the values at the eight corners are side by side. Each pass computes two of
-    // them, which differ in the last index.
+    // Each pass computes two corners, which differ in the last index.
     std::array<std::array<double, 8>, 4 * kC> at;
     for (std::size_t n = 0; n < 8; n += 2) {
       const std::size_t i = 1 + n / 4;
@@ -175,7 +166,8 @@ class TrilinearKernel {
     rows_.load(at);
   }
 
-  /// Like load(), but takes differences only between voxels with data. `known` has their bits.
+  /// Like load(), but takes differences only between voxels with data, the bits of `known`. The
+  /// derivatives at a voxel without data are zero.
   template <class Number, class Turn>
   [[gnu::noinline]] void loadKnown(const Rows<Number, kWidth>& rows, std::uint64_t known,
                                    Turn turn) noexcept {
@@ -211,7 +203,6 @@ class TrilinearKernel {
   }
 
   [[gnu::always_inline]] void read(const Vec3& t, Row& row) const noexcept { rows_.read(t, row); }
-  /// Evaluates only the value.
   [[gnu::always_inline]] void value(const Vec3& t, std::array<double, kC>& v) const noexcept {
     rows_.read(t, v);
   }
@@ -224,10 +215,9 @@ class TrilinearKernel {
 ///
 ///     g_a(t) = (V(t + r e_a) - V(t - r e_a)) / 2r,     r: the reach, 1/2 or 1 voxel,
 ///
-/// which is continuous, and exact for quadratics. Along an axis V is linear between voxels, so g_a
-/// is the mean of the slopes that t +- r spans: the slopes of the cell and of the cells before and
-/// after it. At r = 1/2 there are two: the slope of the cell, and that of the neighbour on the
-/// nearer side.
+/// which is continuous, and exact for quadratics. g_a is a weighted mean of the slopes of the cell
+/// and of the cells before and after it. At r = 1/2, only the nearer of the two neighbours
+/// contributes.
 template <>
 class TrilinearKernel<1> {
  public:
@@ -302,8 +292,7 @@ class TrilinearKernel<1> {
       }
       by[a][static_cast<std::size_t>(P)] = by_p;
       by[a][static_cast<std::size_t>(Q)] = by_q;
-      // If t grows, the span of t +- reach gains the slope at t + reach and loses the slope at t -
-      // reach.
+      // The span gains the slope at t + reach and loses that at t - reach, if t grows.
       const double enters = at + reach > 1.0 ? s[2] : s[1];
       const double leaves = at - reach < 0.0 ? s[0] : s[1];
       by[a][a] = (enters - leaves) / (2.0 * reach);
@@ -311,12 +300,10 @@ class TrilinearKernel<1> {
     return by;
   }
 
-  /// Evaluates only the value.
   [[gnu::always_inline]] void value(const Vec3& t, std::array<double, 1>& v) const noexcept {
     v[0] = valueAt(t);
   }
-  /// Returns the least and the largest value at the cell's corners. These also bound the trilinear
-  /// value in the cell.
+  /// Returns the bounds of the trilinear value in the cell: its extreme corner values.
   [[nodiscard]] std::pair<double, double> range() const noexcept {
     const Polynomial c = polynomial();
     const double xy = c.u + c.v + c.uv;
@@ -337,8 +324,7 @@ class TrilinearKernel<1> {
             uv * d.x() * d.y() + uw * d.x() * d.z() + vw * d.y() * d.z(),
             c.uvw * d.x() * d.y() * d.z()};
   }
-  /// Returns the gradient, by index, of the trilinear polynomial of the cell. It jumps at the faces
-  /// of the cell.
+  /// Returns the gradient by index of the cell's polynomial. It jumps at the cell's faces.
   [[nodiscard]] Vec3 slope(const Vec3& t) const noexcept {
     const Polynomial c = polynomial();
     const double uv = c.uv + c.uvw * t.z();
@@ -347,8 +333,7 @@ class TrilinearKernel<1> {
   }
 
  private:
-  /// One number for each of three cells along an axis: the cell before the present cell, the
-  /// present cell, and the cell after it.
+  /// Numbers for the cell before the present cell, the present cell, and the cell after it.
   using Cells = std::array<double, 3>;
   /// The polynomial c0 + c1 p + c2 q + c3 pq.
   using Bilinear = std::array<double, 4>;
@@ -363,8 +348,7 @@ class TrilinearKernel<1> {
   static Bilinear bilinear(double d00, double d01, double d10, double d11) noexcept {
     return {d00, d10 - d00, d01 - d00, (d11 - d01) - (d10 - d00)};
   }
-  /// Returns the slopes along axis a of N consecutive cells, from cell `first` on. They are taken
-  /// on the line at (p, q) of the other two axes.
+  /// Returns the slopes along axis a of N cells from `first` on, at (p, q) on the other two axes.
   template <std::size_t N>
   [[nodiscard, gnu::always_inline]] std::array<double, N> slopesAlong(std::size_t a,
                                                                       std::size_t first, double p,
@@ -377,8 +361,7 @@ class TrilinearKernel<1> {
     }
     return s;
   }
-  /// Returns the shares of the span from t - reach to t + reach that lie in each of the three
-  /// cells. t is from 0 to 1.
+  /// Returns the shares of the span t +- reach in the three cells; t is from 0 to 1.
   [[nodiscard]] static Cells weights(double t, double reach) noexcept {
     const double scale = 0.5 / reach;
     const double before = std::max(0.0, (reach - t) * scale);
@@ -420,9 +403,8 @@ template <int Degree>
   return p;
 }
 
-/// Kernel for B-splines of degree 2 or 3. The block contains spline coefficients. Returns the value
-/// and the derivative of the spline. Stores the spline in the cell as a polynomial, the sum of
-/// c_ijk u^i v^j w^k.
+/// Kernel for B-splines of degree 2 or 3. The block contains spline coefficients, which load()
+/// converts to the polynomial sum of c_ijk u^i v^j w^k.
 template <int C, int Degree>
 class SplineKernel {
  public:
@@ -441,7 +423,6 @@ class SplineKernel {
     for (std::size_t n = 0; n < kSide * kSide; ++n) {
       std::copy_n(rows.first[n], kSide * kC, c_.data() + n * kLine);
     }
-    // Converts the spline coefficients to coefficients of the polynomial, axis by axis.
     for (std::size_t n = 0; n < kPlane; ++n) toPolynomial(c_.data() + n, kPlane);
     for (std::size_t i = 0; i < kSide; ++i) {
       double* plane = c_.data() + i * kPlane;
@@ -457,8 +438,7 @@ class SplineKernel {
     const double x = t.x();
     const double y = t.y();
     const double z = t.z();
-    // Evaluates the polynomial along x for a whole plane of coefficients, then along y for a line,
-    // then along z.
+    // Evaluates along x for a plane of coefficients, then along y for a line, then along z.
     std::array<double, kPlane> plane;
     std::array<double, kPlane> plane_x;
     for (std::size_t n = 0; n < kPlane; ++n) {
@@ -478,9 +458,8 @@ class SplineKernel {
     }
   }
 
-  /// Returns the derivatives of the gradient (of the first component) by the index, as [component
-  /// of the gradient][index]. Uses central differences of the polynomial, which are exact for
-  /// degree 2 and have an error of about 1e-6 for degree 3.
+  /// Returns the derivatives of the first component's gradient as [component of the
+  /// gradient][index]. Central differences: exact for degree 2, error about 1e-6 for degree 3.
   [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t) const noexcept {
     constexpr double kAside = 1e-3;
     std::array<std::array<double, 3>, 3> by;
@@ -499,8 +478,7 @@ class SplineKernel {
   }
 
  private:
-  /// Converts the spline coefficients of a cell along one axis to coefficients of the polynomial.
-  /// They are `stride` numbers apart.
+  /// Converts coefficients along one axis, `stride` numbers apart, from spline to polynomial.
   static void toPolynomial(double* c, std::size_t stride) noexcept {
     const double c0 = c[0];
     const double c1 = c[stride];
@@ -518,8 +496,7 @@ class SplineKernel {
     }
   }
 
-  /// A line has an even number of coefficients, so that the loads of pairs of numbers match the
-  /// earlier stores.
+  /// kLine is even, so that loads of pairs of numbers match the earlier stores.
   static constexpr std::size_t kSide = kWidth;
   static constexpr std::size_t kLine = (kSide * kC + 1) / 2 * 2;
   static constexpr std::size_t kPlane = kSide * kLine;

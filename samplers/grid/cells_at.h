@@ -1,5 +1,4 @@
-/// Private to samplers: visits the cells of a grid that have an active corner. Include it in .cpp
-/// files only.
+/// Private to samplers, for .cpp files only: visits the cells that have an active corner.
 #pragma once
 
 #include <array>
@@ -14,9 +13,9 @@ namespace palpate::detail {
   return {n >> 2, (n >> 1) & 1, n & 1};
 }
 
-/// Calls visit(low, values, active) for each cell whose first active corner is this active voxel:
-/// with the lowest corner, the values at the eight corners, and the number of active corners. So a
-/// loop over all active voxels visits each cell once. Cost: about 15 reads per active voxel.
+/// Calls visit(low, values, active) for each cell that has this active voxel as its first active
+/// corner: with the lowest corner, the values at the eight corners, and the number of active
+/// corners. A loop over all active voxels visits each cell once. Cost: about 15 reads per voxel.
 template <class Accessor, class Visit>
 void eachCellAt(const Accessor& accessor, const openvdb::Coord& voxel, const Visit& visit) {
   for (int first = 0; first < 8; ++first) {

@@ -1,4 +1,4 @@
-/// Private to samplers: the components of vector grids. Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: the components of vector grids.
 #pragma once
 
 #include <memory>
@@ -9,11 +9,9 @@
 
 namespace palpate::detail {
 
-/// The type of one component of a vector grid.
 template <class Vectors>
 using ComponentGrid = ScalarGrid<typename Vectors::ValueType::ValueType>;
 
-/// Returns one component of a vector grid, as a grid of its own with the identity transform.
 template <class Vectors>
 typename ComponentGrid<Vectors>::Ptr componentGrid(const Vectors& grid, int c) {
   using ScalarTree = typename ComponentGrid<Vectors>::TreeType;

@@ -7,18 +7,16 @@
 
 namespace palpate {
 
-/// The voxels whose values are data. A difference to any other voxel is not a derivative of the
-/// data.
-///
-/// Voxels outside of the box of active voxels have no data. In a grid that was resampled from a
-/// mesh, inactive voxels in the box have no data either. In other grids, an inactive voxel in the
-/// box has a value that equals the background: the centre of a vortex is at rest.
+/// The voxels that have data. A difference to other voxels is not a derivative of the data. Voxels
+/// outside of the box of active voxels have no data. In a grid that was resampled from a mesh,
+/// inactive voxels in the box lack data too. In other grids, an inactive voxel in the box has the
+/// value of the background: the centre of a vortex is at rest.
 struct DataEnds {
   std::array<int, 3> lower{kLeast, kLeast, kLeast};  ///< First voxel of the box.
   std::array<int, 3> upper{kMost, kMost, kMost};     ///< Last voxel of the box.
   bool active_only = false;  ///< True if inactive voxels in the box have no data.
 
-  /// Returns true if a voxel is in the box. With a `margin`, the voxels around it are too.
+  /// Returns true if the box contains the voxel and, along each axis, `margin` voxels around it.
   [[nodiscard]] bool contains(const std::array<int, 3>& voxel, int margin = 0) const noexcept {
     for (std::size_t a = 0; a < 3; ++a) {
       if (voxel[a] < lower[a] + margin || voxel[a] > upper[a] - margin) return false;

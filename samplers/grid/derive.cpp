@@ -11,7 +11,6 @@
 namespace palpate {
 namespace {
 
-/// Moves a volume that was prepared in index space to the place of a part of the original volume.
 void place(const Volume::Grid::Part& part, Prepared& prepared) {
   prepared.info.bounds =
       boxAbout(prepared.info.bounds, [&](const Vec3& p_I) { return part.toFile(p_I); });
@@ -35,8 +34,7 @@ std::shared_ptr<const Volume> deriveVolume(const std::shared_ptr<const Volume>& 
   const Volume::Grid::Part& part = volume->grid().parts.front();
   const openvdb::GridBase::Ptr grid = std::visit(
       [&](const auto& data) { return detail::derivedGrid(volume, *data, what); }, part.data);
-  // The data of a level set end at the border of its band. The derived grid is marked as a level
-  // set too, so that its data end there as well.
+  // Data of a level set end at the border of its band, and so do those of the derived grid.
   if (from.grid_class == GridClass::kLevelSet) grid->setGridClass(openvdb::GRID_LEVEL_SET);
   if (from.grid_class == GridClass::kFog) grid->setGridClass(openvdb::GRID_FOG_VOLUME);
 

@@ -8,23 +8,18 @@
 
 namespace palpate {
 
-/// Makes a volume whose voxels hold a property derived from `volume`, at the same place and with
-/// the same precision. The property is the magnitude, unit, curl, divergence, q or lambda2 of a
-/// vector, or the gradient of a scalar.
+/// Makes a volume of a property derived from `volume`, with the same voxels and precision: the
+/// magnitude, unit, curl, divergence, q or lambda2 of a vector, or the gradient of a scalar.
 ///
-/// Derivatives are central differences at the voxels, mapped by the grid's transform, per unit of
-/// the file. makeVdbField interpolates the same differences. Active states are kept. Inactive
-/// voxels and the background are 0. Neighbours are read as they are stored. Where the data of a
-/// vector end (data_ends.h), its derivative is a one-sided difference: the data do not say what is
-/// beyond. The gradient of a scalar is a difference to the background there. Active tiles stay
-/// tiles, except
-/// that voxels at their faces become leaves. For tiles of more than 128 voxels along an edge, the
-/// derivative at their own faces is left out. The interpolated result differs from a property that
-/// is derived from interpolated values; docs/decisions/0017 states by how much.
+/// Derivatives are central differences at the voxels, per unit of the file, as makeVdbField
+/// interpolates them. Active states are kept. Inactive voxels and the background are 0. Where the
+/// data end (data_ends.h), the derivative of a vector is one-sided, and the gradient of a scalar is
+/// a difference to the background. Active tiles stay tiles, except that voxels at their faces
+/// become leaves. At faces of tiles of more than 128 voxels along an edge, the derivative is left
+/// out. docs/decisions/0017 states how far results differ from properties of interpolated values.
 ///
-/// For a vector of three grids, all three are read trilinearly at the voxels of the first grid,
-/// where all three have data. In such a vector, a tile of more than 128 voxels along an edge
-/// becomes 0.
+/// A vector of three grids is read trilinearly at the voxels of the first grid, where all three
+/// have data. Its tiles of more than 128 voxels along an edge become 0.
 ///
 /// Throws VolumeError if the type of the volume does not suit `what`, or if a value exceeds the
 /// range of the grid's type. Parallel over leaves. Cost per voxel on one core: 4 ns for a

@@ -1,5 +1,4 @@
-/// Private to samplers: computes derived properties of grids, for each supported type of grid.
-/// Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: computes derived properties of grids.
 #pragma once
 
 #include <array>
@@ -26,7 +25,6 @@ using openvdb::Coord;
 template <class Value>
 constexpr bool kIsVector = !std::is_arithmetic_v<Value>;
 
-/// Floating-point type of the numbers in a grid's values.
 template <class Value>
 struct RealOf {
   using Type = Value;
@@ -52,7 +50,6 @@ Value toGrid(const Vec3& value) noexcept {
   return Value(value.x(), value.y(), value.z());
 }
 
-/// Computes a derived scalar from a vector v and its Jacobian J.
 inline double scalarOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   switch (what) {
     case Derivation::kMagnitude:
@@ -70,7 +67,6 @@ inline double scalarOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
 inline Vec3 vectorOf(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   return what == Derivation::kUnit ? unit(v) : curl(J);
 }
-/// Calls vectorOf for a vector type, and scalarOf for a scalar type.
 template <class Value>
 Value derived(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   if constexpr (kIsVector<Value>) {
@@ -80,8 +76,7 @@ Value derived(Derivation what, const Vec3& v, const Mat3& J) noexcept {
   }
 }
 
-/// A leaf of a tree, and its six neighbours across its faces. A tile may be in place of a
-/// neighbour. Differences are taken between voxels with data only.
+/// A leaf and its six neighbours, leaves or tiles. Differences use only voxels with data.
 template <class TreeT>
 class Neighbourhood {
   using Leaf = typename TreeT::LeafNodeType;
@@ -109,11 +104,10 @@ class Neighbourhood {
     }
   }
 
-  /// Returns the value of voxel n of the leaf.
   [[nodiscard]] Value value(int n) const noexcept { return own_.value(n); }
 
-  /// Returns the derivative at voxel n by the index along an axis. It is half the difference of the
-  /// two neighbours, the difference to one of them where the other has no data, or 0.
+  /// Returns the derivative at voxel n by the index along an axis: half the difference of its
+  /// neighbours, the difference to one if the other has no data, or 0.
   [[nodiscard]] auto slope(int n, int axis) const noexcept {
     const int shift = 6 - 3 * axis;
     const int step = 1 << shift;
@@ -155,12 +149,11 @@ class Neighbourhood {
 
 /// The voxels of an active tile that are stored in leaves of the derived grid.
 enum class Tiles : std::uint8_t {
-  kKept,    ///< None: the tile stays a tile.
-  kOpened,  ///< Those along the faces of the tile, whose neighbours lie outside of the tile.
+  kKept,    ///< No voxels: the tile stays a tile.
+  kOpened,  ///< Voxels along the tile's faces, because their neighbours are outside.
   kSplit,   ///< All voxels.
 };
 
-/// Makes a grid with the same active voxels as `in`. `rule` computes the values of each leaf.
 template <class OutGrid, class InGrid, class Rule>
 typename OutGrid::Ptr sameVoxels(const InGrid& in, Tiles tiles, Rule rule) {
   using OutTree = typename OutGrid::TreeType;
@@ -174,7 +167,7 @@ typename OutGrid::Ptr sameVoxels(const InGrid& in, Tiles tiles, Rule rule) {
   return OutGrid::create(tree);
 }
 
-/// Derives a property of a vector grid whose vectors are in the file's world space.
+/// Derives a property of a vector grid. The vectors are in the file's world space.
 template <class OutGrid, class InGrid>
 typename OutGrid::Ptr ofVector(const InGrid& in, const Volume::Grid::Part& part, Derivation what) {
   const Mat3 index_from_file = part.linear.inverse();
@@ -204,7 +197,6 @@ typename OutGrid::Ptr ofVector(const InGrid& in, const Volume::Grid::Part& part,
   return out;
 }
 
-/// Computes the gradient of a scalar grid.
 template <class OutGrid, class InGrid>
 typename OutGrid::Ptr gradientOf(const InGrid& in, const Mat3& index_from_file) {
   using Out = typename OutGrid::ValueType;

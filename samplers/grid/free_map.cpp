@@ -9,15 +9,13 @@ constexpr int kFinestEdge = 8;
 constexpr std::size_t kMostBlocks = std::size_t{1} << 22;
 constexpr std::uint8_t kFarthestCell = std::numeric_limits<std::uint8_t>::max();
 
-/// Rounds x down to a multiple of `edge`.
 std::int64_t floorTo(std::int64_t x, std::int64_t edge) {
   const std::int64_t rest = x % edge;
   return x - (rest < 0 ? rest + edge : rest);
 }
 
-/// Computes the distance to the nearest zero for all blocks, along the axis where the distance is
-/// largest. The first pass uses the neighbours before each block, the second pass those after it
-/// (Rosenfeld, Pfaltz 1968).
+/// Computes the Chebyshev distance of all blocks to the nearest zero, in two passes: from the
+/// neighbours before each block, then from those after it (Rosenfeld, Pfaltz 1968).
 void spread(std::vector<std::uint8_t>& distance, const std::array<std::size_t, 3>& size) {
   std::array<std::int64_t, 3> n{};
   for (std::size_t a = 0; a < 3; ++a) n[a] = static_cast<std::int64_t>(size[a]);

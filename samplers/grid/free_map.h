@@ -1,5 +1,4 @@
-/// Private to samplers: a coarse map of the empty regions of a grid. In these regions, one look-up
-/// in the map replaces a reading.
+/// Private to samplers: a coarse map of a grid's empty regions, where it replaces readings.
 #pragma once
 
 #include <algorithm>
@@ -25,14 +24,13 @@ class FreeMap {
 
   /// Makes the map of a grid that has no data.
   FreeMap() = default;
-  /// Makes the map of a grid that has data only in these boxes. The map takes a byte for every
-  /// block of 8^3 voxels in the bounds of all boxes. If that is more than 4 MB, the blocks have
-  /// 16^3 voxels, and so on. Slow, allocates.
+  /// Makes the map of a grid that has data only in these boxes. Takes a byte for each block of 8^3
+  /// voxels in their bounds; of 16^3 voxels, and so on, if that exceeds 4 MB. Slow, allocates.
   explicit FreeMap(std::span<const Voxels> data);
 
-  /// Returns a lower bound of the distance from p_I to the nearest voxel with data, along the axis
-  /// where the distance is largest [voxels]. Returns 0 if such a voxel may be next to p_I, or if
-  /// p_I is NaN. RT: no allocation. Cost: a few ns, and one memory access.
+  /// Returns a lower bound of the Chebyshev distance (largest along an axis) from p_I to the
+  /// nearest voxel with data [voxels]; 0 if data may be next to p_I, or if p_I is NaN. RT: no
+  /// allocation. Cost: a few ns, and one memory access.
   [[nodiscard]] double around(const Vec3& p_I) const noexcept {
     double outside = 0.0;
     bool within = true;
@@ -64,8 +62,7 @@ class FreeMap {
   std::array<std::size_t, 3> size_{};  ///< Number of blocks along each axis.
   double edge_ = 8.0;                  ///< Edge of a block [voxels], a power of two.
   double per_edge_ = 0.125;            ///< 1 / edge_.
-  /// For each block, the distance to the nearest block with data [blocks], along the axis where the
-  /// distance is largest. At most 255.
+  /// Chebyshev distance of each block to the nearest block with data [blocks], at most 255.
   std::vector<std::uint8_t> distance_;
 };
 

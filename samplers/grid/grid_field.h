@@ -1,5 +1,4 @@
-/// Private to samplers: fields over OpenVDB grids, for each type of grid and each interpolation.
-/// Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: fields over OpenVDB grids, for each type and kernel.
 #pragma once
 
 #include <algorithm>
@@ -36,12 +35,10 @@ double componentOf(const Value& value, int c) noexcept {
   }
 }
 
-/// A leaf or a tile, presented as rows of eight voxels along the last axis. A tile has a single
-/// row.
+/// A leaf or a tile, as rows of eight voxels along the last axis. A tile has one row.
 template <class Value>
 class LeafOrTile {
  public:
-  /// Finds the leaf or the tile that contains a voxel.
   template <class Accessor>
   [[gnu::always_inline]] void find(Accessor& accessor, const Coord& voxel) noexcept {
     if (const auto* leaf = accessor.probeConstLeaf(voxel)) {
@@ -73,23 +70,20 @@ class LeafOrTile {
   unsigned char tile_active_;
 };
 
-/// A block of W^3 voxels, which is read where the grid stores it. If Edges is false, rows at the
-/// rim of the block along two axes are omitted.
+/// A block of W^3 voxels, read in place. Edges: whether it has rows at the rim along two axes.
 ///
-/// Along each axis the block lies in one leaf or in two. The code has almost no branches on that,
-/// because the processor could not predict them. It first finds all leaves and then reads them,
-/// with little work in between. So the memory accesses of all rows overlap if the cache is cold.
+/// Along each axis the block lies in one leaf or in two. The code avoids branches on that, which
+/// the processor could not predict. It finds all leaves before it reads them, so that the memory
+/// accesses overlap if the cache is cold.
 template <class Value, int W, bool Edges>
 class LeafBlock {
  public:
   using Number = typename openvdb::VecTraits<Value>::ElementType;
 
-  /// Makes the block whose lowest corner is `low`.
   template <class Accessor>
   [[gnu::always_inline]] LeafBlock(Accessor& accessor, const Coord& low) noexcept
       : x_(low[0] & 7), y_(low[1] & 7), z_(low[2] & 7), two_((z_ + kW - 1) / 8) {
-    // Index of the last leaf: one bit for each axis, set if the block extends into a second leaf
-    // along that axis.
+    // Index of the last leaf: a bit for each axis, set if the block extends into a second leaf.
     const std::size_t last = (x_ + kW - 1) / 8 * 4 + (y_ + kW - 1) / 8 * 2 + two_;
     for (std::size_t n = last;; n = (n - 1) & last) {
       const auto end = [n](std::size_t axis) { return (n & axis) != 0 ? W - 1 : 0; };
@@ -101,7 +95,7 @@ class LeafBlock {
       const std::size_t n = leafOf(i, j);
       const Value* row = leaves_[n].row(rowOf(i, j)) + z_;
       if (two_ != 0) {
-        // The row lies in two leaves. Copies its two parts into one array.
+        // The row lies in two leaves. Copies both parts into one array.
         Value* joined = joined_[i * kW + j].data();
         std::copy_n(row - z_ + 8 - kW, kW, joined);
         std::copy_n(leaves_[n + 1].row(rowOf(i, j)), kW, joined + kW);
@@ -115,8 +109,7 @@ class LeafBlock {
 
   [[nodiscard]] const Rows<Number, W>& rows() const noexcept { return rows_; }
 
-  /// Returns the active states of the voxels that can be corners of a cell. Along each of the first
-  /// two axes, these are the inner two of four rows.
+  /// Returns the active states of corners: the inner two of four rows along the first two axes.
   [[nodiscard, gnu::always_inline]] std::uint64_t active() const noexcept {
     std::uint64_t bits = 0;
     forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
@@ -125,8 +118,7 @@ class LeafBlock {
     });
     return bits;
   }
-  /// Returns the active states of all voxels. If Edges is false, omits rows at the rim of the block
-  /// along two axes.
+  /// Returns the active states of all voxels, without the omitted rows if Edges is false.
   [[nodiscard]] std::uint64_t allActive() const noexcept {
     std::uint64_t bits = 0;
     forRows([&](std::size_t i, std::size_t j) {
@@ -145,8 +137,7 @@ class LeafBlock {
     const std::uint64_t here = leaves_[n].active(row) | leaves_[n + two_].active(row) << 8;
     return (here >> z_ & ((1U << W) - 1)) << (i * kW + j) * kW;
   }
-  /// Calls f(i, j) for each row. The calls are unrolled here, because the compiler would keep a
-  /// loop, which takes a tenth more time.
+  /// Calls f(i, j) for each row, unrolled: a loop takes a tenth more time.
   template <class F>
   [[gnu::always_inline]] static void forRows(F f) noexcept {
     [&]<std::size_t... N>(std::index_sequence<N...> /*rows*/) __attribute__((always_inline)) {
@@ -155,8 +146,7 @@ class LeafBlock {
     (std::make_index_sequence<kW * kW>());
   }
   static constexpr bool atRim(std::size_t i) noexcept { return W > 1 && i * (kW - 1 - i) == 0; }
-  /// Returns the index of the first leaf that contains row (i, j). rowOf() returns the row in that
-  /// leaf.
+  /// Returns the first leaf that contains row (i, j). rowOf() returns the row in that leaf.
   [[nodiscard]] std::size_t leafOf(std::size_t i, std::size_t j) const noexcept {
     return (x_ + i) / 8 * 4 + (y_ + j) / 8 * 2;
   }
@@ -173,15 +163,12 @@ class LeafBlock {
   Rows<Number, W> rows_;
 };
 
-/// Returns the frame of a volume with a placement.
 FieldFrame frameOf(const Volume& volume, const Placement& placement, const Sampling& sampling);
 
-/// Returns the free map of a part of a volume for one kind of interpolation. The first call makes
-/// the map.
+/// Returns the free map of a part for an interpolation. The first call makes it.
 std::shared_ptr<const FreeMap> freeMapOf(const Volume& volume, std::size_t part,
                                          Interpolation interpolation, const GridData& data);
 
-/// Provides the voxels of an OpenVDB grid to a LatticeReader.
 template <class GridT>
 class GridSource {
   using Accessor = openvdb::tree::ValueAccessor<const typename GridT::TreeType, false>;
@@ -222,7 +209,6 @@ class GridSource {
   DataEnds ends_;
 };
 
-/// Reads one part of a volume through a kernel.
 template <class GridT, class Kernel>
 class GridReader : public LatticeReader<GridSource<GridT>, Kernel> {
   using Base = LatticeReader<GridSource<GridT>, Kernel>;
@@ -244,7 +230,6 @@ class GridReader : public LatticeReader<GridSource<GridT>, Kernel> {
             sampling.slope_reach) {}
 };
 
-/// A field over N grids of a volume. This is the common part of scalar and vector fields.
 template <class Base, class GridT, class Kernel, std::size_t N>
 class GridField : public Base {
   using Reader = GridReader<GridT, Kernel>;
@@ -270,7 +255,6 @@ class GridField : public Base {
  protected:
   using Row = typename Reader::Row;
 
-  /// Returns the caches that reset() has created in `memory`.
   static Caches& cachesIn(FieldCache& memory) noexcept {
     return *std::launder(reinterpret_cast<Caches*>(memory.bytes.data()));
   }
@@ -357,7 +341,6 @@ class VdbVectorField final : public GridField<VectorField, GridT, Kernel, 1> {
   }
 };
 
-/// A vector field whose components are three grids, each with its own transform.
 template <class GridT, class Kernel>
 class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
   using Base = GridField<VectorField, GridT, Kernel, 3>;
@@ -379,7 +362,7 @@ class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
       const auto r = static_cast<Eigen::Index>(c);
       v[r] = row[0];
       if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
-        // Where the data end, the derivative is that of the nearest place among them.
+        // Beyond the data, the derivative is that of the nearest place with data.
         Vec3 q_W = p_W;
         const double weight = this->readers()[c].towardData(q_W);
         if (q_W != p_W) {
@@ -417,7 +400,7 @@ auto withKernel(const std::shared_ptr<const Volume>& volume, const Placement& pl
   return std::make_shared<const Field<GridT, TrilinearKernel<C>>>(volume, placement, sampling);
 }
 
-/// Makes a field over a volume whose first part has the type GridT.
+/// Makes a field over a volume with a first part of type GridT.
 template <class GridT>
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, const Placement& placement,
                    const Sampling& sampling) {

@@ -1,5 +1,4 @@
-/// Private to samplers: reads a lattice of voxels from any source, through a kernel for the
-/// interpolation. Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: reads a lattice of voxels through a kernel.
 #pragma once
 
 #include <algorithm>
@@ -28,8 +27,8 @@ namespace palpate::detail {
 
 inline constexpr int kNoCell = std::numeric_limits<int>::max();
 
-/// Copies a block of vectors without a sign, such as fibre axes. In the copy, the signs are chosen
-/// so that all vectors point along the main axis of the cell's eight vectors.
+/// Copy of a block of vectors without sign, such as fibre axes. All vectors are turned to point
+/// along the main axis of the cell's eight vectors.
 class Aligned {
  public:
   template <class Number>
@@ -49,7 +48,7 @@ class Aligned {
     for (std::size_t n = 0; n < 16; ++n) {
       const std::size_t i = n / 4;
       const std::size_t j = n % 4;
-      // the kernel does not need rows at an edge of the block
+      // The kernel does not need the rows at the block's edges.
       if (i % 3 == 0 && j % 3 == 0) continue;
       for (std::size_t k = 0; k < 4; ++k) {
         const Vec3 v = at(i, j, k);
@@ -68,14 +67,12 @@ class Aligned {
   Rows<double, 4> rows_;
 };
 
-/// Returns M v. The product is written out, because the compiler would not inline Eigen's (see
-/// cell.h).
+/// Returns M v. The compiler would not inline Eigen's product (cell.h).
 [[gnu::always_inline]] inline Vec3 times(const Mat3& M, const Vec3& v) noexcept {
   const double* m = M.data();
   return {m[0] * v.x() + m[3] * v.y() + m[6] * v.z(), m[1] * v.x() + m[4] * v.y() + m[7] * v.z(),
           m[2] * v.x() + m[5] * v.y() + m[8] * v.z()};
 }
-/// Replaces (x, y, z) by M (x, y, z), for N places at once.
 template <std::size_t N>
 [[gnu::always_inline]] inline void combine(const Mat3& M, std::array<double, N>& x,
                                            std::array<double, N>& y,
@@ -91,7 +88,6 @@ template <std::size_t N>
   }
 }
 
-/// The map between W and the index space of a grid, and matrices computed from it.
 struct IndexMap {
   Mat3 index_from_world;  ///< p_I = index_from_world p_W + origin_I
   Mat3 world_from_index;
@@ -102,7 +98,6 @@ struct IndexMap {
   /// True if the index axes are parallel to W's axes, so that the maps are diagonal.
   bool straight;
 
-  /// Makes the map of a lattice with file = linear * index + origin, and a placement.
   IndexMap(const Mat3& linear, const Vec3& origin, const Placement& placement) {
     const Mat3 index_from_file = linear.inverse();
     index_from_world = index_from_file * placement.rotation.transpose() / placement.scale;
@@ -113,8 +108,7 @@ struct IndexMap {
     straight = index_from_world.isDiagonal(0.0);
   }
 
-  /// Returns the position in index space. Most volumes are not rotated, and for these a branch
-  /// costs less than the full product.
+  /// Returns the position in index space. Most volumes are not rotated, and the branch saves time.
   [[gnu::always_inline]] Vec3 operator()(const Vec3& p_W) const noexcept {
     if (straight) {
       const double* m = index_from_world.data();
@@ -126,25 +120,23 @@ struct IndexMap {
   }
 };
 
-/// Reads one lattice through a kernel. Finds the cell that contains a position, and loads it unless
-/// the previous reading was in this cell. The reader is const; a Cache holds all mutable state.
+/// Reads one lattice through a kernel. Loads a cell if the previous reading was in another cell.
+/// The reader is const; a Cache holds all mutable state.
 ///
-/// A Source provides the voxels. `Source::Cache` is the state that its readings change.
-/// `Source::Block<W, Edges>` is constructed from a Source, its cache and the lowest corner. Its
-/// functions rows() and active() return the W^3 voxels, and allActive() also the active states of
-/// voxels that cannot be corners. `Source::cache()` returns an empty cache, `Source::background(c)`
-/// the background of component c, and `Source::ends()` the voxels with data.
+/// A Source provides the voxels. Source::Block<W, Edges> reads W^3 voxels from the lowest corner
+/// on: rows(), active() for voxels that can be corners, and allActive() for all. Source::cache()
+/// returns an empty cache, background(c) the background of component c, ends() the voxels with
+/// data.
 template <class Source, class Kernel>
 class LatticeReader {
   static constexpr int kComponents = static_cast<int>(std::tuple_size_v<typename Kernel::Row>) / 4;
   static constexpr int kWidth = Kernel::kWidth;
-  /// True if the derivatives regard where the data end.
+  /// True if differences must stop where the data end.
   static constexpr bool kEnds = std::is_same_v<Kernel, TrilinearKernel<3>>;
 
  public:
   using Row = typename Kernel::Row;
 
-  /// The mutable state of a reader: the cell that was read last, and the cache of the source.
   struct Cache {
     alignas(64) Kernel kernel;
     std::uint64_t active = 0;
@@ -154,11 +146,10 @@ class LatticeReader {
     explicit Cache(typename Source::Cache of) : source(std::move(of)) {}
   };
 
-  /// @param all_corners  If true, a cell has data if all its corners are active, or if one is
-  ///                     active and the cell holds the surface (band_cell.h). This is for level
-  ///                     sets, whose values are distances only within the band. If false, one
-  ///                     active corner is enough.
-  /// @param reach  Reach of the slopes of a trilinear scalar, see Sampling::slope_reach.
+  /// @param all_corners  True for level sets, whose values are distances only within the band: a
+  ///                     cell has data if all corners are active, or if one is active and the
+  ///                     cell holds the surface (band_cell.h). Else one active corner suffices.
+  /// @param reach  See Sampling::slope_reach.
   LatticeReader(Source source, const IndexMap& map, std::shared_ptr<const FreeMap> free,
                 bool all_corners, bool axial, double reach)
       : source_(std::move(source)),
@@ -176,8 +167,8 @@ class LatticeReader {
     turn(background_);
   }
 
-  /// Reads the row at p_W, rotated into W. Returns true if there is data. If p_W is NaN or too far
-  /// away, the row is that of the background.
+  /// Reads the row at p_W, rotated into W. Returns true if there is data. If p_W is NaN or at least
+  /// 1e9 voxels away, the row is that of the background.
   [[gnu::always_inline]] bool read(const Vec3& p_W, Cache& cache, Row& row) const noexcept {
     Vec3 t;
     if (!locate(p_W, cache, t)) {
@@ -193,9 +184,8 @@ class LatticeReader {
     return insideAt(t, cache.active);
   }
 
-  /// Moves p_W to the nearest place at which the slope of a trilinear scalar uses only voxels with
-  /// data. Returns the weight of that slope: 1 among the voxels with data, falling to 0 at a
-  /// distance of one voxel from the last of them, where the value reaches the background.
+  /// Moves p_W to the nearest place at which the slope uses only voxels with data. Returns its
+  /// weight: 1 among the voxels with data, falling to 0 one voxel beyond the last.
   [[nodiscard]] double towardData(Vec3& p_W) const noexcept {
     const Vec3 p_I = map_(p_W);
     Vec3 to = p_I;
@@ -212,9 +202,8 @@ class LatticeReader {
     return weight;
   }
 
-  /// See ScalarField::freeWithin.
   [[nodiscard]] double freeWithin(const Vec3& p_W) const noexcept {
-    // [voxels]: voxels that are farther away along an axis do not affect a value
+    // Largest distance, along an axis, at which a voxel affects a value [voxels].
     constexpr double kKernel = 2.0;
     return std::max(0.0, voxel_ * (free_->around(map_(p_W)) - kKernel));
   }
@@ -228,15 +217,13 @@ class LatticeReader {
     return v[0];
   }
 
-  /// Returns the gradient of the cell's trilinear polynomial, rotated into W. Only for trilinear
-  /// scalars.
+  /// Returns the gradient of the cell's polynomial, in W. Only for trilinear scalars.
   [[nodiscard]] Vec3 slope(const Vec3& p_W, Cache& cache) const noexcept {
     Vec3 t;
     if (!locate(p_W, cache, t)) return {0.0, 0.0, 0.0};
     return times(map_.gradient_from_index, cache.kernel.slope(t));
   }
 
-  /// Returns ScalarField::gradientJacobian.
   [[nodiscard]] Mat3 turning(const Vec3& p_W, Cache& cache) const noexcept {
     Mat3 by = Mat3::Zero();
     Vec3 t;
@@ -256,9 +243,8 @@ class LatticeReader {
     return by * map_.index_from_world;
   }
 
-  /// Returns ScalarField::firstFall, exactly. Walks through the cells on the path. A cell whose
-  /// corners are all on the free side does not contain the level. In each other cell, the value
-  /// along the path is a cubic. Only for trilinear scalars.
+  /// Returns ScalarField::firstFall, exactly. Walks through the cells on the path. In cells that
+  /// may contain the level, the value along the path is a cubic. Only for trilinear scalars.
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                    Cache& cache) const noexcept {
     constexpr int kMostCells = 256;
@@ -296,8 +282,7 @@ class LatticeReader {
       if (least > most) std::swap(least, most);
       const bool data = hasData(cache.active);
       if (least >= 0.0 || !data) {
-        // The value does not fall through the level in this cell. Beyond a cell without data, any
-        // value below the level counts as a fall.
+        // No fall here. After a cell without data, any value below the level counts as a fall.
         above = above || (data && most > 0.0) || !data;
         out.behind = false;
       } else if (next > share || share == 0.0) {
@@ -406,7 +391,6 @@ class LatticeReader {
     row = std::bit_cast<Row>(rows);
   }
 
-  /// Returns true if p_I is finite and at most 1e9 voxels from the origin.
   [[gnu::always_inline]] static bool isPlace(const Vec3& p_I) noexcept {
     return std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
   }
@@ -430,23 +414,20 @@ class LatticeReader {
     std::array<int, 3> cell{};
     for (int a = 0; a < 3; ++a) {
       const double from = Kernel::kNearest ? p_I[a] + 0.5 : p_I[a];
-      // Computes the floor without a function call: truncates, and subtracts one if that has
-      // rounded up.
+      // Computes the floor without a function call: truncation rounds negative numbers up.
       int floor = static_cast<int>(from);
       floor -= static_cast<int>(from < floor);
       cell[static_cast<std::size_t>(a)] = floor;
       t[a] = p_I[a] - floor;
     }
-    // Compares the numbers one by one. A wider load would have to wait for the separate stores of
-    // these numbers.
+    // Compares single numbers, because a wide load would wait for their separate stores.
     const bool same =
         cell[0] == cache.cell[0] && cell[1] == cache.cell[1] && cell[2] == cache.cell[2];
     if (!same) load(cell[0], cell[1], cell[2], cache);
     return true;
   }
 
-  /// Takes three separate numbers. If it took an array, a wide load of the array would have to wait
-  /// for the separate stores of its numbers.
+  /// Takes three numbers, because a wide load of an array would wait for their separate stores.
   [[gnu::noinline]] void load(int i, int j, int k, Cache& cache) const noexcept {
     constexpr int kBefore = Kernel::kBefore;
     const typename Source::template Block<kWidth, Kernel::kNeedsEdges> block(
@@ -480,8 +461,8 @@ class LatticeReader {
 
   static constexpr std::uint64_t kAll = ~std::uint64_t{0};
 
-  /// Returns the bits of the voxels with data in the block around a cell. Voxels at the block's
-  /// edges, which no difference reads, count as voxels with data.
+  /// Returns the bits of voxels with data. Voxels at the block's edges, which are not used, count
+  /// too.
   template <class Block>
   [[nodiscard, gnu::noinline]] std::uint64_t knownAbout(const std::array<int, 3>& cell,
                                                         const Block& block) const noexcept {
@@ -499,8 +480,7 @@ class LatticeReader {
     return bits;
   }
 
-  /// Returns true if the cell in the middle of a block holds the surface of a level set. Few cells
-  /// need this test: those at the edge of the band.
+  /// Returns true if the block's middle cell holds a level set's surface. Only for band edges.
   template <class Number>
   [[nodiscard, gnu::noinline]] bool surfaceIn(const Rows<Number, 4>& rows) const noexcept {
     std::array<Number, 8> at;
@@ -508,8 +488,7 @@ class LatticeReader {
     return holdsSurface(at, background_[0]);
   }
 
-  /// Returns true if the cell at t has data: if all eight voxels of a level set are active, or at
-  /// least one of another grid. load() marks all voxels of a cell that holds a surface.
+  /// Returns true if the cell at t has data. load() marks all corners of a surface's cell.
   [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
                                                   std::uint64_t active) const noexcept {
     if constexpr (kWidth == 1) {
@@ -531,7 +510,7 @@ class LatticeReader {
   IndexMap map_;
   DataEnds ends_;
   std::shared_ptr<const FreeMap> free_;
-  /// Length below which a path is shorter than one step along every index axis [m].
+  /// Length of a path that changes each index by at most 1 [m].
   double voxel_;
   Row background_;
   double reach_;

@@ -1,5 +1,4 @@
-/// Copies an OpenVDB grid in memory into a volume that a hand can feel. No other public header
-/// includes OpenVDB headers.
+/// Copies an OpenVDB grid into a volume. No other public header includes OpenVDB headers.
 #pragma once
 
 #include <memory>
@@ -10,11 +9,10 @@
 
 namespace palpate {
 
-/// Checks and prepares a grid for VolumeSpec::volume, as loadVolume does for a grid of a file. The
-/// grid's own world space takes the place of the file's world space. The function copies the grid
-/// and does not change it. During the call other threads may read the grid but must not write to
-/// it. Throws VolumeError, with the grid's name, if the grid is not usable as a volume. Slow: reads
-/// every value.
+/// Copies and prepares a grid for VolumeSpec::volume, as loadVolume does. The grid's world space
+/// takes the place of the file's. During the call other threads may read the grid but must not
+/// write to it. Throws VolumeError, with the grid's name, if it is unusable. Slow: reads every
+/// value.
 [[nodiscard]] std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
                                                        const LoadOptions& options = {});
 

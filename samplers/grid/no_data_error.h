@@ -1,4 +1,4 @@
-/// The error of a grid in which nothing is.
+/// The error of a grid without data.
 #pragma once
 
 #include "palpate/engine/error.h"
@@ -6,7 +6,7 @@
 namespace palpate {
 
 /// The error of loadVolume for a grid without an active voxel, and for a name that no grid of the
-/// file has. A frame of a sequence may be such a grid.
+/// file has. A frame of a sequence may lack data in these ways.
 class NoDataError : public VolumeError {
  public:
   using VolumeError::VolumeError;  ///< Takes the subject, the reason and the remedy.

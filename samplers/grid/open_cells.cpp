@@ -24,8 +24,7 @@ using openvdb::Coord;
 
 constexpr int kLeaf = 8;
 
-/// The numbers of surface cells and of open cells found, and the first open cell. The result does
-/// not depend on the order of threads.
+/// Numbers of surface cells and of open cells, and the first open cell in a fixed order.
 struct Tally {
   std::uint64_t surface = 0;
   std::uint64_t count = 0;
@@ -38,8 +37,7 @@ struct Tally {
   }
 };
 
-/// Returns the origins of the leaves, and of the outer blocks of active tiles: a tile has no
-/// surface inside.
+/// Returns the origins of leaves and of outer blocks of active tiles. A tile has no surface inside.
 template <class TreeT>
 std::vector<Coord> blocksOf(const TreeT& tree) {
   std::vector<Coord> out = detail::tileBlocks(tree, /*inner=*/false);
@@ -55,8 +53,7 @@ class Finder {
   Finder(const TreeT& tree, double level, double sign)
       : accessor_(tree), background_(tree.background()), level_(level), sign_(sign) {}
 
-  /// Counts the surface cells of which this voxel is the first active corner, and the open cells
-  /// into which the surface goes on from them.
+  /// Counts the surface cells with this voxel as first active corner, and open cells beside them.
   void countAt(const Coord& voxel, Tally& tally) const {
     if (!accessor_.isValueOn(voxel)) return;
     detail::eachCellAt(accessor_, voxel, [&](const Coord& low, const Values& values, int active) {
@@ -64,7 +61,7 @@ class Finder {
       ++tally.surface;
       if (active == 8) return;
       if (!detail::holdsSurface(values, background_)) return tally.add(low, 1);
-      // Beyond this cell, there may be cells with the surface and without an active corner.
+      // Cells beside this one may contain the surface without an active corner.
       for (int n = 0; n < kAround; ++n) {
         const Coord beyond = low + aside(n);
         const Cell cell = cellAt(beyond);

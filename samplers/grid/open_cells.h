@@ -1,5 +1,4 @@
-/// Finds the cells of a level set in which a hand does not feel the surface, because data are
-/// missing.
+/// Finds the cells of a level set in which missing data interrupt the surface.
 #pragma once
 
 #include <cstdint>
@@ -14,18 +13,16 @@ namespace palpate {
 /// Result of findOpenCells.
 struct OpenCells {
   std::uint64_t count = 0;  ///< Number of open cells.
-  /// Number of cells that contain the level, open or not. Cells without an active corner count only
-  /// if they are open.
+  /// Number of cells that contain the level. Cells without an active corner count only if open.
   std::uint64_t surface = 0;
   /// Lowest corner of the first open cell, in the file's world space.
   Vec3 first_F = Vec3::Zero();
 };
 
-/// Counts the open cells of the surface V = level. A cell of a level set is open if its corners are
+/// Counts the open cells of the surface V = level of a level set. A cell is open if its corners are
 /// on both sides of the level, and makeVdbField has no data there (ScalarSample::inside). It has an
-/// active corner, or lies beside a cell that has one and that has data. There the surface ends. If
-/// a hand moves along the surface to such a cell, the force vanishes within one tick. Grids of
-/// other classes have no open cells.
+/// active corner, or lies beside a cell with data that has one. At an open cell the force vanishes
+/// within one tick. Grids of other classes have no open cells.
 ///
 /// Does not search the faces of active tiles with edges of more than 128 voxels. Parallel over
 /// leaves. Cost: about 15 reads per active voxel.

@@ -1,9 +1,6 @@
-/// Private to code that uses OpenVDB. Include it in place of openvdb.h, in .cpp files and private
-/// headers only.
-///
-/// Trees and grids have virtual functions. So a source that instantiates one also compiles all of
-/// its reading and writing, for each type: 20 to 60 s and up to 2.4 GB a source. The trees and
-/// grids of the supported types are compiled once, in grid_*.cpp, and only declared here.
+/// Private to code that uses OpenVDB: include it, in place of openvdb.h, in .cpp files and private
+/// headers only. A source that instantiates a tree or a grid compiles all its virtual functions,
+/// which takes 20 to 60 s and up to 2.4 GB. Only grid_*.cpp compile them.
 #pragma once
 
 #include <openvdb/openvdb.h>

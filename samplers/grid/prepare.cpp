@@ -23,8 +23,7 @@ Vec3 vec(const openvdb::Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// Writes the affine map of a grid, file = linear * index + origin. Returns false if the grid's map
-/// is not affine or is singular.
+/// Sets file = linear * index + origin. Returns false if the map is not affine or is singular.
 bool affineMap(const openvdb::GridBase& grid, Mat3& linear, Vec3& origin) {
   const openvdb::math::Transform& transform = grid.transform();
   if (!transform.isLinear()) return false;
@@ -52,8 +51,7 @@ GridClass classOf(const openvdb::GridBase& grid) {
   }
 }
 
-/// Writes the range and the mean of the active values of a grid of type GridT. Returns false if the
-/// grid has another type.
+/// Sets range and mean of a grid's active values. Returns false if it is not a GridT.
 template <class GridT>
 bool describeValues(const openvdb::GridBase& base, GridInfo& info) {
   if (!base.isType<GridT>()) return false;
@@ -81,7 +79,6 @@ void describeOther(const openvdb::GridBase& base, GridInfo& info) {
          describeValues<openvdb::MaskGrid>(base, info));
 }
 
-/// Copies the statistics from the metadata of a grid whose tree was not read.
 void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::CoordBBox& active) {
   using openvdb::GridBase;
   const auto voxels = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
@@ -97,14 +94,12 @@ void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::Coor
   }
 }
 
-/// Returns the box of the active voxels' centres in the file's world space.
 Box boundsOf(const openvdb::CoordBBox& active, const Volume::Grid::Part& part) {
   const auto vec3 = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
   return boxAbout({vec3(active.min()), vec3(active.max())},
                   [&](const Vec3& p_I) { return part.toFile(p_I); });
 }
 
-/// Returns the voxels with data, which lie in the box `active`.
 DataEnds endsOf(const openvdb::GridBase& grid, const openvdb::CoordBBox& active) {
   DataEnds ends;
   if (active.empty()) return ends;
@@ -152,8 +147,8 @@ std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
   return sum;
 }
 
-/// Writes the range and the mean of the magnitudes of a vector that consists of three grids. Uses
-/// the active voxels of the first grid, and the nearest voxels of the other two.
+/// Returns the range of the magnitudes of a vector of three grids. Uses the active voxels of the
+/// first grid, and the nearest voxels of the other two.
 template <class GridT>
 Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
   using Tree = typename GridT::TreeType;
@@ -215,8 +210,7 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
     if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
       if (info.grid_class == GridClass::kStaggered) {
         using Scalars = ScalarGrid<typename GridT::ValueType::ValueType>;
-        // In a staggered grid, each component belongs to a face of its voxel, half a voxel below
-        // the centre.
+        // Each component belongs to a face, half a voxel below the voxel's centre.
         for (int c = 0; c < 3; ++c) {
           Volume::Grid::Part face = part;
           face.origin -= 0.5 * part.linear.col(c);
@@ -280,8 +274,7 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
     info.smoothing.rms_change = std::max(info.smoothing.rms_change, one.smoothing.rms_change);
     info.smoothing.largest_change =
         std::max(info.smoothing.largest_change, one.smoothing.largest_change);
-    // The bounds enclose the region where all components have data. The data of a component reach
-    // half a voxel beyond the centres of its voxels.
+    // Bounds where all components have data: half a voxel beyond their voxels' centres.
     info.bounds.lower = info.bounds.lower.cwiseMax(one.bounds.lower - 0.5 * one.voxel);
     info.bounds.upper = info.bounds.upper.cwiseMin(one.bounds.upper + 0.5 * one.voxel);
     squares += one.background * one.background;

@@ -1,5 +1,4 @@
-/// Private to samplers: converts a grid as it was read into a grid that fields can use. Include it
-/// in .cpp files only.
+/// Private to samplers, for .cpp files only: converts a grid as read into one that fields can use.
 #pragma once
 
 #include <memory>
@@ -9,20 +8,19 @@
 
 namespace palpate {
 
-/// The refusal of a grid in which nothing is.
+/// The refusal of a grid without active voxels.
 inline constexpr const char* kNoActiveVoxel =
     "it has no active voxel: write the grid with its values active";
 
-/// A prepared grid: its description, and the data of its Volume.
 struct Prepared {
   GridInfo info;
   std::unique_ptr<Volume::Grid> grid;
 };
 
-/// Reads the leaves that are still on disk, in parallel, and checks every value. As `options` and
-/// the grid require, it then fills unusable values, smooths, converts local vectors into the file's
-/// world space, and splits staggered grids. If the grid is not usable, info.refusal states the
-/// reason. Throws VolumeError if the requested filter does not work on the grid.
+/// Reads the leaves that are still on disk, in parallel, and checks every value. Where needed,
+/// fills unusable values, smooths, converts local vectors to the file's world space, and splits
+/// staggered grids. info.refusal states why a grid is unusable. Throws VolumeError if the
+/// requested filter does not work on the grid.
 [[nodiscard]] Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& grid,
                                const LoadOptions& options);
 

@@ -1,5 +1,4 @@
-/// Private to samplers: checks and prepares the values of a grid, for each supported type. Include
-/// it in .cpp files only.
+/// Private to samplers, for .cpp files only: checks and prepares the values of a grid.
 #pragma once
 
 #include <algorithm>
@@ -28,16 +27,14 @@ namespace palpate::detail {
 using openvdb::Coord;
 using Progress = std::function<void(double)>;
 
-/// Returns true if v is finite, and so small that derivatives and spline coefficients do not
-/// overflow.
+/// Returns true if v is finite and cannot overflow derivatives or spline coefficients.
 template <class Real>
 bool isUsable(Real v) noexcept {
   constexpr Real kMost = std::min<double>(1e100, std::numeric_limits<Real>::max());
   return std::abs(v) <= kMost;
 }
 
-/// Lowest, highest and mean active value of a grid. `unusable` counts the unusable values among all
-/// stored values, active or not.
+/// Sum and range of the active values. `unusable` counts stored values, active or not.
 struct Range {
   double sum = 0.0;
   double count = 0.0;
@@ -62,8 +59,7 @@ struct Range {
     highest = std::max(highest, other.highest);
     unusable += other.unusable;
   }
-  /// Adds the voxels of a leaf, eight at a time, which is a few times faster than one at a time.
-  /// One byte of the leaf's mask describes eight voxels.
+  /// Adds the voxels of a leaf, eight at a time: a few times faster than one at a time.
   template <class Leaf>
   void addLeaf(const Leaf& leaf) noexcept {
     using Size = decltype(sizeOf(*leaf.buffer().data()));
@@ -100,7 +96,6 @@ struct Range {
   }
 };
 
-/// Reads the values of a leaf that are still on disk.
 template <class Leaf>
 void readLeaf(Leaf& leaf) {
   using Buffer = typename Leaf::Buffer;
@@ -109,16 +104,14 @@ void readLeaf(Leaf& leaf) {
   try {
     (void)leaf.buffer().data();
   } catch (...) {
-    // If a buffer could not be read, OpenVDB 10 leaves it in a state that its destructor
-    // misinterprets. So this code frees the memory of the buffer, whose address is its first
-    // member, and constructs a valid buffer in its place.
+    // OpenVDB 10 leaves the failed buffer in a state that its destructor misinterprets. Frees its
+    // memory, at the address in its first member, and constructs a valid buffer in its place.
     delete[] * reinterpret_cast<Value**>(&leaf.buffer());
     ::new (static_cast<void*>(&leaf.buffer())) Buffer(openvdb::zeroVal<Value>());
     throw;
   }
 }
 
-/// Computes the range of the values of tiles in the nodes above the leaves.
 struct TileRange {
   Range range;
 
@@ -135,12 +128,11 @@ struct TileRange {
   void join(const TileRange& other) noexcept { range.join(other.range); }
 };
 
-/// Checks every value. This also reads the leaves that are still on disk.
 template <class GridT>
 Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   using Tree = typename GridT::TreeType;
   openvdb::tree::LeafManager<Tree> leaves(grid.tree());
-  // Reads the leaves in several parts, so that progress can be reported after each part.
+  // Several parts, because progress is reported after each.
   const std::size_t parts = progress && leaves.leafCount() > 10000
                                 ? std::max<std::size_t>(16, leaves.leafCount() >> 16U)
                                 : 1;
@@ -163,7 +155,6 @@ Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
         }));
     if (progress) progress(static_cast<double>(part + 1) / static_cast<double>(parts));
   }
-  // Adds the tiles of the nodes above the leaves.
   TileRange tiles;
   openvdb::tree::NodeManager<const Tree, Tree::RootNodeType::LEVEL - 1>(grid.constTree())
       .reduceTopDown(tiles);
@@ -172,8 +163,7 @@ Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   return range;
 }
 
-/// Replaces unusable values by the background, and makes them inactive. An unusable background
-/// becomes zero.
+/// Replaces unusable values by the inactive background. An unusable background becomes zero.
 template <class GridT>
 void fillUnusable(GridT& grid) {
   using Value = typename GridT::ValueType;
@@ -197,14 +187,12 @@ void fillUnusable(GridT& grid) {
   }
 }
 
-/// Converts vectors from the grid's index space into the file's world space, by the rule of their
-/// VecType.
+/// Converts vectors from index space to the file's world space by the rule of their VecType.
 template <class GridT>
 void turnVectors(GridT& grid) {
   const openvdb::Mat4d map = grid.transform().baseMap()->getAffineMap()->getMat4();
   grid.setIsInWorldSpace(true);  // otherwise OpenVDB does not transform vectors
-  // OpenVDB does not transform the background, so a grid of one voxel with the background's value
-  // is transformed.
+  // OpenVDB does not transform the background, so it is transformed as a grid of one voxel.
   auto one = GridT::create();
   one->setVectorType(grid.getVectorType());
   one->tree().setValue(Coord(0, 0, 0), grid.background());
@@ -214,15 +202,13 @@ void turnVectors(GridT& grid) {
                                    /*updateChildNodes=*/false);
 }
 
-/// Returns true if the importer has made a grid from a mesh. It writes "imported_from". The
-/// inactive voxels of such a grid lie outside of the mesh and have no data.
+/// Returns true if the importer made the grid from a mesh, so that inactive voxels have no data.
 [[nodiscard]] inline bool isFromMesh(const openvdb::GridBase& grid) {
   const auto from = grid.getMetadata<openvdb::StringMetadata>("imported_from");
   return from != nullptr && from->value() == "mesh";
 }
 
-/// Checks, fills, smooths and transforms the values of a grid of a supported type. Returns the box
-/// of the active voxels.
+/// Checks, fills, smooths and transforms a grid's values. Returns the box of active voxels.
 template <class GridT>
 openvdb::CoordBBox prepareValues(GridT& grid, const LoadOptions& options, bool affine,
                                  GridInfo& info) {
@@ -264,8 +250,7 @@ openvdb::CoordBBox prepareValues(GridT& grid, const LoadOptions& options, bool a
   return grid.evalActiveVoxelBoundingBox();
 }
 
-// The instances are in prepare_float.cpp, prepare_double.cpp, prepare_vec3s.cpp and
-// prepare_vec3d.cpp.
+// Instances: prepare_float.cpp, prepare_double.cpp, prepare_vec3s.cpp, prepare_vec3d.cpp.
 extern template openvdb::CoordBBox prepareValues(openvdb::FloatGrid&, const LoadOptions&, bool,
                                                  GridInfo&);
 extern template openvdb::CoordBBox prepareValues(openvdb::DoubleGrid&, const LoadOptions&, bool,

@@ -1,4 +1,4 @@
-/// Private to samplers: smoothing, for each supported type. Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: smooths grids of each supported type.
 #pragma once
 
 #include <algorithm>
@@ -43,7 +43,7 @@ void applyGaussian(GridT& grid, int width) {
   }
 }
 
-/// Applies OpenVDB's Gaussian. Returns how far it moved the active values.
+/// Applies OpenVDB's Gaussian. Returns its effect on the active values.
 template <class GridT>
 Smoothing smooth(GridT& grid, int width) {
   using Value = typename GridT::ValueType;

@@ -20,17 +20,14 @@ namespace {
 
 using openvdb::Coord;
 
-/// Distance beyond which the filter ignores values [voxels]. The cubic's filter falls more slowly
-/// than the quadratic's: |pole|^16 < 1e-9.
+/// Distance beyond which the filter ignores values [voxels]: |pole|^16 < 1e-9 for degree 3.
 constexpr int kSplineReach = 16;
 
-/// Returns the pole of the recursive filter that converts samples to the coefficients of a spline.
 double poleOf(int degree) {
   return degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
 }
 
-/// Converts a number to the grid's type. A number beyond the range of the type becomes the largest
-/// number of the type, not infinity.
+/// Converts a number to the grid's type. Beyond its range, returns its largest number.
 template <class Value, class Sum>
 Value stored(const Sum& sum) {
   if constexpr (std::is_arithmetic_v<Value>) {
@@ -43,7 +40,7 @@ Value stored(const Sum& sum) {
 }
 
 /// Adds leaves where the filter changes values: around the existing leaves, in place of small
-/// tiles, and along the faces of larger tiles whose neighbour differs.
+/// tiles, and along the faces of larger tiles with a different neighbour.
 template <class TreeT>
 void addLeavesAround(TreeT& tree) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -85,8 +82,7 @@ void addLeavesAround(TreeT& tree) {
   }
 }
 
-/// Returns the leaves in runs along one axis, each in order. A run ends at a gap that is wider than
-/// the reach of the filter.
+/// Returns the leaves in ordered runs along one axis. A gap wider than kSplineReach ends a run.
 template <class TreeT>
 std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, int axis) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -111,8 +107,8 @@ std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, i
   return runs;
 }
 
-/// Converts samples to coefficients along one axis, in place. Filters in both directions, with the
-/// same pole. Outside of the leaves of a run, the values are those of the tile there.
+/// Converts samples to coefficients along one axis, in place: forward and back with one pole.
+/// Outside of a run's leaves, values are those of the tiles.
 template <class TreeT>
 void filterAlong(TreeT& tree, int axis, double pole) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -158,8 +154,8 @@ void filterAlong(TreeT& tree, int axis, double pole) {
       for (std::array<Sum, kSize>& row : c) {
         for (std::size_t v = 0; v < kSize; ++v) last[v] = row[v] = row[v] + pole * last[v];
       }
-      // The state that the backward pass would have at the end of the run if it had begun
-      // infinitely far away, in the constant values beyond the run.
+      // The state of a backward pass that begins infinitely far away, in the constant values beyond
+      // the run.
       for (Sum& value : last) {
         value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
       }
@@ -180,8 +176,8 @@ void filterAlong(TreeT& tree, int axis, double pole) {
   });
 }
 
-/// Makes all corners active in the cells of a level set that hold its surface (band_cell.h). The
-/// coefficients are not values, so a reader of coefficients cannot find these cells.
+/// Makes all corners active in cells that hold a level set's surface (band_cell.h). Readers of the
+/// coefficients cannot find these cells.
 template <class GridT>
 void completeSurface(const GridT& values, typename GridT::TreeType& coefficients) {
   const openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor(values.tree());
@@ -219,8 +215,7 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
   const std::lock_guard lock(made.mutex);
   if (!made.parts.empty()) return made.parts;
   std::vector<GridData> parts;
-  // Isolated from other tasks. Otherwise a thread that waits in this call might begin a task that
-  // waits for the same lock.
+  // Isolated: a thread that waits here might begin a task that waits for the same lock.
   tbb::this_task_arena::isolate([&] {
     for (const Volume::Grid::Part& part : grid.parts) {
       parts.push_back(std::visit(

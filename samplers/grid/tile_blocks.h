@@ -1,4 +1,4 @@
-/// Private to samplers: blocks of a leaf's size in active tiles. Include it in .cpp files only.
+/// Private to samplers, for .cpp files only: blocks of a leaf's size in active tiles.
 #pragma once
 
 #include <vector>
@@ -7,9 +7,8 @@
 
 namespace palpate::detail {
 
-/// Returns the origins of blocks of a leaf's size in the active tiles of a tree: all blocks, or
-/// those along the faces of each tile, whose neighbours can have other values. Omits tiles wider
-/// than 128 voxels, which have millions of voxels on each face.
+/// Returns the origins of leaf-sized blocks in active tiles: all if `inner`, else those along each
+/// tile's faces. Omits tiles wider than 128 voxels, which have millions of voxels on each face.
 template <class TreeT>
 std::vector<openvdb::Coord> tileBlocks(const TreeT& tree, bool inner) {
   constexpr int kSize = static_cast<int>(TreeT::LeafNodeType::DIM);

@@ -28,8 +28,7 @@ struct ValueKind {
   std::uint64_t bytes;
   /// Bytes of a value in the nodes of a grid that is saved with 16 bits per number.
   std::uint64_t half_bytes;
-  /// Bytes of a leaf after its mask: its origin, and one bit for each value of a bool. 0 if the
-  /// leaf has an array of values.
+  /// Bytes of a leaf after its mask: origin and bits of a bool; 0 for an array of values.
   std::uint64_t leaf_bytes = 0;
 };
 
@@ -48,11 +47,10 @@ const ValueKind* kindOf(const std::string& tree_type) {
   return found == kinds().end() ? nullptr : &*found;
 }
 
-/// The description of a grid in the file.
 struct GridEntry {
   std::string name;
   std::string type;  ///< Type of the tree, without the suffix that marks 16-bit grids.
-  /// Name of the grid with whose tree this grid is stored; empty if the grid has its own tree.
+  /// Name of the grid that stores the tree of this grid; empty if the grid stores it itself.
   std::string parent;
   std::int64_t grid = 0;
   std::int64_t block = 0;
@@ -63,7 +61,6 @@ using Origin = std::array<std::int32_t, 3>;
 
 }  // namespace
 
-/// Reads a file from front to back, and then its trees, without storing their values.
 class VdbCheck::Walk {
  public:
   Walk(const std::filesystem::path& file, const std::string& called)
@@ -88,7 +85,7 @@ class VdbCheck::Walk {
   }
 
   std::uint64_t tree(const std::string& name) {
-    // the constructor has already checked the trees of such a file
+    // Without a table of contents, the constructor has already checked the trees.
     if (!has_offsets_) return size_;
     std::uint64_t bytes = 0;
     const auto [first, last] = grids_.equal_range(name);
@@ -111,15 +108,14 @@ class VdbCheck::Walk {
   static std::string nameOf(const std::string& unique) {
     return openvdb::io::GridDescriptor::nameAsString(unique);
   }
-  /// Finds a grid by its name in the file. Two grids can have the same name for users: a grid that
-  /// is called density[0], and the first of two grids that are called density.
+  /// Finds a grid by its name in the file. For users, a grid called density[0] and the first of two
+  /// called density have the same name.
   [[nodiscard]] const GridEntry* find(const std::string& unique) const {
     const auto [first, last] = grids_.equal_range(nameOf(unique));
     const auto found =
         std::find_if(first, last, [&](const auto& entry) { return entry.second.name == unique; });
     return found == last ? nullptr : &found->second;
   }
-  /// Returns the grid that stores the tree of `d`.
   [[nodiscard]] const GridEntry& ownerOf(const GridEntry& d) const {
     if (d.parent.empty()) return d;
     const GridEntry* parent = find(d.parent);
@@ -138,10 +134,8 @@ class VdbCheck::Walk {
 
   [[noreturn]] void tooLarge() const {
     if (!bounded_) truncated();
-    damaged("a part of it is larger than the space for it");
+    damaged("a part of a grid is larger than the grid's section of the file");
   }
-
-  // Functions that read bytes.
 
   [[nodiscard]] std::uint64_t position() const { return read_ - (filled_ - cursor_); }
   /// Returns the number of bytes up to the end of the section.
@@ -210,8 +204,6 @@ class VdbCheck::Walk {
     return byte == 1;
   }
 
-  // Functions that read the parts of a file.
-
   void header() {
     if (take<std::int64_t>() != openvdb::OPENVDB_MAGIC)
       damaged("it does not begin with the signature of a .vdb file");
@@ -243,8 +235,7 @@ class VdbCheck::Walk {
       const bool saved_as_half = name == openvdb::GridBase::META_SAVE_HALF_FLOAT;
       if (type != openvdb::StringMetadata::staticTypeName() &&
           openvdb::Metadata::isRegisteredType(type)) {
-        // The stated size must be that of OpenVDB's type, because OpenVDB reads as many bytes as
-        // that type has.
+        // OpenVDB reads as many bytes as the type has, so the stated size must be equal.
         if (openvdb::Metadata::createMetadata(type)->size() != bytes) {
           damaged("metadata of a type with a fixed size have another size");
         }
@@ -282,7 +273,6 @@ class VdbCheck::Walk {
     return d;
   }
 
-  /// Reads a grid, and also its tree if `walk` is true.
   void grid(const GridEntry& d, bool walk) {
     const ValueKind* kind = kindOf(d.type);
     const bool instance = !d.parent.empty();
@@ -309,10 +299,9 @@ class VdbCheck::Walk {
     if (walk && !instance) tree(*kind, compression, half, d);
 
     if (has_offsets_) {
-      // Trees that are not requested, or have another type, are never read, so errors in them do no
-      // harm.
+      // Trees that are not requested or not supported are never read: their errors do no harm.
       if (!walk) skip(left());
-      if (left() > 0) damaged("a grid does not end where it should");
+      if (left() > 0) damaged("a grid does not end at the position that its descriptor states");
       limit_ = size_;
       bounded_ = false;
     }
@@ -343,8 +332,8 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads numbers of a transform. Later checks reject zeros, infinities and NaN, because they make
-  /// the transform singular. All other numbers must be so small that no later result overflows.
+  /// Reads numbers of a transform, so small that no later result overflows. Zeros, infinities and
+  /// NaN make the transform singular, which later checks reject.
   std::array<double, 16> numbers(std::size_t count) {
     std::array<double, 16> values{};
     for (std::size_t i = 0; i < count; ++i) {
@@ -357,9 +346,6 @@ class VdbCheck::Walk {
     return values;
   }
 
-  // Functions that read the parts of a tree.
-
-  /// States how the values of a tree are stored.
   struct Storage {
     std::uint64_t value;   ///< Size of a single value [bytes].
     std::uint64_t packed;  ///< Size of a value in the array of a node [bytes].
@@ -368,7 +354,6 @@ class VdbCheck::Walk {
     bool blosc;
     bool active_only;
   };
-  /// The leaves below one child of the root node.
   struct Branch {
     Origin origin;
     std::size_t first;
@@ -396,8 +381,7 @@ class VdbCheck::Walk {
     if (has_offsets_ && static_cast<std::int64_t>(position()) != d.block) {
       damaged("a tree's nodes do not end where its values begin");
     }
-    // OpenVDB reads the values in the order of the children's origins, not in the order in which
-    // the file stores the nodes.
+    // OpenVDB reads the values by the children's origins, not by the nodes' order in the file.
     std::sort(branches.begin(), branches.end(),
               [](const Branch& a, const Branch& b) { return a.origin < b.origin; });
     for (const Branch& branch : branches) {
@@ -412,8 +396,7 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads the nodes of a tree without the values of the leaves. Stores the masks of the leaves in
-  /// leaves_.
+  /// Reads the nodes of a tree without the leaves' values. Stores the leaves' masks in leaves_.
   std::vector<Branch> topology(const Storage& storage) {
     if (take<std::int32_t>() != 1) damaged("a tree does not have exactly one buffer");
     skip(storage.value);  // value of the background
@@ -424,7 +407,8 @@ class VdbCheck::Walk {
     const auto origin = [&] {
       origins.push_back(take<Origin>());
       for (const std::int32_t i : origins.back()) {
-        if (i % 4096 != 0 || i < -1000001536 || i > 1000001536) damaged("a node is out of place");
+        if (i % 4096 != 0 || i < -1000001536 || i > 1000001536)
+          damaged("the origin of a node is invalid");
       }
       return origins.back();
     };
@@ -466,8 +450,7 @@ class VdbCheck::Walk {
     return countOn(child);
   }
 
-  /// Reads the values of a node whose mask has `Words` words, in the same way as OpenVDB's
-  /// readCompressedValues().
+  /// Reads a node's values, with a mask of `Words` words, like OpenVDB's readCompressedValues().
   template <std::size_t Words>
   void values(const Storage& storage, std::uint64_t active, bool unpack = false) {
     // Meaning of `kind`: 0 to 2: no selection mask; 3 to 5: a selection mask follows; 2, 4 and 5:
@@ -486,9 +469,8 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads a compressed array of `bytes` bytes. If `unpack` is true, also decompresses the array.
-  /// This is done for arrays of tiles: if OpenVDB cannot decompress one, it loses a child of the
-  /// root node and everything below that child.
+  /// Reads a compressed array of `bytes` bytes. `unpack` also decompresses it, for arrays of tiles:
+  /// if OpenVDB cannot, it loses a child of the root node with everything below.
   void chunk(const Storage& storage, std::uint64_t bytes, bool unpack) {
     const auto size = take<std::int64_t>();
     if (size <= 0) {  // the array is stored without compression
@@ -527,8 +509,7 @@ class VdbCheck::Walk {
     }
   }
 
-  /// Reads the first 16 bytes of a blosc chunk. They contain its compressed and its uncompressed
-  /// size, which must equal the given sizes.
+  /// Reads the first 16 bytes of a blosc chunk, and checks the two sizes in it.
   const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes) {
     if (packed < 16) {
       damaged("a compressed part has " + std::to_string(packed) + " bytes, fewer than 16");
@@ -559,15 +540,14 @@ class VdbCheck::Walk {
   std::string path_;
   std::ifstream stream_;
   std::vector<unsigned char> buffer_;
-  std::size_t cursor_ = 0;   ///< Position in the buffer.
-  std::size_t filled_ = 0;   ///< Number of bytes in the buffer.
-  std::uint64_t read_ = 0;   ///< Position in the file at which the buffer ends.
-  std::uint64_t size_ = 0;   ///< Size of the file.
+  std::size_t cursor_ = 0;  ///< Position in the buffer.
+  std::size_t filled_ = 0;
+  std::uint64_t read_ = 0;  ///< Position in the file at which the buffer ends.
+  std::uint64_t size_ = 0;
   std::uint64_t limit_ = 0;  ///< End of the section that is being read.
   /// True if the file states where the section ends. If false, the section ends with the file.
   bool bounded_ = false;
   bool has_offsets_ = true;  ///< True if the file states where its grids begin and end.
-  /// Grids of the file by their names as users write them.
   std::multimap<std::string, GridEntry> grids_;
   std::vector<LeafMask> leaves_;
 };

@@ -49,8 +49,7 @@ FreeMap freeMapOf(const GridData& data) {
 }  // namespace
 
 FieldFrame frameOf(const Volume& volume, const Placement& placement, const Sampling& sampling) {
-  // The margin is the distance by which a cell with an active corner can extend beyond the active
-  // voxels' centres.
+  // A cell with an active corner can extend this far beyond the active voxels' centres.
   const Vec3 margin = volume.grid().parts.front().linear.cwiseAbs().rowwise().sum();
   const Box& file = volume.info().bounds;
   FieldFrame frame;
@@ -97,7 +96,7 @@ FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume, const Placeme
   const std::vector<Volume::Grid::Part>& parts = volume->grid().parts;
   const std::string what = "grid \"" + volume->info().name + "\"";
   if (!(sampling.slope_reach > 0.0 && sampling.slope_reach <= 1.0)) {
-    throw VolumeError(what, "the reach of its slope must be > 0 and at most 1 voxel", "give 0.5");
+    throw VolumeError(what, "slope_reach must be > 0 and at most 1 voxel", "give 0.5");
   }
   if (sampling.axial) {
     if (!volume->info().vector || parts.size() > 1) {

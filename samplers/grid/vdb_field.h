@@ -11,8 +11,7 @@
 
 namespace palpate {
 
-/// Placement of a volume in W: p_W = translate + rotation * scale * p_F, where p_F is a point in
-/// the file's own world space. No other code scales volumes.
+/// Placement in W: p_W = translate + rotation * scale * p_F, with p_F in the file's world space.
 struct Placement {
   double scale = 1.0;  ///< Metres of hand travel per unit of the file, > 0.
   /// Orthonormal matrix that rotates the file's axes into W's axes.
@@ -35,11 +34,9 @@ struct Placement {
 enum class Interpolation : std::uint8_t {
   kTrilinear,  ///< Trilinear value. The derivatives are differences of values, and are continuous.
   kNearest,    ///< Value of the nearest voxel, without derivatives; for labels.
-  /// B-spline of degree 2 through the values of the voxels. The derivatives are those of the
-  /// spline, and are continuous.
+  /// B-spline of degree 2 through the voxels' values. Its derivatives are continuous.
   kQuadratic,
-  kCubic,  ///< B-spline of degree 3 through the values of the voxels. The derivatives of the spline
-           ///< are smooth.
+  kCubic,  ///< B-spline of degree 3 through the voxels' values. Its derivatives are smooth.
 };
 
 /// Returns the word for an interpolation: "trilinear", "nearest", "quadratic" or "cubic".
@@ -50,8 +47,8 @@ enum class Interpolation : std::uint8_t {
 /// Options for reading a volume.
 struct Sampling {
   Interpolation interpolation = Interpolation::kTrilinear;  ///< Method for values between voxels.
-  /// True if vectors have no sign, such as a fibre's direction. In each cell the signs of the
-  /// voxels' vectors are aligned before they are interpolated. Only for trilinear interpolation.
+  /// True if vectors have no sign, such as fibre directions. Their signs are aligned in each cell
+  /// before the interpolation. Only for trilinear interpolation.
   bool axial = false;
   double slope_reach = 0.5;  ///< Distance to each side over which the gradient of a trilinear
                              ///< scalar takes its differences [voxels], > 0 to 1. Only 1/2 and 1
@@ -61,40 +58,33 @@ struct Sampling {
   [[nodiscard]] bool operator==(const Sampling&) const = default;
 };
 
-/// Makes a field over a volume: a scalar or a vector field, as the type of the volume requires.
+/// Makes a scalar or a vector field over a volume, as the volume's type requires.
 ///
-/// By default the value V is trilinear. Let r = Sampling::slope_reach, and e_a a step along axis a
-/// of the lattice. The gradient of a scalar is g_a(x) = (V(x + r e_a) - V(x - r e_a)) / 2r. The
-/// Jacobian of a vector consists of trilinearly interpolated central differences, one-sided where
-/// the data end (data_ends.h). The gradient of a scalar is a difference to the background there,
-/// because the surroundings of an image belong to it. Both are continuous, use the cell and its
-/// neighbours, and are per unit of the file, rotated into W. cellGradient() is the gradient of the
-/// trilinear polynomial itself.
+/// By default the value V is trilinear. With r = Sampling::slope_reach and a step e_a along lattice
+/// axis a, the gradient of a scalar is g_a(x) = (V(x + r e_a) - V(x - r e_a)) / 2r. The Jacobian of
+/// a vector consists of trilinearly interpolated central differences. Where the data end
+/// (data_ends.h), it is one-sided, and the gradient is a difference to the background. Both are
+/// continuous, per unit of the file, in W. cellGradient() is the gradient of the cell's polynomial.
 ///
-/// Meaning of `inside`: In a level set, all eight voxels of the cell are active, because the value
-/// beyond its band is not a distance; or the cell holds the surface (band_cell.h), so a band of one
-/// voxel is enough. In other grids at least one is active, because the border of a fog is part of
-/// the data. For the nearest voxel, that voxel is active. For a vector of three grids, all three
-/// are inside. Values are always the stored ones, also in inactive voxels and in the background.
-/// Beyond 1e9 voxels from the origin, the value is the background, with zero derivatives.
+/// `inside`: In a level set, all eight voxels of the cell are active, or the cell holds the surface
+/// (band_cell.h), because values beyond the band are not distances. In other grids at least one
+/// voxel is active. For kNearest the nearest voxel is active. For a vector of three grids, all
+/// three are inside. Values are always the stored ones, also in inactive voxels. Beyond 1e9 voxels
+/// from the origin, the value is the background, with zero derivatives.
 ///
-/// In a staggered grid, and in three scalars that are read as one vector, each component is read at
-/// its own position. This costs about as much as reading three scalars.
+/// Components of staggered grids and of three scalars are read at their own positions: 3 readings.
 ///
 /// B-splines: the first call for a volume and a degree computes the coefficients, in parallel. The
-/// volume keeps them for all its placements. They take about as much memory as the volume, plus
-/// that of the leaves added around it. Value and derivatives are those of the spline, which passes
-/// through the stored values to within rounding of the grid's type. Near the edge of a narrow band,
-/// the constant values beyond the band also affect the spline. A jump there causes ripples: a
-/// fourth of the jump at one voxel's distance, and a fifteenth at two voxels.
+/// volume keeps them. They take about as much memory as the volume and the leaves added around it.
+/// The spline passes through the stored values to within rounding. Near the edge of a narrow band,
+/// the jump to the constant values beyond causes ripples: a fourth of the jump at one voxel's
+/// distance, and a fifteenth at two voxels.
 ///
-/// Axial vectors: the sign of a value has no meaning. It may change from cell to cell, and the
-/// derivatives change with it. If the eight directions of a cell span more than 90 degrees, they
-/// have no common direction.
+/// Axial vectors: signs have no meaning, and may change from cell to cell, also in derivatives.
+/// Directions that span more than 90 degrees in a cell have no common direction.
 ///
-/// Throws VolumeError for `axial` unless the volume is a vector in one grid and the interpolation
-/// is trilinear. RT: sample() reads at most eight leaves of each grid, and only if the cell differs
-/// from that of the last reading; no allocation.
+/// Throws VolumeError for `axial` unless the volume is a trilinear vector in one grid. RT: sample()
+/// reads at most eight leaves of each grid, and only in a new cell; no allocation.
 [[nodiscard]] FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume,
                                     const Placement& placement, const Sampling& sampling = {});
 

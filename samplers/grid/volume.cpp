@@ -40,22 +40,18 @@ void initialise() {
   static std::once_flag once;
   std::call_once(once, [] {
     openvdb::initialize();
-    // OpenVDB would trust this table of the sizes of leaves. The table is not needed, because each
-    // leaf's size is also stored before the leaf. VdbCheck checks those sizes.
+    // OpenVDB would trust this table of leaf sizes. VdbCheck checks the sizes before each leaf.
     openvdb::io::DelayedLoadMetadata::unregisterType();
   });
 }
 
-/// Returns the names of the three grids that form a vector: vel.x, vel.y and vel.z.
 std::array<std::string, 3> componentsOf(const std::string& name) {
   return {name + ".x", name + ".y", name + ".z"};
 }
 
 /// Drops the pages of OpenVDB's memory maps of a file, so that memory does not hold both the file
-/// and the grid. The pages stay in the system's file cache. Writable maps are not touched. The
-/// function uses MADV_PAGEOUT, which never loses data. MADV_DONTNEED could: another thread may end
-/// its map after this function has read the list of maps, and other data may then be at that
-/// address. Without MADV_PAGEOUT the function does nothing.
+/// and the grid. Skips writable maps. MADV_DONTNEED could lose data, if another thread maps data at
+/// the address after the list was read; MADV_PAGEOUT never does.
 /// @param path  Absolute path. If it is empty, the function does nothing.
 void dropMapped(const std::string& path) {
   if (path.empty()) return;
@@ -78,10 +74,9 @@ void dropMapped(const std::string& path) {
   }
 }
 
-/// Reads grids through a stream, from front to back, at the positions that the table of contents
-/// states. It is used because OpenVDB's own reader searches all grids of a name for each grid.
-/// Also, if a file ends too early, a stream throws an exception, whereas a memory map would end the
-/// program. Only for files with a table of contents.
+/// Reads grids through a stream, at the positions in the file's table of contents, which must
+/// exist. OpenVDB's own reader searches all grids of a name for each grid. If a file ends too
+/// early, a stream throws an exception; a memory map would end the program.
 class GridReader : private openvdb::io::Archive {
  public:
   explicit GridReader(const std::filesystem::path& file) {
@@ -107,7 +102,6 @@ class GridReader : private openvdb::io::Archive {
   }
 
   [[nodiscard]] bool has(const std::string& name) const { return by_name_.count(name) != 0; }
-  /// Returns OpenVDB's name of the tree's type.
   [[nodiscard]] const std::string& type(const std::string& name) const {
     return by_name_.at(name)->gridType();
   }
@@ -121,15 +115,13 @@ class GridReader : private openvdb::io::Archive {
   openvdb::GridBase::Ptr read(const std::string& name) {
     const openvdb::io::GridDescriptor& d = *by_name_.at(name);
     openvdb::GridBase::Ptr grid = readOwn(d);
-    // The grid that stores the tree does not share a tree itself. VdbCheck has checked this, with
-    // the same names.
+    // VdbCheck has checked that the grid that stores the tree does not share one itself.
     if (d.isInstance()) {
       grid->setTree(readOwn(grids_.at(d.instanceParentName()))->baseTreePtr());
     }
     return grid;
   }
 
-  /// Reads a grid without its tree.
   openvdb::GridBase::Ptr readMetadata(const std::string& name) {
     openvdb::GridBase::Ptr grid = begin(*by_name_.at(name));
     readGridCompression(stream_);
@@ -161,7 +153,6 @@ class GridReader : private openvdb::io::Archive {
   std::unordered_map<std::string, int> alike_;
 };
 
-/// Makes a volume from a prepared grid. Throws VolumeError with the refusal, if there is one.
 std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& name) {
   const std::string& why = prepared.info.refusal;
   if (!why.empty()) {
@@ -192,8 +183,7 @@ std::string importOf(const std::filesystem::path& path) {
   return "import it first: palpate import " + in + " " + out;
 }
 
-/// An OpenVDB file, which is opened and checked once. Converts OpenVDB's errors to VolumeError.
-/// Several threads may call const members at the same time.
+/// An open, checked .vdb file. Converts OpenVDB's errors to VolumeError. Thread-safe if const.
 class VdbFile {
  public:
   explicit VdbFile(const std::filesystem::path& path) : path_(path) {
@@ -214,15 +204,13 @@ class VdbFile {
     if (!isVdb(steady_->place())) {
       throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
     }
-    // Stores the path as it stands in the system's list of maps. A private copy has no name; in the
-    // list its path ends with "(deleted)", as it does here.
+    // Equals the path in the system's list of maps; that of a private copy ends with "(deleted)".
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
       check_.emplace(steady_->place(), path_.string());
       reader_.emplace(steady_->place());
       file_.emplace(steady_->place().string());
-      // Keeps OpenVDB from copying the file. A copy is not needed, because the file does not change
-      // and all leaves are read before this object is destroyed.
+      // Keeps OpenVDB from copying the file, which stays unchanged while this object lives.
       file_->setCopyMaxBytes(0);
       file_->open();
       for (auto name = file_->beginName(); name != file_->endName(); ++name) {
@@ -233,15 +221,12 @@ class VdbFile {
     });
   }
 
-  /// Returns the names of the grids as users write them.
   [[nodiscard]] const std::vector<std::string>& names() const noexcept { return names_; }
-  /// Returns the names of the vectors that the file stores as three scalar grids of one type:
-  /// NAME.x, NAME.y and NAME.z.
+  /// Returns the vectors that the file stores as three scalars of one type: NAME.x, .y and .z.
   [[nodiscard]] const std::vector<std::string>& vectors() const noexcept { return vectors_; }
-  /// Returns all names. A vector that is stored as three grids appears once, in place of its first
-  /// component.
+  /// Returns all names. A vector of three grids appears once, in place of its first component.
   [[nodiscard]] std::vector<std::string> listed() const {
-    // name that is listed in place of each component; empty if none
+    // Name to list in place of each component, or an empty name.
     std::unordered_map<std::string, std::string> instead;
     for (const std::string& vector : vectors_) {
       const auto parts = componentsOf(vector);
@@ -257,7 +242,6 @@ class VdbFile {
     return names;
   }
 
-  /// Loads a grid as loadVolume does.
   [[nodiscard]] std::shared_ptr<const Volume> load(const std::string& grid,
                                                    const LoadOptions& options) const {
     std::string wanted = grid;
@@ -276,11 +260,9 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // After the last part nothing more is read, so a waiting writer is not an error. kept() is
-      // called anyway, because it records the last time at which no program waited.
+      // After the last part, a waiting writer is not an error. kept() records the time anyway.
       if (!steady_->kept() && done < 1.0) throwTaken();
-      // This call makes the system search the whole file, so it is made only after enough bytes
-      // have been read, not for each small grid.
+      // The system searches the whole file, so this is not done for every small grid.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
       if (options.progress) options.progress(begun + share * done);
@@ -303,19 +285,16 @@ class VdbFile {
   }
 
  private:
-  /// Throws VolumeError, because another program is about to change the file.
   [[noreturn]] void throwTaken() const {
     throw VolumeError(path_.string(), "another program has waited too long to change it",
                       "load it when no program writes to it");
   }
 
-  /// Reads a grid. The leaves of a large grid stay on disk, and are later read in parallel. For a
-  /// grid of an unsupported type, reads everything except its tree. Only one thread reads at a
-  /// time.
+  /// Reads a grid; without its tree if the type is unsupported. The leaves of a large grid stay on
+  /// disk, and are later read in parallel. Only one thread reads at a time.
   [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
     openvdb::GridBase::Ptr grid;
-    // Isolated from other tasks. Otherwise a thread that waits here for OpenVDB's loops might begin
-    // to read another grid.
+    // Isolated: a thread that waits for OpenVDB's loops might begin to read another grid.
     tbb::this_task_arena::isolate([&] {
       const std::lock_guard lock(reading_);
       const std::string type = typeOf(name);
@@ -337,7 +316,6 @@ class VdbFile {
     return grid;
   }
 
-  /// Returns OpenVDB's name of the type of the grid's tree.
   [[nodiscard]] std::string typeOf(const std::string& name) const {
     return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
   }
@@ -396,8 +374,7 @@ class VdbFile {
     }
   }
 
-  /// Grids that are smaller than this are read through the stream, because reading in parallel
-  /// would not save time [bytes].
+  /// Smaller grids are read through the stream: parallel reading would not save time [bytes].
   static constexpr std::uint64_t kSmallGrid = std::uint64_t{1} << 20U;
   /// Largest part of the file that may be in memory in addition to its grids [bytes].
   static constexpr std::uint64_t kMappedBytes = std::uint64_t{1} << 24U;
@@ -413,7 +390,6 @@ class VdbFile {
   std::vector<std::string> names_;
   std::vector<std::string> vectors_;
   std::unordered_set<std::string> known_;
-  /// Number of bytes read since the last call of dropMapped().
   mutable std::atomic<std::uint64_t> mapped_{0};
 };
 
@@ -449,8 +425,7 @@ LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptio
   return result;
 }
 
-/// Runs inParallel in isolation: its threads begin no other tasks before it ends. So the number of
-/// files that are open at once is at most the number of threads.
+/// Runs inParallel apart from other tasks, so that threads bound the number of open files.
 template <class Body>
 void inParallelAlone(std::size_t count, Body body) {
   tbb::this_task_arena::isolate([&] { inParallel(count, body); });
@@ -524,7 +499,6 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
   initialise();
   const std::string name = "grid \"" + grid.getName() + "\"";
   try {
-    // Copies the grid, because preparing a grid changes it.
     return preparedVolume(grid.getName(), grid.deepCopyGrid(), name, options);
   } catch (const openvdb::Exception& e) {
     throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "rebuild it");
@@ -533,7 +507,6 @@ std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
 
 std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
                                     const std::function<void(double)>& progress) {
-  // Each file is opened once. Equal requests are loaded once.
   using What = std::tuple<std::string, NonFinite, int>;
   struct File {
     std::map<What, std::size_t> known;

@@ -1,4 +1,4 @@
-/// Grids of .vdb files: describes them, and loads a grid into memory so that a hand can feel it.
+/// Describes the grids of .vdb files, and loads them into memory.
 #pragma once
 
 #include <cstdint>
@@ -27,12 +27,10 @@ struct Smoothing {
   double half_height_voxels = 0.0;
 };
 
-/// Description of one grid of a file, as `palpate info` prints it. "File" denotes the file's own
-/// world space.
+/// Description of a grid, as `palpate info` prints it. [file]: the file's own world space.
 struct GridInfo {
   std::string name;  ///< Name, unique in the file. Grids of equal names are density[0], density[1].
-  std::string type;  ///< OpenVDB's name of the value type, such as float, double or vec3s; "3 x
-                     ///< float" for a vector of three grids.
+  std::string type;  ///< OpenVDB's value type, such as float or vec3s; "3 x float" for three grids.
   /// Class of the grid. It determines where there are data (makeVdbField).
   GridClass grid_class = GridClass::kUnknown;
   bool vector = false;  ///< True for a vector, in one grid or in three.
@@ -43,17 +41,15 @@ struct GridInfo {
   std::uint64_t memory = 0;  ///< Memory of the grid [bytes].
   double lowest = 0.0;       ///< Lowest active value; for a vector, the smallest magnitude.
   double highest = 0.0;      ///< Highest active value; for a vector, the largest magnitude.
-  /// Mean of the values of active voxels, including those in tiles; for a vector, of the
-  /// magnitudes.
+  /// Mean of the active values, tiles included; for a vector, of the magnitudes.
   double mean = 0.0;
   double background = 0.0;  ///< Value of the background; for a vector, its magnitude.
-  /// Number of voxels and tiles, and the background, whose value is NaN, infinite or above 1e100.
+  /// Number of voxels, tiles and backgrounds with a value that is NaN, infinite or above 1e100.
   std::uint64_t non_finite = 0;
   /// Number of values, counted by `non_finite`, that the load replaced by the background.
   std::uint64_t filled = 0;
   Smoothing smoothing;  ///< Effect of LoadOptions::smooth.
-  /// True if the file stores the vectors in the grid's index space. They are converted when the
-  /// grid is loaded.
+  /// True if the file stores the vectors in index space. The load converts them.
   bool was_local = false;
   std::string source;   ///< File from which the grid was imported, as its metadata state.
   std::string refusal;  ///< "reason: remedy" if the grid cannot be used, else empty.
@@ -67,16 +63,14 @@ class Volume {
   Volume(GridInfo info, std::unique_ptr<const Grid> grid);
   Volume(const Volume&) = delete;
   Volume& operator=(const Volume&) = delete;
-  /// Frees the grid, which takes milliseconds. So the haptic thread must never release the last
-  /// reference.
+  /// Frees the grid, which takes milliseconds. The haptic thread must not drop the last reference.
   ~Volume();
 
   /// Returns the description of the grid.
   [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
   /// Returns the values of the grid, for use in samplers.
   [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }
-  /// Returns the memory of the grid, and of the B-spline coefficients and free maps that were made
-  /// so far [bytes].
+  /// Returns the memory of the grid and of its spline coefficients and free maps so far [bytes].
   [[nodiscard]] std::uint64_t memory() const;
 
  private:
@@ -90,19 +84,17 @@ class Volume {
 /// Treatment of values that are NaN, infinite or above 1e100.
 enum class NonFinite : std::uint8_t {
   kRefuse,  ///< The grid is rejected.
-  /// These values are replaced by the background and become inactive, which means no data. A
-  /// background of this kind becomes zero.
+  /// Unusable values become inactive background. An unusable background becomes zero.
   kFill,
 };
 
-/// Options for loading a grid, and the function that receives the progress.
+/// Options for loading a grid.
 struct LoadOptions {
   /// Treatment of values that are NaN, infinite or above 1e100.
   NonFinite non_finite = NonFinite::kRefuse;
-  /// Width of the smoothing by OpenVDB's Gaussian filter, which consists of four box filters
-  /// [voxels to each side]; 0 for no smoothing. Level sets are smoothed by LevelSetFilter, other
-  /// grids by Filter. Only active voxels change. The filter needs twice the grid's memory in
-  /// addition.
+  /// Width of OpenVDB's Gaussian filter, which is four box filters [voxels to each side]; 0: not
+  /// smoothed. Level sets use LevelSetFilter, other grids Filter. Only active voxels change. Needs
+  /// twice the grid's memory in addition.
   int smooth = 0;
   /// Receives the progress of reading, from 0 to 1. If it throws an Error, the load ends.
   std::function<void(double done)> progress;
@@ -112,24 +104,21 @@ struct LoadOptions {
 /// names vel.x, vel.y and vel.z appear as one vector, vel. Throws the errors of describeGrids.
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 
-/// Reads all grids of a file and describes each of them, then each vector that is stored as three
-/// grids. Throws VolumeError for a file that is missing, truncated or damaged, or is not a .vdb
-/// file. Grids of unsupported types are described by their metadata, and their trees are not read.
-/// Slow: reads all other values.
+/// Describes all grids of a file, then each vector that is stored as three grids. Throws
+/// VolumeError for a file that is missing, truncated, damaged or not a .vdb file. Slow: reads all
+/// values, except those of unsupported types, for which it reads the metadata only.
 [[nodiscard]] std::vector<GridInfo> describeGrids(const std::filesystem::path& file);
 
-/// Loads one grid and checks every value. Compressed leaves are read in parallel. Throws
-/// VolumeError for a file that describeGrids rejects, for an unknown name (the error suggests the
-/// nearest name), and for a grid that cannot be used. Such grids contain points, or values other
-/// than scalar and vector floats; have a frustum map or a singular map; have no active voxel; or
-/// contain values that are not finite. During the call, a program that opens the file for writing
-/// waits until the file has been read, or the file was copied before (samplers/leased_file.h).
+/// Loads one grid and checks every value, in parallel. Throws VolumeError for a file that
+/// describeGrids rejects, and for an unknown name (the error suggests the nearest name). Also
+/// throws it for an unusable grid: points, values other than scalar and vector floats, a frustum or
+/// singular map, no active voxel, or values that are not finite. During the call, a program that
+/// opens the file for writing waits, unless the file was copied (samplers/leased_file.h).
 ///
-/// Vectors: a staggered grid is split, and each component keeps its position on a face of its
-/// voxel. For a moment this needs twice the grid's memory. Three scalars of one type with the names
-/// vel.x, vel.y and vel.z can be loaded as "vel". Vectors that are stored in the grid's index space
-/// (isInWorldSpace is false) are converted to world space by the rule of their VecType.
-/// @param grid  Name of the grid. If it is empty, the file must contain one grid, which is loaded.
+/// Each component of a staggered grid keeps its position on a face of its voxel; the split needs
+/// twice the grid's memory. Scalars vel.x, vel.y and vel.z of one type can be loaded as "vel".
+/// Vectors in index space (isInWorldSpace is false) are converted by the rule of their VecType.
+/// @param grid  Name of the grid; if empty, the file must contain one grid.
 [[nodiscard]] std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
                                                        const std::string& grid,
                                                        const LoadOptions& options = {});
@@ -145,16 +134,15 @@ struct VolumeRequest {
   [[nodiscard]] bool operator==(const VolumeRequest&) const = default;
 };
 
-/// A volume, or the error because of which it could not be loaded.
+/// A volume, or the error of its load.
 struct LoadResult {
   std::shared_ptr<const Volume> volume;  ///< The volume; null if it could not be loaded.
   /// The exception of loadVolume, usually a VolumeError; null if the volume was loaded.
   std::exception_ptr error;
 };
 
-/// Loads volumes in parallel. Equal requests are loaded once, and each file is opened once.
-/// `progress` receives the joint progress of all loads. Any thread may call it, but only one at a
-/// time. It must not use TBB.
+/// Loads volumes in parallel; equal requests once, and each file opened once. `progress` receives
+/// the joint progress, from any thread but one at a time. It must not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);
@@ -167,8 +155,7 @@ struct FileResult {
   std::exception_ptr error;
 };
 
-/// Loads all grids of several files in parallel. Each file is opened once. For `progress` see
-/// loadVolumes.
+/// Loads all grids of several files in parallel. For `progress` see loadVolumes.
 [[nodiscard]] std::vector<FileResult> loadFiles(
     const std::vector<std::filesystem::path>& files,
     const std::function<void(double done)>& progress = nullptr);

@@ -1,4 +1,4 @@
-/// Private to samplers and scenes: the OpenVDB side of Volume. Include it in .cpp files only.
+/// Private to samplers and scenes, for .cpp files only: the OpenVDB side of Volume.
 #pragma once
 
 #include <array>
@@ -17,11 +17,10 @@
 
 namespace palpate {
 
-/// A grid of any supported type.
 using GridData = std::variant<openvdb::FloatGrid::ConstPtr, openvdb::DoubleGrid::ConstPtr,
                               openvdb::Vec3SGrid::ConstPtr, openvdb::Vec3DGrid::ConstPtr>;
 
-/// Types of scalar and vector grids whose numbers have the type Real.
+/// Types of scalar and vector grids with numbers of the type Real.
 template <class Real>
 using ScalarGrid =
     std::conditional_t<std::is_same_v<Real, double>, openvdb::DoubleGrid, openvdb::FloatGrid>;
@@ -33,7 +32,6 @@ inline std::uint64_t memoryOf(const GridData& data) {
   return std::visit([](const auto& grid) { return grid->memUsage(); }, data);
 }
 
-/// Returns the box around the corners of a box after `map` has moved them.
 template <class Map>
 Box boxAbout(const Box& box, Map map) {
   Box about;
@@ -53,22 +51,19 @@ struct Volume::Grid {
     Vec3 origin = Vec3::Zero();
     DataEnds ends;  ///< Voxels with data, for the derivatives of vectors.
 
-    /// Maps a point of index space to the file's world space.
     [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }
   };
   /// One grid, or three scalar grids of one type that form a vector, each with its own map.
   std::vector<Part> parts;
 
-  /// B-spline coefficients of degree 2 and 3, for each part. They are computed at the first
-  /// request.
+  /// B-spline coefficients of degree 2 and 3 for each part, computed at the first request.
   struct Coefficients {
     mutable std::mutex mutex;
     std::vector<GridData> parts;
   };
   mutable std::array<Coefficients, 2> coefficients;
 
-  /// Maps of the empty regions of the values, and of the coefficients of degree 2 and 3, for each
-  /// part. They are made at the first request.
+  /// Free maps of the values and of the coefficients of degree 2 and 3, made at the first request.
   struct FreeMaps {
     mutable std::mutex mutex;
     std::vector<std::shared_ptr<const FreeMap>> parts;

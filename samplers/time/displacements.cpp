@@ -24,7 +24,6 @@ openvdb::CoordBBox activeBox(const GridData& data) {
   return std::visit([](const auto& grid) { return grid->evalActiveVoxelBoundingBox(); }, data);
 }
 
-/// Returns the displacements in a box of voxels, rotated and scaled by `to_rest`.
 std::vector<float> read(const GridData& data, const openvdb::CoordBBox& box, const Mat3& to_rest) {
   const auto side = [&](int a) { return static_cast<std::size_t>(box.dim()[a]); };
   std::vector<float> out(3 * side(0) * side(1) * side(2));
@@ -69,8 +68,7 @@ DisplacementFrames displacementsOf(std::span<const std::shared_ptr<const Volume>
     }
     box.expand(activeBox(parts.front().data));
   }
-  // If some voxels of the box are inactive, the lattice is extended by a margin of background. So u
-  // beyond the lattice is that of the background, not that of the box's faces.
+  // With the margin, u beyond the lattice is that of the background, not that of the box's faces.
   const bool sparse = std::any_of(frames.begin(), frames.end(), [&](const auto& volume) {
     return volume->info().active_voxels < box.volume();
   });

@@ -27,28 +27,25 @@ using Clock = std::chrono::steady_clock;
 
 /// Bit of Slot::users that closes a slot to readers, so that the loader can fill it.
 constexpr std::uint32_t kClosed = 1U << 31U;
-/// Time for which the loader keeps a frame after a reader has held it, because the reader may need
-/// it again in its next tick. A loop with a longer pause between ticks has cut its force.
+/// Time for which the loader keeps a frame after a reader has held it, for the reader's next tick.
+/// After a longer pause between ticks, a loop has cut its force.
 constexpr std::chrono::milliseconds kKept{50};
-/// Smallest number of frames in memory: two around the play position, two from which the field
-/// fades after a jump, and the first frame of the sequence.
+/// Fewest frames in memory: two around the play position, two from which it fades, the first.
 constexpr std::uint64_t kLeastFrames = 5;
 /// Period at which the thread checks the play position.
 constexpr std::chrono::milliseconds kPoll{2};
-/// Largest number of errors that are reported in the sequence's life.
+/// Largest number of error messages of a sequence.
 constexpr int kMostTroubles = 8;
 
 std::int64_t nowNs() noexcept {
   return Clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
 }
 
-/// A frame in memory: its volume and the field over it.
 struct Loaded {
   std::shared_ptr<const Volume> volume;
   FieldPtr field;
 };
 
-/// Makes a volume like `first` that has the value of its background everywhere.
 std::shared_ptr<const Volume> emptyLike(const Volume& first) {
   const openvdb::GridBase::Ptr grid = std::visit(
       [](const auto& like) -> openvdb::GridBase::Ptr {
@@ -67,9 +64,8 @@ bool isEmpty(const Loaded& frame) {
   return frame.volume->info().active_voxels == 0;
 }
 
-/// Loads a frame. A frame in which nothing is becomes background. Throws VolumeError if the frame
-/// cannot be read, or if it does not match the first frame with data. `first` is null if this is
-/// the first frame with data.
+/// Loads a frame. A frame without data becomes background. Throws VolumeError if the frame cannot
+/// be read, or does not match `first`, the first frame with data (null while it is unknown).
 Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const Sampling& sampling,
                  const Volume* first) {
   LoadOptions options;
@@ -106,8 +102,7 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   return out;
 }
 
-/// Returns the number of frames of the largest size that fit into the budget. Throws VolumeError if
-/// this number is too small.
+/// Returns how many frames of the largest size the budget holds. Throws VolumeError if too few.
 std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t budget,
                      const std::string& name) {
   const std::uint64_t bytes = std::max<std::uint64_t>(largest, 1);
@@ -127,8 +122,7 @@ std::size_t slotsFor(std::uint64_t largest, std::size_t frames, std::uint64_t bu
   return static_cast<std::size_t>(slots);
 }
 
-/// Loads the first frame in which there are data, and returns it with its number. Throws the error
-/// of frame 0 if no frame has data.
+/// Returns the first frame with data and its number. Throws frame 0's error if all lack data.
 std::pair<std::size_t, Loaded> firstWithData(const std::vector<VolumeRequest>& frames,
                                              const Placement& placement, const Sampling& sampling) {
   std::exception_ptr none;
@@ -181,20 +175,17 @@ FrameTimes evenTimes(std::size_t count, double rate, bool repeat) {
   return out;
 }
 
-/// Memory for one frame. Each reader that uses it increments `users`. The loader closes the slot
-/// before it fills it.
+/// Memory for one frame. `users` counts its readers. The loader closes a slot to fill it.
 struct FrameSequence::Slot {
   std::atomic<std::uint32_t> users{kClosed};
   std::atomic<int> frame{-1};
   std::atomic<std::int64_t> held{0};  ///< Time at which a reader last held the frame [ns].
   std::atomic<std::uint64_t> stay{0};
   std::atomic<std::uint64_t> bytes{0};
-  // Only the thread that has closed the slot writes it. Only readers that are counted in `users`
-  // read it.
+  // The thread that has closed the slot writes it. Readers counted in `users` read it.
   Loaded loaded;
 };
 
-/// State that the readers and the loader share.
 struct FrameSequence::Shared {
   Shared(std::size_t frames, std::size_t room) : slots(room), places(frames), missing(frames) {
     for (auto& place : places) place.store(-1, std::memory_order_relaxed);
@@ -212,7 +203,6 @@ struct FrameSequence::Shared {
   std::atomic<int> way{1};  ///< Direction of play: 1 forward, -1 backward.
 };
 
-/// Loads the frames in its own thread.
 struct FrameSequence::Loader {
   Loader(const FrameSequence& sequence, const Placement& at, const Sampling& as)
       : of(sequence), shared(*sequence.shared_), placement(at), sampling(as) {}
@@ -228,7 +218,6 @@ struct FrameSequence::Loader {
   void begin() {
     thread = std::thread([this] { run(); });
   }
-  /// Puts a frame into a closed slot and opens the slot to readers.
   void publish(int frame, std::size_t slot, Loaded loaded) {
     Slot& to = shared.slots[slot];
     to.loaded = std::move(loaded);
@@ -264,8 +253,7 @@ struct FrameSequence::Loader {
   std::thread thread;
 };
 
-/// Returns the frames that should be in memory, the most urgent first. Frames that could not be
-/// loaded and must be tried again come last.
+/// Returns the frames that should be in memory, the most urgent first, frames to retry last.
 std::vector<int> FrameSequence::Loader::wanted() {
   const int count = of.count();
   std::vector<int> all;
@@ -296,8 +284,7 @@ std::vector<int> FrameSequence::Loader::wanted() {
   return all;
 }
 
-/// Closes a slot for a new frame and returns its index. Returns std::nullopt if all slots are in
-/// use.
+/// Closes a slot for a new frame and returns its index; std::nullopt if all are in use.
 std::optional<std::size_t> FrameSequence::Loader::slotFor(const std::vector<int>& all) {
   const std::int64_t now = nowNs();
   for (std::size_t n = 0; n < shared.slots.size(); ++n) {
@@ -375,7 +362,6 @@ FrameSequence::FrameSequence(std::vector<VolumeRequest> frames, const FrameTimes
     throw VolumeError(name, "two frames of vectors without a sign cannot be blended",
                       "remove \"axial\"");
   }
-  // Keeps the frames that fit into the budget.
   std::vector<Loaded> kept;
   std::uint64_t held = 0;
   std::uint64_t largest = 0;
@@ -454,7 +440,7 @@ PlayMoment FrameSequence::at(double play) const noexcept {
     return times[static_cast<std::size_t>(within(frame))] + rounds * length;
   };
   out.position = i + (play - time_of(i)) / (time_of(i + 1) - time_of(i));
-  // The first frame is always available. So there is an available frame at or before frame i.
+  // The first frame is always available, so frame i or an earlier frame is.
   const int low = good(i, -1);
   int high = good(i + 1, 1);
   if (high < 0) high = low;
@@ -534,8 +520,7 @@ bool FrameSequence::wait(std::span<const PlayMoment> moments, double seconds) co
 }
 
 std::uint64_t FrameSequence::neededFor(double speed) const noexcept {
-  // Besides kLeastFrames, memory must hold the frames that were held within kKept, and one frame
-  // that is being loaded.
+  // Also counts the frames that were held within kKept, and one frame that is being loaded.
   double shortest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i < when_.times.size(); ++i) {
     shortest = std::min(shortest, when_.times[i] - when_.times[i - 1]);

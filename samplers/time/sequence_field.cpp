@@ -19,23 +19,20 @@ using Hold = FrameSequence::Hold;
 
 /// Duration of the fade after a jump of play [s].
 constexpr double kJump = 0.05;
-/// Largest distance between the moment shown in the last tick and the moment from which play should
-/// have come, by its rate [frames]. The distance is weighted by the share of the shown moment. A
-/// larger distance counts as a jump.
+/// Largest distance of the moment shown in the last tick from the moment that the rate of play
+/// implies [frames]. The share of the shown moment weights the distance. A larger distance counts
+/// as a jump.
 constexpr double kLittle = 0.005;
 /// Longest wait for frames in virtual time [s].
 constexpr double kPatience = 60.0;
-/// Largest number of attempts to hold all frames of a tick. An attempt fails if a frame leaves
-/// memory before the reader holds it.
+/// Most attempts to hold all frames of a tick. One fails if a frame leaves memory first.
 constexpr int kTries = 1000;
-/// Largest number of frames in a reading: two around the play position, and two from which the
-/// reading fades.
+/// Most frames in a reading: two around the play position, and two from which it fades.
 constexpr std::size_t kFrames = 4;
-/// Largest number of readers that can be inside a tick at the same time.
+/// Largest number of readers in ticks at the same time.
 constexpr std::size_t kSeats = 16;
 constexpr std::size_t kNoSeat = kSeats;
 
-/// A frame that a reader reads, and the reader's cache for it.
 struct Part {
   Hold held;
   /// Hold::stay of the frame to which the cache belongs; 0 if the cache is unused.
@@ -44,16 +41,14 @@ struct Part {
   FieldCache cache;
 };
 
-/// The frames that a reader reads in a tick. The caches stay valid after the tick, for the next
-/// tick of the same reader.
+/// The frames that a reader reads in a tick. The caches stay valid for its next tick.
 struct Seat {
   std::array<Part, kFrames> parts;
-  std::size_t count = 0;     ///< Number of parts that are read in this tick.
+  std::size_t count = 0;
   std::uint64_t reader = 0;  ///< Reader to which the caches belong.
   std::atomic<bool> taken{false};
 };
 
-/// The moments that a reader reads.
 struct Blend {
   PlayMoment shown;      ///< Moment that is played now.
   PlayMoment left;       ///< Moment from which the reading fades, while `arrived` is below 1.
@@ -62,9 +57,8 @@ struct Blend {
   bool operator==(const Blend&) const = default;
 };
 
-/// The state of one reader from tick to tick.
 struct Reading : Blend {
-  std::uint64_t reader = 0;    ///< Number of the reader.
+  std::uint64_t reader = 0;
   std::size_t seat = kNoSeat;  ///< Index of the reader's seat; kNoSeat outside of a tick.
   std::size_t last_seat = 0;
   bool met = false;   ///< True if the reader has had a tick.
@@ -79,15 +73,13 @@ std::uint64_t nextReader() noexcept {
   return ++count;
 }
 
-/// Returns the placement of the field. It is not marked as a distance, because a blend of two
-/// distances is not a distance.
+/// The frame is not marked as a distance, because a blend of two distances is not a distance.
 FieldFrame frameOf(const FrameSequence& sequence) {
   FieldFrame frame = sequence.frame();
   frame.distance = false;
   return frame;
 }
 
-/// Common part of scalar and vector fields over a sequence.
 template <class Base>
 class SequenceField : public Base {
  public:
@@ -123,14 +115,12 @@ class SequenceField : public Base {
  protected:
   using Own = std::shared_ptr<const Base>;
 
-  /// Returns the parts in use in this tick.
   [[nodiscard]] std::span<Part> partsOf(FieldCache& memory) const noexcept {
     const Reading& of = readingIn(memory);
     if (of.seat == kNoSeat) return {};
     Seat& seat = seats_[of.seat];
     return std::span(seat.parts).first(seat.count);
   }
-  /// Returns the sum of the samples of all parts, each weighted by its share.
   template <class Sample, class Derivative>
   [[nodiscard]] Sample blended(const Vec3& p_W, FieldCache& memory,
                                Derivative Sample::*derivative) const noexcept {
@@ -161,12 +151,11 @@ class SequenceField : public Base {
   }
 
  private:
-  /// The frames of a moment that are in memory.
   struct Pair {
     Hold low;
-    Hold high;           ///< Empty if the high frame has no share.
-    double share = 0.0;  ///< Share of the high frame.
-    bool all = false;    ///< True if all frames with a share above 0 are in memory.
+    Hold high;  ///< Empty if the high frame has no share.
+    double share = 0.0;
+    bool all = false;  ///< True if all frames with a share above 0 are in memory.
   };
 
   void attendAtOnce(const Attention& at, Reading& of) const noexcept {
@@ -199,8 +188,8 @@ class SequenceField : public Base {
     sit(of, take(of.shown), {});
   }
 
-  /// Sets the moment that a tick shows. This is `asked`, or the start of a fade to `asked`, or else
-  /// the moment of the last tick. `there` is true if the frames of `asked` are in memory.
+  /// Sets the moment that a tick shows: `asked`, the start of a fade to `asked`, or the last
+  /// moment. `there` is true if the frames of `asked` are in memory.
   void goOn(Reading& of, const PlayMoment& asked, bool there, const Attention& at) const noexcept {
     const double dt = at.dt > 0.0 ? at.dt : 0.0;
     of.arrived = std::min(of.arrived + dt / kJump, 1.0);
@@ -215,7 +204,7 @@ class SequenceField : public Base {
       of.left = std::exchange(of.shown, asked);
       of.arrived = 0.0;
     }
-    // if the first requested frames arrive later, the reading fades to them from the first frame
+    // If the first requested frames arrive later, the reading fades to them from the first frame.
     of.met = true;
     of.late = !(of.shown == asked);
   }
@@ -233,8 +222,7 @@ class SequenceField : public Base {
     return out;
   }
 
-  /// Takes a seat, and puts into it the frames of the shown moment and of the moment from which the
-  /// reading fades.
+  /// Takes a seat for the frames of the shown moment and of the moment from which it fades.
   void sit(Reading& of, Pair shown, Pair left) const noexcept {
     takeSeat(of);
     if (of.seat == kNoSeat) {
@@ -280,7 +268,6 @@ class SequenceField : public Base {
       same->weight += weight;
       return;
     }
-    // If a part has a cache for this frame, that part is used.
     const auto known = std::find_if(read, seat.parts.end(), is);
     if (known != seat.parts.end()) {
       swapParts(*read, *known);

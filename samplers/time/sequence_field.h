@@ -8,22 +8,20 @@
 
 namespace palpate {
 
-/// Makes a field over a sequence. Each value, gradient and Jacobian between two frames is a
-/// weighted mean of the two frames' values, each interpolated in space. So while play continues,
-/// all readings are continuous in time, at any speed and in both directions.
+/// Makes a field over a sequence. Between two frames, each value, gradient and Jacobian is the
+/// weighted mean of the two. So readings are continuous in time, at any speed and in both
+/// directions.
 ///
-/// Play may jump: by a seek, at the end of a loop, or because frames arrived late. The reading then
-/// fades within 50 ms from the last played moment to the present moment. If frames do not arrive in
-/// time, the reading stays at the shown moment. So the reading is continuous in time for any change
-/// of the play position.
+/// After a jump of play (a seek, the end of a loop, late frames), the reading fades within 50 ms
+/// from the last played moment to the present moment. While frames are missing, it stays at the
+/// shown moment. So it is continuous in time for any change of the play position.
 ///
-/// The field has data where any of the blended frames has data. For a blend of several frames,
-/// surfaces are searched by the default of ScalarField::firstFall. A reading outside of a tick
-/// (without attend()) uses the first frame. At most 16 readers may be in ticks at the same time.
-/// Further readers read the first frame.
+/// The field has data where any blended frame has data. In a blend, surfaces are searched by the
+/// default of ScalarField::firstFall. A reading outside of a tick (without attend()) uses the
+/// first frame. At most 16 readers may be in ticks at the same time; further readers read the first
+/// frame.
 ///
-/// RT: no lock, no allocation. Cost: two readings, one of each blended frame; four readings during
-/// a fade.
+/// RT: no lock, no allocation. Cost: two readings; four during a fade.
 [[nodiscard]] FieldPtr makeSequenceField(std::shared_ptr<const FrameSequence> sequence);
 
 }  // namespace palpate

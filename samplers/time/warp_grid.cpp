@@ -26,8 +26,7 @@ constexpr double kMostStretch = 10.0;
 /// Number of floats stored for each node and frame: u and the rate of u.
 constexpr std::size_t kNumbers = 2 * kLanes;
 
-/// Weights of three neighbouring nodes at distance t from the middle node, -1/2 to 1/2, with their
-/// first and second derivatives.
+/// Weights of three neighbouring nodes, and their derivatives, at t from the middle, |t| <= 1/2.
 struct Weights {
   explicit Weights(double t)
       : value{0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)},
@@ -37,8 +36,8 @@ struct Weights {
   std::array<double, 3> bend{1.0, -2.0, 1.0};
 };
 
-/// Place of a time among the frames: the weights of u and of its rate in two frames, and the
-/// derivatives of these weights by time.
+/// Place of a time among the frames: weights of u and of its rate in two frames, and the weights'
+/// derivatives by time.
 struct Moment {
   std::size_t frame = 0;  ///< The earlier of the two frames.
   std::array<double, 4> value{1.0, 0.0, 0.0, 0.0};
@@ -76,7 +75,7 @@ class GridWarp final : public Warp {
       if (within != i) w[a].slope = w[a].bend = {};
     }
     const Moment moment = momentAt(time);
-    // The sums are floats, like the stored coefficients. The fourth lane of a vector is unused.
+    // The sums are floats, like the stored coefficients.
     const auto lanes = [](const float* at) { return Lanes(Eigen::Map<const Lanes>(at)); };
     std::array<float, 4> of{};
     std::array<float, 4> by_time{};
@@ -147,9 +146,8 @@ class GridWarp final : public Warp {
   [[nodiscard]] double topSpeed() const override { return top_speed_; }
   [[nodiscard]] double topAcceleration() const noexcept override { return top_acceleration_; }
 
-  /// Checks the warp at the nodes and the middles of cells, at the frames and between them. Throws
-  /// SceneError if it folds space or stretches material too much. Sets the bounds of shifts, speed
-  /// and acceleration.
+  /// Checks the warp at nodes and middles of cells, at frames and between them. Throws SceneError
+  /// if it folds space or stretches too much. Sets the bounds of shifts, speed and acceleration.
   void look(const std::string& path) {
     boundShifts();
     std::mutex mutex;
@@ -174,7 +172,7 @@ class GridWarp final : public Warp {
   }
 
  private:
-  /// Returns a node. Its indices count in the lattice that has one more node at each end.
+  /// Returns a node by its indices in the lattice with one more node at each end.
   [[nodiscard]] const float* nodeAt(int i, int j, int k) const noexcept {
     const auto row = static_cast<std::size_t>(i) * static_cast<std::size_t>(padded_[1]) +
                      static_cast<std::size_t>(j);
@@ -255,8 +253,7 @@ class GridWarp final : public Warp {
     for (std::size_t i = last; i-- > 1;) line[i * stride] -= sweep[i] * line[(i + 1) * stride];
   }
 
-  /// Returns a coefficient. Beyond the faces of the lattice, the coefficients are reflected at the
-  /// outermost nodes.
+  /// Returns a coefficient. Beyond the lattice, coefficients are reflected at the outermost nodes.
   [[nodiscard]] double reflected(const std::vector<double>& c, std::array<int, 3> node,
                                  const std::array<std::size_t, 3>& stride,
                                  std::size_t component) const {
@@ -274,8 +271,7 @@ class GridWarp final : public Warp {
     return c[at];
   }
 
-  /// Computes the rate of each frame, which is the slope of the parabola through the frame and its
-  /// two neighbours.
+  /// Computes each frame's rate: the slope of the parabola through it and its two neighbours.
   void takeRates() {
     const std::size_t all = nodes_.size() / (count_ * kNumbers);
     if (count_ < 2) return;
@@ -300,8 +296,7 @@ class GridWarp final : public Warp {
     });
   }
 
-  /// Sets shifts_ and top_acceleration_ from the coefficients. The values of a spline, and those of
-  /// a cubic in Bezier's form, lie in the convex hull of the coefficients.
+  /// Sets shifts_ and top_acceleration_: a spline lies in the convex hull of its coefficients.
   void boundShifts() {
     const std::size_t all = nodes_.size() / (count_ * kNumbers);
     for (std::size_t n = 0; n < all; ++n) {
@@ -325,8 +320,7 @@ class GridWarp final : public Warp {
     }
   }
 
-  /// Checks the warp at one place, at a frame or at a quarter of the interval between two frames.
-  /// Returns the speed of the material there [m/s].
+  /// Checks the warp at one place and time. Returns the speed of the material there [m/s].
   double speedAt(const Vec3& x, std::size_t part, const std::string& path) const {
     const std::size_t frame = part / kParts;
     double time = times_.empty() ? 0.0 : times_[frame];
@@ -358,7 +352,7 @@ class GridWarp final : public Warp {
 
   std::array<int, 3> size_;
   std::array<int, 3> padded_;
-  std::size_t count_;  ///< Number of frames.
+  std::size_t count_;
   /// Number of floats from a frame to the next one in a node; 0 if there is a single frame.
   std::size_t second_;
   std::vector<double> times_;

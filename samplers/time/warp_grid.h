@@ -1,5 +1,4 @@
-/// Makes warps, which deform volumes, from displacement fields on a lattice. The fields come from
-/// files or from memory.
+/// Makes warps, which deform volumes, from displacement fields on a lattice.
 #pragma once
 
 #include <array>
@@ -33,34 +32,30 @@ struct DisplacementFrames {
 
 /// Largest memory of a warp [bytes].
 inline constexpr std::uint64_t kMostWarpMemory = 1ULL << 30;
-/// Throws SceneError at `path` if `frames` frames of a lattice of this size would need more memory
-/// than kMostWarpMemory.
+/// Throws SceneError at `path` if this lattice and number of frames exceed kMostWarpMemory.
 void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const std::string& path);
 
 /// Makes a warp from frames of displacements: X = x + u(x, t).
 ///
 /// In space u is the quadratic B-spline through the nodes. Its slope is continuous, and its
-/// curvature across the faces of the lattice is zero. Beyond the faces, u is that of the nearest
-/// point on them. In time u is the cubic Hermite curve through the frames. Its slope at a frame is
-/// that of the parabola through three frames, so the rate is continuous. Before the first frame and
-/// after the last frame, u stays constant and its rate is zero, unless the warp repeats.
+/// curvature across the lattice's faces is zero. Beyond the faces, u is that of the nearest point
+/// on them. In time u is the cubic Hermite curve through the frames, with slopes of parabolas
+/// through three frames: the rate is continuous. Outside of the frames' times, u is constant, or
+/// repeats.
 ///
-/// Throws SceneError, with `path` and the part with the error (/times/2), in these cases: there is
-/// no frame; the number of times differs from that of the frames; times do not ascend; a repeated
-/// warp does not end as it begins; a displacement is not finite; the warp needs more memory than
-/// kMostWarpMemory; the warp folds space, or changes the lengths of material by a factor of more
-/// than ten. The last condition is checked at all nodes and middles of cells, at all frames and at
-/// the quarters of the intervals between them. Slow, parallel. Takes 32 bytes for each frame of
-/// each node, where the lattice has one more node on each side, and about twice that during the
-/// call. RT: at() reads 27 nodes.
+/// Throws SceneError, with `path` and the faulty part (/times/2): no frame; times that do not
+/// ascend or differ in number from the frames; a repeated warp that does not end as it begins; a
+/// displacement that is not finite; more memory than kMostWarpMemory; a warp that folds space or
+/// changes lengths by a factor above ten. The last condition is checked at nodes and middles of
+/// cells, at frames and at the quarters between them. Slow, parallel. Takes 32 bytes per node and
+/// frame, with one more node on each side, and twice that during the call. RT: at() reads 27 nodes.
 [[nodiscard]] WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when,
                                const std::string& path);
 
-/// Returns the displacements in vector volumes, one volume for each frame, all on one lattice. The
-/// lattice is the box of their active voxels. If some voxels of the box are inactive, a margin of
-/// one voxel of background is added. Vectors and axes are in the files' own unit of length; the
-/// placement scales and rotates them. Throws SceneError at `path` for a volume that is not a vector
-/// in one grid, or that has another lattice than the first.
+/// Returns the displacements in vector volumes, one for each frame. Their lattice is the box of the
+/// active voxels, with a margin of one voxel of background if some voxels in it are inactive. The
+/// placement scales and rotates vectors and axes, which are in the files' unit of length. Throws
+/// SceneError at `path` for a volume that is not a vector in one grid, or has another lattice.
 [[nodiscard]] DisplacementFrames displacementsOf(
     std::span<const std::shared_ptr<const Volume>> frames, const Placement& placement,
     const std::string& path);
