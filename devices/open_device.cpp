@@ -26,33 +26,32 @@ std::unique_ptr<Device> makeSimulated(ArmParams arm, const HandTarget& target,
 }
 
 std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
-  // In real time, a simulated arm gets the limits of an arm whose force could hurt.
+  // In real time, applies the limits of an arm that could hurt a hand.
   ArmParams arm;
   arm.hand = options.realtime;
   return makeSimulated(arm, options.target, options);
 }
 
-/// Opens `TROUBLE` or `TROUBLE@SECONDS`; the trouble begins at SECONDS.
 std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptions& options) {
   const NameAt of = nameAt(words);
   const std::optional<Trouble> trouble = troubleOf(of.name);
   if (!trouble) {
     std::vector<std::string> all;
     for (std::size_t i = 0; i < kTroubles; ++i) all.emplace_back(wordFor(static_cast<Trouble>(i)));
-    throw DeviceError("--device", fmt::format("\"{}\" is not a trouble of a device", of.name),
+    throw DeviceError("--device",
+                      fmt::format("\"{}\" is not a trouble that palpate can simulate", of.name),
                       fmt::format("give one of {}", fmt::join(all, ", ")));
   }
   if (needsClock(*trouble) && !options.realtime) {
     throw DeviceError("--device", fmt::format("\"{}\" needs real time", of.name), "add --realtime");
   }
-  // The arm gets the limits of an arm whose force could hurt.
   ArmParams arm;
   arm.hand = true;
   return std::make_unique<FaultyDevice>(makeSimulated(arm, options.target, options), *trouble,
                                         options.rate, of.seconds.value_or(1.0));
 }
 
-/// Opens a simulated hand that follows a mouse or a client, for a user without an arm.
+/// Opens a simulated hand that follows a mouse or a client.
 std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& options) {
   // This device has no motor, so a late tick cannot hurt.
   ArmParams arm;
@@ -102,7 +101,7 @@ namespace {
 
 std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions& options) {
   if (!options.realtime) {
-    throw DeviceError("--device", "an arm needs real time", "add --realtime");
+    throw DeviceError("--device", "a real arm runs only in real time", "add --realtime");
   }
   ArmHost host;
   host.say = options.say;
@@ -112,9 +111,10 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   auto arm = openAnyArm(name, host).device;
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
     throw Error("--passive",
-                "the friction of " + arm->info().name + " is not known, or smaller than its steps",
+                "the friction of " + arm->info().name +
+                    " is not known, or is too small for its encoder steps",
                 "run palpate devices --test " + name +
-                    "; if the arm has passed, its steps are too coarse for --passive");
+                    "; if the arm has passed, its encoder steps are too coarse for --passive");
   }
   const double most = arm->info().output_rate;
   if (options.say && options.rate > most && most > 0.0) {

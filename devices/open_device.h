@@ -1,5 +1,4 @@
-/// Opens a device by its name, such as `simulated` or `hid:polhem`. Every program uses the same
-/// names.
+/// Opens a device by its name, such as `simulated` or `hid:polhem`.
 #pragma once
 
 #include <functional>
@@ -23,11 +22,11 @@ struct DeviceOptions {
   bool passive = false;                         ///< The energy tank limits the force.
   double refill = 0.0;                          ///< TankParams::refill [W].
   std::function<void(const std::string&)> say;  ///< Receives messages for the user; may be empty.
-  /// Returns true if the program should end; called while an arm is awaited. May be empty.
+  /// Returns true if the program should end; polled while an arm is awaited. May be empty.
   std::function<bool()> stop;
 };
 
-/// Opens one of these devices:
+/// Opens a device by its name:
 ///
 /// - `simulated`: a simulated arm and hand
 /// - `simulated:TROUBLE`, `simulated:TROUBLE@SECONDS`: the same with a defect (faulty_device.h),
@@ -44,8 +43,7 @@ struct DeviceOptions {
 [[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,
                                                  const DeviceOptions& options);
 
-/// Opens an arm by a name that begins with `hid` or `plugin`, for operations that need an arm.
-/// Throws as openDevice.
+/// Opens an arm by a name that begins with `hid` or `plugin`. Throws as openDevice.
 [[nodiscard]] OpenedArm openAnyArm(const std::string& name, const ArmHost& host);
 
 }  // namespace palpate

@@ -1,5 +1,4 @@
-/// The interface through which tests, lists and programs use an arm. It is the same for a HID
-/// device with a profile, a device of USB's PID class and a plug-in.
+/// The interface of an arm: a HID device with a profile, a device of USB's PID class or a plug-in.
 #pragma once
 
 #include <algorithm>
@@ -14,12 +13,12 @@
 
 namespace palpate {
 
-/// Results of `palpate devices --test` for an arm, with bounds on the safe side for passivity and
-/// stability. Zeros mean not measured.
+/// Results of `palpate devices --test`, as bounds that are safe for passivity and stability. Zeros
+/// mean not measured.
 struct MeasuredArm {
   double viscous = 0.0;  ///< [N s/m], a lower bound for all axes with motors.
   double coulomb = 0.0;  ///< [N], a lower bound for all axes with motors.
-  /// Delay from a reading to its force [s]: middle of the range in which it may lie.
+  /// Delay from a reading to its force [s], the middle of its possible range.
   double delay = 0.0;
   double doubt = 0.0;  ///< Half the width of the delay's range [s].
   double mass = 0.0;   ///< [kg], the smallest of the masses measured along the axes.
@@ -29,39 +28,35 @@ struct MeasuredArm {
 inline constexpr double kUntestedForce = 1.0;        ///< [N]
 inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
 
-/// Applies these limits to an arm with a hand on it that has not passed `palpate devices --test`,
-/// and notes them in DeviceInfo::source.
+/// Applies the limits of an untested arm, and notes them in DeviceInfo::source.
 inline void holdUntested(DeviceInfo& info) {
   info.limits.peak = std::min(info.limits.peak, kUntestedForce);
   info.max_stiffness = std::min(info.max_stiffness, kUntestedStiffness);
   info.source += "; untested: limited to 1 N and 100 N/m until palpate devices --test has passed";
 }
 
-/// Functions and settings that an arm gets from the program that opens it. All may be empty.
+/// Functions and settings of the program that opens an arm. All members may be empty.
 struct ArmHost {
-  /// Prints an instruction for the user. When a lost arm returns, another thread calls it.
+  /// Prints an instruction for the user. Another thread calls it when a lost arm returns.
   std::function<void(const std::string&)> say = nullptr;
-  /// Returns true if the program should end. Every wait for the user then ends too.
+  /// Returns true if the program should end; this also ends every wait for the user.
   std::function<bool()> stop = nullptr;
   /// The arm's measured friction, for the energy tank; zeros if it is unknown.
   MeasuredArm measured = {};
   /// Use of the energy tank. If too little is known of the arm's friction, the tank is off.
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
-  /// The arm is being tested. A PID device then has its full gain; all other limits still hold.
+  /// The arm is being tested. A PID device then has its full gain; all other limits hold.
   bool tests = false;
   /// Largest weight at the tip that the motors may carry before the arm has passed its test [N].
-  /// The motors of a tested arm may carry any weight that they can.
   double carries = 1.0;
-  /// Clock for the age of reports and writes [ns]; called in ticks. A test may pass a clock of its
-  /// own.
+  /// Clock for the age of reports and writes [ns], called in ticks. Tests replace it.
   std::int64_t (*now)() noexcept = nowNs;
 };
 
-/// The key under which an arm's test result is stored. The result is valid only for the same arm
-/// with the same description.
+/// Key of an arm's test result, which holds only for the same arm with the same description.
 struct ArmIdentity {
-  std::string name;  ///< Name of the description: a profile's name, or `plugin:NAME`.
+  std::string name;  ///< Profile's name, or `plugin:NAME`.
   /// Serial number, or the port where the arm is plugged in. Empty: both are unknown.
   std::string own;
   std::uint64_t fingerprint = 0;  ///< fingerprintOf() the whole description.
@@ -101,8 +96,7 @@ class Arm : public Device {
   /// Returns why the last read() was not ready, with a remedy; empty if it was ready. Call it on
   /// the thread that calls read().
   [[nodiscard]] virtual std::string whyNotReady() const = 0;
-  /// Returns the tip's travel for one count of each encoder, at the last reading [m]. Empty:
-  /// unknown.
+  /// Returns the tip's travel per count of each encoder, at the last reading [m]; empty: unknown.
   [[nodiscard]] virtual std::vector<double> steps() const = 0;
   /// Returns the counts since the opening. Call it on the thread that calls read().
   [[nodiscard]] virtual ArmTraffic traffic() const = 0;

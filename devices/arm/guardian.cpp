@@ -25,14 +25,13 @@ namespace palpate {
 struct Guardian::Shared {
   struct Loop {
     std::atomic<std::uint64_t> heart{0};
-    /// Raised in every turn of the watcher that watches this loop.
+    /// Counts the turns of this loop's watcher.
     std::atomic<std::uint64_t> pulse{0};
-    /// Number of times that the watcher has taken the force off.
     std::atomic<std::uint32_t> cuts{0};
   };
   std::array<Loop, kMostLoops> loops;
   std::atomic<std::uint32_t> stops{0};
-  /// Raised in every turn of the guardian, the process that starts the watchers.
+  /// Counts the turns of the guardian, the process that starts the watchers.
   std::atomic<std::uint64_t> pulse{0};
   std::atomic<bool> over{false};      ///< The program has ended.
   std::atomic<bool> punctual{false};  ///< The guardian has a real-time priority.
@@ -41,8 +40,7 @@ struct Guardian::Shared {
 
 namespace {
 
-/// A device to watch, as the program sends it to the guardian. A descriptor of the device is sent
-/// with it.
+/// A device to watch. The program sends it to the guardian with a descriptor of the device.
 struct Order {
   std::size_t slot = 0;
   std::size_t size = 0;
@@ -53,8 +51,6 @@ std::string reason() {
   return std::strerror(errno);
 }
 
-/// Writes the zero force. Returns false if the device has not taken all of it, for example because
-/// its buffer is full.
 bool writeWhole(int descriptor, const Order& order) noexcept {
   ssize_t written = -1;
   do {
@@ -63,7 +59,6 @@ bool writeWhole(int descriptor, const Order& order) noexcept {
   return written == static_cast<ssize_t>(order.size);
 }
 
-/// A socket message: an order, and room for the descriptor that is sent with it.
 class Message {
  public:
   explicit Message(Order& order) noexcept : part_{&order, sizeof(order)} {
@@ -83,7 +78,7 @@ class Message {
     std::memcpy(CMSG_DATA(beside), &descriptor, sizeof(int));
     return sendmsg(socket, &head_, MSG_NOSIGNAL) == static_cast<ssize_t>(part_.iov_len);
   }
-  /// Receives an order. Returns false if the other side has closed the socket.
+  /// Returns false if the other side has closed the socket.
   [[nodiscard]] bool take(int socket, int& descriptor) noexcept {
     const ssize_t size = recvmsg(socket, &head_, 0);
     if (size < 0 && errno == EINTR) return true;
@@ -101,8 +96,8 @@ class Message {
   msghdr head_{};
 };
 
-/// Moves both descriptors above 2. The numbers 0 to 2 are for input and output: they may be free,
-/// because a program may be started with these closed, and must then stay free.
+/// Moves both descriptors above 2. If the program was started with one of 0 to 2 closed, that
+/// number must stay free.
 bool aboveStandard(std::array<int, 2>& ends) noexcept {
   bool good = true;
   for (int& end : ends) {
@@ -114,8 +109,7 @@ bool aboveStandard(std::array<int, 2>& ends) noexcept {
   return good;
 }
 
-/// Protects the guardian from signals and terminals of the program. Returns true if it got a
-/// real-time priority.
+/// Detaches from the program's signals and terminal. Returns true if real-time priority is given.
 bool standApart(int socket) noexcept {
   setsid();
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGTTIN, SIGTTOU, SIGPIPE,
@@ -128,8 +122,7 @@ bool standApart(int socket) noexcept {
   const auto own = static_cast<unsigned>(socket);
   if (own > 3) close_range(3, own - 1, 0);
   close_range(own + 1, ~0U, 0);
-  // The guardian needs a priority above the loop's, because a loop that hangs keeps its core.
-  // Requests the highest that is permitted.
+  // A loop that hangs keeps its core, so the guardian needs a higher priority than the loop.
   bool punctual = false;
   for (int priority = kMostPriority + 5; priority > 0 && !punctual; priority -= 5) {
     sched_param wanted{};
@@ -140,7 +133,6 @@ bool standApart(int socket) noexcept {
   return punctual;
 }
 
-// State for signal handlers.
 std::atomic<Guardian*> the_guardian{nullptr};
 volatile std::sig_atomic_t* the_flag = nullptr;
 std::atomic<std::int64_t> asked_at{0};  ///< Time of the first request to end [ns].
@@ -150,15 +142,14 @@ extern "C" void zeroThenGoOn(int signal) {
   if (Guardian* guardian = the_guardian.load()) guardian->zero();
   const bool livable =
       signal == SIGINT || signal == SIGTERM || signal == SIGHUP || signal == SIGQUIT;
-  // A second request ends the program by the default action, because the program may hang. Requests
-  // closer than this count as one, since a terminal and a parent process may both send one.
+  // A second request ends the program, which may hang. Requests closer than this count as one,
+  // because a terminal and a parent process may both send one.
   constexpr std::int64_t kAtOnce = 500'000'000;  // [ns]
   if (livable && the_flag != nullptr && *the_flag == 0) {
     *the_flag = 1;
     asked_at = nowNs();
   } else if (!livable || nowNs() - asked_at > kAtOnce) {
-    // Takes the signal's default action. SIGTSTP keeps the handler, because the program may
-    // continue and be stopped again.
+    // Takes the default action. SIGTSTP keeps the handler, because it may come again.
     struct sigaction usual {};
     usual.sa_handler = SIG_DFL;
     if (signal == SIGTSTP) {
@@ -212,7 +203,7 @@ Guardian::~Guardian() {
   Guardian* self = this;
   the_guardian.compare_exchange_strong(self, nullptr);
   if (getpid() == maker_) {
-    shutdown(socket_, SHUT_RDWR);   // the child then has zero written again, and ends
+    shutdown(socket_, SHUT_RDWR);   // the child then makes its watchers write zero, and ends
     constexpr int kPatience = 300;  // [ms] for the child to end: a device may block it
     for (int ms = 0; waitpid(child_, nullptr, WNOHANG) == 0; ++ms) {
       if (ms == kPatience) {
@@ -296,8 +287,7 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
 void Guardian::guard(int socket) noexcept {
   shared_->punctual = standApart(socket);
   std::array<pid_t, kMostLoops> watchers{};
-  // Does not wait for the watcher's end: the watcher may hang in a device's driver, and other arms
-  // need this process.
+  // Does not wait for the end: a watcher may hang in a driver, and other arms need this process.
   const auto end = [](pid_t& watcher) {
     if (watcher > 0) kill(watcher, SIGKILL);
     watcher = 0;
@@ -371,8 +361,8 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
     if (std::exchange(pulse, shared_->pulse.load(std::memory_order_relaxed)) != pulse) {
       kept_at = now;
     }
-    // Stops its own pulse when the parent process stands still, so that the loop cuts the force.
-    // Only the parent could start a watcher for an arm that is plugged in again.
+    // If the parent stands still, stops the pulse, so that the loop cuts the force. Only the parent
+    // can start a watcher for an arm that is plugged in again.
     if (now - kept_at < kAlone) loop.pulse.fetch_add(1, std::memory_order_relaxed);
     if (const std::uint64_t seen = loop.heart.load(std::memory_order_relaxed); seen != beats) {
       beats = seen;
@@ -383,8 +373,7 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
       stops = seen;
       wanted = true;
     }
-    // Repeats the zero while the loop stands still, because the loop may still write the force that
-    // it has just computed.
+    // Repeats the zero, because a loop that stands still may still write its last force.
     if (now - alive >= kStill) {
       if (beating) loop.cuts.fetch_add(1, std::memory_order_relaxed);
       wanted = true;

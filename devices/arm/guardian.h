@@ -1,6 +1,4 @@
-/// A child process that takes the force off a hand when its program cannot, because the program was
-/// killed, stopped, hangs or is in a debugger. The child has its own descriptors of the devices and
-/// checks whether the loops run.
+/// A child process that takes the force off a hand if its program dies, stops or hangs.
 #pragma once
 
 #include <array>
@@ -14,18 +12,18 @@
 
 namespace palpate {
 
-/// For each loop that it watches, writes zero force within kGuardTime of the loop's last tick, or
-/// at once if the program has died. It tries until the device has taken the zero, and repeats the
-/// zero while the loop stands still. Each device has its own watching process, so a device that
-/// hangs does not delay another. A loop whose force was taken off this way reports Fault::kLate. If
-/// a guardian shows no sign of life, its loop is cut (Fault::kUnguarded).
+/// For each watched loop, writes zero force within kGuardTime of the loop's last tick, or at once
+/// if the program has died. Tries until the device has taken the zero, and repeats it while the
+/// loop stands still. Each device has its own watching process, so a device that hangs does not
+/// delay another. If the guardian took a loop's force off, the loop reports Fault::kLate. If the
+/// guardian shows no sign of life, the loop is cut (Fault::kUnguarded).
 ///
-/// Make the guardian before any thread is started, because the child is a copy of the process as it
-/// is then. The child is made by fork(), so make a guardian in the main() of a program, not in a
-/// library.
+/// The child is a fork() of the process. Make the guardian in main(), not in a library, before any
+/// thread is started.
 class Guardian {
  public:
-  static constexpr double kGuardTime = 0.015;  ///< [s]; the force is zero by 20 ms.
+  /// Time without a tick until zero is written [s]. The force is zero by 20 ms.
+  static constexpr double kGuardTime = 0.015;
   /// Largest number of loops at a time; each has its own watching process.
   static constexpr std::size_t kMostLoops = 8;
 
@@ -36,15 +34,13 @@ class Guardian {
   Guardian(const Guardian&) = delete;
   Guardian& operator=(const Guardian&) = delete;
 
-  /// Starts to watch a loop. Returns the value for LoopParams::watch, with which the loop is
-  /// watched from its first tick. The guardian must outlive the loop, and the descriptor must stay
-  /// open. Throws DeviceError for more than kMostLoops loops, or for a zero force that is empty or
-  /// too long.
+  /// Starts to watch a loop from its first tick. Returns the value for LoopParams::watch. The
+  /// guardian must outlive the loop, and the descriptor must stay open. Throws DeviceError for more
+  /// than kMostLoops loops, or for a zero force that is empty or too long.
   [[nodiscard]] LoopWatch watch(const ZeroForce& zero);
 
-  /// Replaces the descriptor of a watched loop's device. Call this before the loop gives force
-  /// again, after another device was chosen or the device was plugged in again. Throws DeviceError
-  /// as watch().
+  /// Replaces the descriptor of a watched loop's device. If the device was replaced or plugged in
+  /// again, call this before the loop gives force. Throws DeviceError as watch().
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
   /// Stops watching a loop that has ended; another loop may then take its place.
@@ -55,9 +51,9 @@ class Guardian {
   void zero() noexcept;
 
   /// Makes exit(), SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGXCPU and crashes call zero()
-  /// first. If the program ends in any other way, only the child writes zero. If `interrupted` is
-  /// given, the first SIGINT, SIGTERM, SIGHUP or SIGQUIT sets it; another signal more than 0.5 s
-  /// later ends the process. Only one guardian at a time may catch signals.
+  /// first. In all other cases only the child writes zero. The first SIGINT, SIGTERM, SIGHUP or
+  /// SIGQUIT sets `interrupted`, if given; another one more than 0.5 s later ends the process. Only
+  /// one guardian at a time may catch signals.
   void catchSignals(volatile std::sig_atomic_t* interrupted = nullptr);
 
   /// Returns the child's process id, for tests.

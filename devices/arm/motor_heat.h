@@ -5,12 +5,11 @@
 
 namespace palpate {
 
-/// The heat of the winding follows the square of its current with one time constant. The heat limit
-/// is the heat of the command that the motor can hold forever (`continuous`). A cool motor may get
-/// its peak command. Above the share kWarm of the heat limit, the allowed command falls
-/// (allowedByHeat); at the limit it is `continuous`. The heat never exceeds the limit, even if the
-/// program stops and its last command stays for kHold, until a guardian takes the force off. A
-/// motor starts at the heat limit, because its earlier use is unknown.
+/// Model: a winding's heat follows its squared command with one time constant. The limit is the
+/// heat of the command that the motor can hold forever (`continuous`). Up to the share kWarm of the
+/// limit, a motor may get its peak command. Above, the allowed command falls (allowedByHeat); at
+/// the limit it is `continuous`. The heat stays within the limit even if the program stops and its
+/// last command stays for kHold. A motor starts at the limit, because its earlier use is unknown.
 class MotorHeat {
  public:
   /// Longest time that a command may stay after the program stops [s].
@@ -30,7 +29,7 @@ class MotorHeat {
 
  private:
   double continuous_, heating_;
-  double heat_;  ///< Mean of the squared commands over the time constant.
+  double heat_;
   double told_ = 0.0;
 };
 

@@ -6,10 +6,8 @@
 
 namespace palpate {
 
-/// Computes when the next force may be sent: one period after the time from which the last force
-/// was allowed. If the last force was sent a period or more after that time, the next may follow at
-/// once. So at most T rate + 2 forces are sent in any time T. If forces come at most once a period,
-/// and each is late by less than the time to the next, no force has to wait.
+/// Allows the next force one period after the last one was allowed, or at once if the last force
+/// was a period or more late. So at most T rate + 2 forces are sent in any time T.
 class Pace {
  public:
   /// @param rate  Largest number of forces per second [Hz], > 0.

@@ -18,7 +18,7 @@ constexpr double kLetGo = 2.0;  // [s] for the user to let go of the arm
 constexpr double kRest = 1.0;   // [s] without motion before the first push
 // [s]: the pushes start after this time even if the arm never rests.
 constexpr double kUneasy = 6.0;
-// [m]: an arm that moved farther falls; a hand that holds it still moves it less.
+// [m]: an arm that moved farther is falling, because a hand that holds it moves less.
 constexpr double kFell = 0.01;
 constexpr double kCaught = 1.0;    // [s]: longest time for which a falling arm is pushed back
 constexpr double kGravity = 9.8;   // [m/s^2]
@@ -32,14 +32,13 @@ constexpr double kBack = 1.5;      // [s] for the spring to bring the arm back
 constexpr double kSpring = 15.0;   // [N/m], of the spring that brings the arm back
 constexpr double kDamper = 1.5;    // [N s/m], of the damper beside that spring
 constexpr double kSmooth = 0.01;   // [s]: time constant of the velocity filter
-// Cosine between push and motion; at a larger angle the spring that brings the arm back would add
-// energy.
+// Cosine between push and motion; at a larger angle the returning spring would add energy.
 constexpr double kStraight = 0.9;
 constexpr double kLightest = 0.02;  // [kg], of a real arm; a smaller mass shows a wrong unit
 constexpr double kHeaviest = 2.0;
 constexpr double kAlike = 5.0;   // largest ratio between the masses along a real arm's axes
-constexpr double kRuler = 0.1;   // largest relative error of a user who measures with a ruler
-constexpr double kAxis = 0.999;  // cosine: an axis turned by less keeps the name of its letter
+constexpr double kRuler = 0.1;   // largest relative error of a measurement with a ruler
+constexpr double kAxis = 0.999;  // cosine of the turn up to which an axis keeps its letter
 constexpr int kRuns = 6;
 constexpr std::int8_t kFall = -1;  // number of the run for samples before the pushes
 constexpr int kLatest = 20;        // largest delay of a force [samples]
@@ -60,8 +59,7 @@ std::string inWords(const Vec3& v) {
   return words + ")";
 }
 
-/// Reports driven axes whose masses differ by more than those of a real arm. Does nothing if the
-/// test has found other problems.
+/// Reports masses that differ more between driven axes than on a real arm.
 void compareMasses(SelfTestResult& result) {
   double light = std::numeric_limits<double>::infinity();
   double heavy = 0.0;
@@ -193,7 +191,7 @@ Vec3 SelfTest::runPhase() noexcept {
 }
 
 void SelfTest::awaitRest() noexcept {
-  // Restarts the measurement at each motion, because the user's hand may still be letting go.
+  // Restarts at each motion, because the user's hand may still be letting go.
   if ((position_ - from_).norm() > kBegun) {
     from_ = position_;
     still_since_ = now_;
@@ -253,8 +251,7 @@ Vec3 SelfTest::opposeMotion() noexcept {
 
 void SelfTest::awaitStandstill() noexcept {
   if (!(velocity_.norm() < kStill && inPhase() > 0.1) && !(inPhase() > kLongest)) return;
-  // An arm that has moved in another direction than the push is not brought back. The other axes
-  // are tested from its present position.
+  // An arm that moved in another direction than the push is not brought back.
   if (trusted_) {
     enter(Phase::kReturn);
   } else {
@@ -264,7 +261,6 @@ void SelfTest::awaitStandstill() noexcept {
 
 Vec3 SelfTest::pullHome() noexcept {
   Vec3 force = Vec3::Zero();
-  // Pulls only along axes on which the arm has moved when pushed.
   for (int a = 0; a < 3; ++a) {
     if (!went_[2 * static_cast<std::size_t>(a)]) continue;
     const Vec3 back = params_.axes.along.col(a);
@@ -304,9 +300,9 @@ std::vector<SelfTest::Way> SelfTest::fall() const {
 
 SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResult& result) const {
   // The equation of motion, integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time
-  // ahead - time back) - bias t^2 / 2 = int impulse, with one row per sample since the arm began to
-  // move. A velocity from two positions would magnify the encoders' error. x0 and v0 are unknowns,
-  // with values of their own in each push.
+  // ahead - time back) - bias t^2 / 2 = int impulse. One row per sample since the arm began to
+  // move. Differentiated positions would magnify the encoders' error. Each push has its own
+  // unknowns x0 and v0.
   constexpr int kUnknown = 8;
   using Row = Eigen::Matrix<double, kUnknown, 1>;
   Eigen::Matrix<double, kUnknown, kUnknown> normal =
@@ -393,7 +389,6 @@ void SelfTest::fitDelay(const std::vector<Way>& ways, AxisResult& result) const 
   for (int late = 1; late <= kLatest; ++late) {
     if (left(late) < left(least)) least = late;
   }
-  // Refines the best whole number of samples to a fraction, by ternary search.
   double most = std::min<double>(kLatest, least + 1.0);
   least = std::max(0.0, least - 1.0);
   for (int i = 0; i < 20; ++i) {
@@ -435,15 +430,15 @@ std::string SelfTest::weigh(SelfTestResult& result) const {
   if (down > kStraight) {
     return words + ": counterweight it, or have its motors carry it: add a mass of " +
            inWords(mass) + " kg to gravity/masses of its profile, as {\"mass\": " + inWords(mass) +
-           "} at the tip, or links' masses and centres";
+           "} for a mass at the tip, or the masses and centres of its links";
   }
   if (down < -kStraight) {
-    return words + ": that is up: reduce gravity/masses of its profile by " + inWords(mass) +
+    return words + ": that is upwards: reduce gravity/masses of its profile by " + inWords(mass) +
            " kg at the tip";
   }
   return words +
-         ": that is not down (gravity/down of its profile): check whether a spring, a cable or a "
-         "motor pulls it";
+         ": this direction is not gravity/down of its profile: check whether a spring, a cable or "
+         "a motor pulls it";
 }
 
 SelfTestResult SelfTest::result() const {
@@ -480,7 +475,7 @@ void SelfTest::checkReadings(SelfTestResult& result) const {
       std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
   if (rate < 0.5 * asked) {
     result.problems.push_back(
-        "it sends " + inWords(rate) + " positions per second, and its profile gives " +
+        "it sends " + inWords(rate) + " positions per second, but its profile states " +
         inWords(params_.input_rate) + ": correct rate/input, or check its firmware");
   }
   if (params_.stale > 0.0 && result.slowest > params_.stale) {
@@ -502,8 +497,8 @@ void SelfTest::judgeAxis(int a, SelfTestResult& result) const {
   axis.along = std::min(along_[plus], along_[plus + 1]);
   if (!axis.moved && !far_ && trusted_) {
     result.problems.push_back(name + ": " + inWords(params_.force) +
-                              " N did not move it: let go of it, switch its motors on, or increase "
-                              "--force if it has more friction");
+                              " N did not move it: let go of it, switch its motors on, or, if its "
+                              "friction is larger, increase --force");
   }
   checkDirection(plus, "+" + name, result);
   checkDirection(plus + 1, "-" + name, result);
@@ -527,11 +522,10 @@ void SelfTest::checkDirection(std::size_t run, const std::string& where,
 }
 
 std::string SelfTest::fitTrouble(const AxisResult& axis) const {
-  // No real arm has a clearly negative friction: the scale of an encoder or motor in the profile
-  // must be wrong.
+  // A clearly negative friction shows a wrong scale of an encoder or a motor in the profile.
   if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
-    return "its friction cannot be measured: let go of it; if that does not help, its steps are "
-           "too coarse";
+    return "its friction cannot be measured: let go of the arm during the test; if that does not "
+           "help, the encoder steps are too coarse";
   }
   if (axis.delay > (kLatest - 1) * period()) {
     return "its force is " + inWords(1e3 * axis.delay) +

@@ -11,8 +11,7 @@
 
 namespace palpate {
 
-/// The axes of the hand's world, turned by the smallest rotation into the directions in which the
-/// arm can move.
+/// The axes of W, turned as little as possible into the directions in which the arm can move.
 struct ArmAxes {
   /// Columns are the unit vectors of x, y, z; orthonormal.
   Mat3 along = Mat3::Identity();
@@ -28,7 +27,7 @@ struct ArmAxes {
 struct SelfTestParams {
   ArmAxes axes;        ///< Axes along which the arm is pushed.
   double force = 0.5;  ///< Largest force [N].
-  /// Largest distance from the start [m]; a larger distance ends the test.
+  /// Distance from the start at which the test ends [m].
   double travel = 0.04;
   /// Direction in which the arm's masses fall, a unit vector; zero: unknown.
   Vec3 down = Vec3::Zero();
@@ -39,7 +38,7 @@ struct SelfTestParams {
 
 /// Results along one axis of ArmAxes.
 struct AxisResult {
-  /// The arm has a motor for this axis. If not, the fields below are not set.
+  /// The arm has a motor for this axis. If false, the fields below are not set.
   bool driven = false;
   bool moved = false;      ///< A force up to the largest moved the arm.
   double breakaway = 0.0;  ///< [N], force at which the arm began to move, mean of both directions.
@@ -52,24 +51,22 @@ struct AxisResult {
   double delay = 0.0;          ///< Delay from a position to the force that follows from it [s].
   double viscous_error = 0.0;  ///< Standard error of b [N s/m].
   double coulomb_error = 0.0;  ///< Standard error of c [N].
-  /// Standard error of the delay [s]. The three standard errors assume that residuals of different
-  /// rows are independent. That makes them too small, so use three standard errors or more.
+  /// Standard error of the delay [s]. The standard errors assume independent residuals, so they are
+  /// too small: multiply them by 3 or more.
   double delay_error = 0.0;
   bool fitted = false;  ///< The fit has finite numbers and a mass > 0.
 };
 
-/// Results of a test. The arm has passed if there are no problems.
+/// Results of a test. The arm has passed if `problems` is empty.
 struct SelfTestResult {
   std::array<AxisResult, 3> axes;  ///< Along the columns of SelfTestParams::axes.
-  /// The path that the arm reports, divided by the path that the user measured along the axis; 0:
-  /// not measured.
+  /// Reported path divided by the path that the user measured along the axis; 0: not measured.
   std::array<double, 3> scale{};
   /// Direction in which the released arm moves by itself, a unit vector; zero: it stays.
   Vec3 falls = Vec3::Zero();
   /// Force that moves the released arm in that direction [N]; 0: unknown.
   double weight = 0.0;
-  /// The test force could stop the falling arm. If false, `weight` excludes the part that friction
-  /// holds.
+  /// The test force could stop the falling arm. If false, `weight` excludes Coulomb friction.
   bool held = false;
   double noise = 0.0;                 ///< RMS noise of the position at rest [m].
   double slowest = 0.0;               ///< Longest pause between new positions [s].
@@ -96,8 +93,7 @@ class SelfTest {
   ///
   /// @param hand  Position and its age.
   /// @param now   Time [s], ascending.
-  /// @param sent  Force that limitForce let through after the previous call [N]. The fit finds the
-  /// delay with which it acted.
+  /// @param sent  Force that limitForce let through after the previous call [N].
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
   /// True if the test has ended and applies no more force.
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
@@ -111,32 +107,27 @@ class SelfTest {
   struct Sample {
     double time;
     Vec3 position, force;
-    std::int8_t run;  ///< Index of the push, or kFall before the pushes.
+    std::int8_t run;
   };
-  /// One path of the arm: all points of one push.
+  /// One push, or the fall before the pushes.
   struct Way {
-    /// One tick of the path.
+    /// The state at one time.
     struct Point {
-      double time,   ///< Since the test began [s].
-          position,  ///< From SelfTest::home_, along the path [m].
+      double time,   ///< Time since the test began [s].
+          position,  ///< Distance from SelfTest::home_, along the path [m].
           force;     ///< Force that was sent, along the path [N].
     };
     std::vector<Point> path;
-    std::size_t start = 0;  ///< Index of the first point at which the arm moves by itself.
+    std::size_t start = 0;  ///< The arm moves by itself from this index on.
   };
   [[nodiscard]] Vec3 axis() const noexcept;
-  /// Returns the pushes along an axis, in both directions.
   [[nodiscard]] std::vector<Way> pushes(int axis) const;
   [[nodiscard]] std::vector<Way> fall() const;
   void enter(Phase phase) noexcept;
   void nextRun() noexcept;
-  /// Returns the time since the phase began [s].
   [[nodiscard]] double inPhase() const noexcept { return now_ - entered_; }
-  /// Counts the position if it is new, and measures the pause before it.
   void countPosition(double age) noexcept;
-  /// Stores this tick for the fit, if the fit uses the present phase.
   void recordSample(const Vec3& sent) noexcept;
-  /// Returns the force of the present phase, and enters the next phase if this one is over.
   Vec3 runPhase() noexcept;
   // One function per phase: kRest, kCatch, kRamp, kPush, kOppose, kSettle, kReturn.
   void awaitRest() noexcept;
@@ -146,30 +137,23 @@ class SelfTest {
   Vec3 opposeMotion() noexcept;
   void awaitStandstill() noexcept;
   Vec3 pullHome() noexcept;
-  /// Sum and degrees of freedom of a fit's residuals.
   struct Left {
-    double square = 0.0;  ///< Sum of squares over all rows.
-    long freedom = 0;     ///< Rows minus unknowns; 0: too few rows.
+    double square = 0.0;
+    long freedom = 0;  ///< Number of rows less the number of unknowns; 0: too few rows.
   };
-  /// Fits the model with the force delayed by `late` samples, which may be a fraction; fills in
-  /// `result`. Takes one or two paths.
+  /// Fits one or two paths with the force delayed by `late` samples, which may be a fraction.
   Left fit(const std::vector<Way>& ways, double late, AxisResult& result) const;
-  /// Finds the delay with the smallest residuals and fits the model with it.
   void fitDelay(const std::vector<Way>& ways, AxisResult& result) const;
   /// Returns the problem of an arm that falls, as text; sets SelfTestResult::weight.
   [[nodiscard]] std::string weigh(SelfTestResult& result) const;
-  /// Returns the mean period of the ticks [s].
   [[nodiscard]] double period() const noexcept {
     return (now_ - began_) / static_cast<double>(ticks_);
   }
-  /// Reports a problem if positions come at a lower rate than expected, or after too long a pause.
   void checkReadings(SelfTestResult& result) const;
-  /// Fills in the result of axis `a`, and reports its problems.
   void judgeAxis(int a, SelfTestResult& result) const;
-  /// Reports a problem if the arm moved in another direction than the push. `where`: direction of
-  /// the push, as text.
+  /// `where`: direction of the push, as text.
   void checkDirection(std::size_t run, const std::string& where, SelfTestResult& result) const;
-  /// Returns the problem of a fit, as text; empty if the fit is good.
+  /// Returns an empty text if the fit is good.
   [[nodiscard]] std::string fitTrouble(const AxisResult& axis) const;
 
   SelfTestParams params_;
@@ -178,16 +162,16 @@ class SelfTest {
   bool started_ = false;
   double entered_ = 0.0;
   double began_ = 0.0;
-  double now_ = 0.0;  ///< Time of the last tick [s].
+  double now_ = 0.0;
   std::int64_t ticks_ = 0;
   Vec3 home_ = Vec3::Zero();
-  Vec3 falls_ = Vec3::Zero();  ///< SelfTestResult::falls.
-  double still_since_ = 0.0;   ///< [s]
-  bool caught_ = false;        ///< The falling arm came to rest or turned back.
+  Vec3 falls_ = Vec3::Zero();
+  double still_since_ = 0.0;
+  bool caught_ = false;  ///< The falling arm came to rest or turned back.
   Vec3 from_ = Vec3::Zero();
-  Vec3 position_ = Vec3::Zero();  ///< In the last tick [m].
-  Vec3 velocity_ = Vec3::Zero();
-  double level_ = 0.0;  ///< Force of the push [N].
+  Vec3 position_ = Vec3::Zero();  ///< Position in the last tick [m].
+  Vec3 velocity_ = Vec3::Zero();  ///< Velocity in the last tick [m/s].
+  double level_ = 0.0;
   bool trusted_ = true;
   bool far_ = false;
   std::array<double, 6> breakaway_{};  ///< [N] per push; 0: the arm did not move.
@@ -206,9 +190,9 @@ class SelfTest {
 
 /// Compares the path `way` [m] that the arm reports with the distance `length` [m] by which a user
 /// has moved its tip along the axis. Returns the problem as text; empty if the difference is within
-/// a ruler's error. The pushes cannot find this problem: with wrong encoders or geometry the arm
-/// still moves in the direction of the push, but renders a wrong stiffness. If the signs of both
-/// encoders and motors are wrong, the arm renders a mirrored world.
+/// a ruler's error. The pushes cannot find this problem: the arm still moves in the direction of
+/// the push, but renders a wrong stiffness. If the signs of both encoders and motors are wrong, the
+/// arm renders a mirrored world.
 [[nodiscard]] std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes,
                                        int axis);
 

@@ -10,7 +10,7 @@
 namespace palpate {
 namespace {
 
-// [Hz]: at a lower rate three periods exceed the time after which a tick is late.
+// [Hz]: at a lower rate, a tick would count as late only after 0.3 s (three periods).
 constexpr double kSlowest = 10.0;
 constexpr double kFastest = 1e5;
 constexpr double kStands = 0.01;  // share of a period; a shorter time step counts as zero

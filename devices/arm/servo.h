@@ -1,6 +1,5 @@
 /// Runs palpate inside another program's servo loop, such as that of CHAI3D, OpenHaptics or a
-/// robot. The other program's loop reads the arm and sends the force; a Servo computes the force
-/// from a position.
+/// robot. That loop reads the arm and sends the force that a Servo computes.
 #pragma once
 
 #include <memory>
@@ -11,15 +10,14 @@
 
 namespace palpate {
 
-/// Does the work of a HapticLoop, one call per tick: it watches the hand, engages, limits and
-/// slew-limits the force, and cuts the force after a fault. The caller supplies the time.
+/// Does the work of a HapticLoop, one call per tick: watches the hand, engages, limits the force
+/// and its slew, and cuts the force after a fault. The caller supplies the time.
 ///
-/// Two threads use it: the servo's thread calls `tick`, the application's thread calls the other
-/// functions.
+/// The servo's thread calls `tick`, the application's thread calls the other functions.
 class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's mailboxes
  public:
-  /// @param arm   Description of the arm, in particular its limits. `hand` may be false only if no
-  ///              hand can be on the arm: then forces do not engage and positions are not watched.
+  /// @param arm   Description of the arm. `hand` may be false only if no hand can be on it: then
+  ///              forces do not engage and positions are not watched.
   /// @param rate  Nominal rate of the servo [Hz], 10 to 100000.
   /// Throws DeviceError if a number is out of range.
   Servo(DeviceInfo arm, double rate);
@@ -27,10 +25,10 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   /// Runs one tick. The servo must send the returned force unchanged. In a cycle without this call
   /// the servo must send zero.
   ///
-  /// @param hand  Reading in W [m], as HandState; usually only the position. A fault that the arm
-  ///              reports goes into HandState::fault, the age of the position into HandState::age.
-  ///              While the position stays the same, bit by bit, HandState::still counts up. So a
-  ///              driver that has stopped reading its arm loses its force (StillFade).
+  /// @param hand  Reading in W [m], as HandState; usually only the position. Put a fault of the arm
+  ///              into HandState::fault, the position's age into HandState::age. While the position
+  ///              repeats exactly, the Servo counts up HandState::still. So the force fades
+  ///              (StillFade) if a driver no longer reads its arm.
   /// @param dt    Time since the last call [s]. The force is cut until clear() if dt exceeds a
   ///              period by 5 ms, or by three periods if three periods are longer than 5 ms
   ///              (WatchLimits::late). It is also cut if, for that time, every dt is not finite or
@@ -49,7 +47,6 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   void clear() noexcept { loop_.clear(); }
 
  private:
-  /// The loop's view of the arm.
   class Arm final : public Device {
    public:
     explicit Arm(DeviceInfo info) : info_(std::move(info)) {}
@@ -58,7 +55,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
     void write(const Vec3& sent) noexcept PALPATE_NONBLOCKING override { force = sent; }
 
     HandState hand;
-    Vec3 force = Vec3::Zero();  ///< [N]
+    Vec3 force = Vec3::Zero();
 
    private:
     DeviceInfo info_;
@@ -66,8 +63,8 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
 
   Arm arm_;
   HapticLoop loop_;
-  double period_;       ///< [s]
-  double now_ = 0.0;    ///< [s]
+  double period_;
+  double now_ = 0.0;
   double still_ = 0.0;  ///< How long the position has been the same [s].
   /// Time for which the caller's clock has not advanced, as a sum of periods [s].
   double stood_ = 0.0;

@@ -20,8 +20,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Reads the file of tested arms. Returns an empty object, that is no tested arm, if the file
-/// cannot be read.
+/// Returns an empty object if the file cannot be read.
 Json tested() {
   std::ifstream in(testedArmsFile());
   constexpr int kDeepest = 8;
@@ -39,8 +38,7 @@ std::string printOf(const ArmIdentity& arm) {
   return fmt::format("{:016x}", arm.fingerprint);
 }
 
-/// Returns the record of an arm that has passed its test with the present description; null if
-/// there is no such record.
+/// Returns null if the arm has not passed its test with the present description.
 Json recordOf(const ArmIdentity& arm) {
   if (arm.own.empty()) return nullptr;
   const Json json = tested();
@@ -48,7 +46,7 @@ Json recordOf(const ArmIdentity& arm) {
   if (record == json.end() || !record->is_object()) return nullptr;
   const auto print = record->find("profile");
   const bool same = print != record->end() && *print == printOf(arm);
-  // Earlier versions measured one axis only and stored a number here. Such records do not count.
+  // Records of earlier versions hold a number here, for one axis only. They do not count.
   const auto scale = record->find("scale");
   return same && scale != record->end() && scale->is_array() ? *record : Json();
 }
@@ -161,7 +159,6 @@ void rememberTest(const ArmIdentity& identity, const SelfTestResult& result) {
        {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay", "delay_error"}) {
     arm[key] = Json::array();
   }
-  // Skips axes without a motor, which were not measured.
   for (const AxisResult& axis : result.axes) {
     if (!axis.driven) continue;
     arm["viscous"].push_back(axis.viscous);

@@ -183,7 +183,7 @@ std::string ArmWatch::arm(std::int64_t now) const {
                          p_W.z());
     }
     if (pose.reachable) {
-      // A puck sends no reports while it rests.
+      // A 3D mouse sends no reports while it rests.
       const double age = seconds(now - oldest);
       const bool old = age > profile_.limits.stale && profile_.rate_control <= 0.0;
       out += old ? fmt::format(", {:.2f} s ago\n", age) : "\n";
@@ -207,7 +207,7 @@ std::string ArmWatch::picture(std::int64_t now) {
     out += wordsOf(kind, now);
     any = any || kind.total > 0;
   }
-  if (passed_by_ > 0) out += fmt::format("{} reports with other numbers\n", passed_by_);
+  if (passed_by_ > 0) out += fmt::format("{} more reports of unknown kinds\n", passed_by_);
   out += arm(now);
   if (!any && profile_.output) {
     out += "no report received: some firmware only answers, and this command sends no reports\n";

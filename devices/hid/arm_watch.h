@@ -12,14 +12,14 @@
 
 namespace palpate {
 
-/// Reads reports by a profile and prints their values. Use each object on one thread only.
+/// Reads an arm's reports by a profile and prints their values. Use each object on one thread only.
 ///
-/// Joints are computed as in HidDevice, except that the arm is not homed. The first value of a
-/// counter that wraps is taken as the one nearest to the middle of the hand's world. If the profile
-/// has home_at_open, the home pose is the pose at the arm's first reports.
+/// Computes joints as HidDevice, but without homing. Places the first value of a counter that wraps
+/// as near as possible to the middle of the hand's world. With home_at_open, the first reports give
+/// the home pose.
 class ArmWatch {
  public:
-  /// Watches an arm with this profile. Slow (milliseconds), because it calls factsOf().
+  /// Slow (milliseconds), because it calls factsOf().
   explicit ArmWatch(HidProfile profile);
 
   /// Reads all waiting reports. Returns kGone if the device was unplugged.
@@ -28,27 +28,25 @@ class ArmWatch {
   [[nodiscard]] ReadStatus take(ReportPort& port, std::int64_t now);
 
   /// Returns lines of text: each report with its bytes, its age and its rate since the last call;
-  /// every field, raw and as a value; joints, tip and flags. For a report that no longer comes,
-  /// prints the time since its last arrival.
+  /// every field, raw and as a value; joints, tip and flags.
   [[nodiscard]] std::string picture(std::int64_t now);
 
  private:
   static constexpr std::size_t kNoSpec = static_cast<std::size_t>(-1);
-  /// Largest number of report kinds that are shown although the profile does not have them.
+  /// Largest number of unknown report kinds that are shown.
   static constexpr std::size_t kMostStrange = 8;
 
   struct Kind {
     std::size_t spec = kNoSpec;  ///< Index in HidProfile::input.
     std::uint8_t id = 0;
-    std::vector<std::byte> bytes;  ///< Bytes of the last report, with its number.
-    std::int64_t count = 0;        ///< Reports since the last call of picture().
-    std::int64_t total = 0;        ///< Reports since this object was made.
-    std::int64_t at = 0;           ///< Time of the last report [ns].
+    std::vector<std::byte> bytes;  ///< Last report, with its number.
+    std::int64_t count = 0;        ///< Reports since the last picture().
+    std::int64_t total = 0;
+    std::int64_t at = 0;  ///< Time of the last report [ns].
   };
 
   [[nodiscard]] Kind* kindOf(std::span<const std::byte> report);
-  /// Returns a report's bytes after its number. Returns no bytes if the report has not come, or is
-  /// too short for the field.
+  /// Returns a report's bytes after its number; empty if the report is missing or too short.
   [[nodiscard]] std::span<const std::byte> bodyFor(const FieldRef& field) const;
   void follow();
   [[nodiscard]] std::string wordsOf(const Kind& kind, std::int64_t now) const;
@@ -61,7 +59,7 @@ class ArmWatch {
   /// Raw values near which the first reading of each counter is placed.
   std::vector<double> about_;
   std::vector<double> home_raw_;  ///< First raw values of the joints' fields.
-  std::vector<bool> seen_;        ///< The joint's field has had a value.
+  std::vector<bool> seen_;
   Joints joints_{};
   std::int64_t passed_by_ = 0;  ///< Reports of further kinds, after kMostStrange unknown kinds.
   std::int64_t span_ = 0;       ///< Time of the last call of picture() [ns].

@@ -33,9 +33,8 @@ void checkOutput(const JsonNode& fields, const HidProfile& profile) {
   }
 }
 
-/// Checks the counters of an arm that itself reports that it is homed. The first reading is taken
-/// as the value nearest to the middle of the hand's world. So a further turn of the counter must
-/// not bring the tip into that world.
+/// If the arm itself reports that it is homed, the first reading is the value nearest to the middle
+/// of the hand's world. So one more turn of a counter must bring the tip out of the world.
 void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileFacts& facts) {
   if (profile.home_at_open || !profile.home.empty()) return;  // homing determines the turn
   const ArmPose middle = profile.kinematics->at(facts.middle);
@@ -46,7 +45,7 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
     const double range =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
     const double way = range * middle.jacobian[i].norm();
-    // If a range is a whole turn, it leads to the same place.
+    // A range of a whole turn leads to the same place.
     Joints turned = facts.middle;
     turned[i] += range;
     const bool same =
@@ -56,21 +55,21 @@ void checkRanges(const JsonNode& root, const HidProfile& profile, const ProfileF
         .child("joints")
         .element(i)
         .child("from")
-        .fail(fmt::format("{} wraps every {:.3g} m of the tip, and the workspace is {:.3g} m wide: "
-                          "a flag that means homed does not determine the turn",
-                          field.name, way, 2.0 * profile.limits.workspace_radius),
+        .fail(fmt::format(
+                  "{} wraps every {:.3g} m of the tip, and the workspace is {:.3g} m wide: a flag "
+                  "that means homed does not determine how often the counter has wrapped",
+                  field.name, way, 2.0 * profile.limits.workspace_radius),
               "add \"home\" steps, home_at_open or bits, or correct workspace_radius");
   }
 }
 
-/// Checks that the numbers are consistent, which detects wrong units.
 void checkFacts(const JsonNode& root, const HidProfile& profile) {
   const ProfileFacts facts = factsOf(profile);
   constexpr double kReached = 1e-3;  // [m]
   if (!(facts.off <= kReached)) {
     const std::string why =
         std::isfinite(facts.off)
-            ? fmt::format("the middle of the hand's world is {:.3g} m out of the tip's reach",
+            ? fmt::format("the origin of the hand's world is {:.3g} m outside of the tip's reach",
                           facts.off)
             : "the tip cannot reach any place from the joints' home";
     const JsonNode at = root.has("mount") && root.child("mount").has("origin")
@@ -92,9 +91,10 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       root.child("kinematics")
           .child("joints")
           .element(motor.joint)
-          .fail(fmt::format("{} N needs {:.3g} of {}, whose limit is {:.3g}", profile.limits.force,
-                            motor.asked, motor.field, motor.room),
-                remedy);
+          .fail(
+              fmt::format("a force of {} N at the tip needs {:.3g} from {}, whose limit is {:.3g}",
+                          profile.limits.force, motor.asked, motor.field, motor.room),
+              remedy);
     }
     if (motor.carries > kMostCarried * motor.continuous) {
       root.child("gravity").fail(fmt::format("{} needs {:.3g} to carry the arm's masses, more than "
@@ -106,13 +106,13 @@ void checkFacts(const JsonNode& root, const HidProfile& profile) {
       strongest = &motor;
     }
   }
-  // A motor across the direction of the force needs little torque, so only the motor with the
-  // largest share is checked.
+  // A motor across the force needs little torque, so only the largest share is checked.
   if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
     root.child("kinematics")
         .child("joints")
         .element(strongest->joint)
-        .fail(fmt::format("{} N needs only {:.2g} % of the limit of {}, and less of the others",
+        .fail(fmt::format("a force of {} N at the tip needs only {:.2g} % of the limit of {}, and "
+                          "smaller shares of the other motors' limits",
                           profile.limits.force, 100.0 * strongest->asked / strongest->room,
                           strongest->field),
               remedy);
@@ -150,7 +150,8 @@ void checkSequences(const JsonNode& input, const HidProfile& profile) {
 
 void checkRates(const JsonNode& root, const HidProfile& profile, bool drives) {
   if (drives != (profile.output_rate > 0.0)) {
-    root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
+    root.fail("\"output\" and rate/output are valid only together",
+              "give both \"output\" and rate/output");
   }
   if (drives && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
     root.child("rate").child("output").fail(
@@ -163,7 +164,7 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
   for (const HidStep& step : profile.close) closing += step.seconds;
   if (closing > kLongestClose) {
     root.child("close").fail(fmt::format("its steps may take {} s", closing),
-                             fmt::format("use at most {} s in all", kLongestClose));
+                             fmt::format("use at most {} s in total", kLongestClose));
   }
 
   const auto motors = std::count_if(profile.joints.begin(), profile.joints.end(),
@@ -195,7 +196,7 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
         .child("joints")
         .element(i)
         .child("from")
-        .fail("the pose at zero of its counter is unknown",
+        .fail("its counter wraps, and the pose at the counter's zero is unknown",
               "add \"home\" steps, home_at_open, a flag that means homed, or remove \"wraps\"");
   }
   if (profile.output && motors == 0) {
@@ -208,7 +209,8 @@ void checkTogether(const JsonNode& root, const HidProfile& profile) {
   if (!profile.masses.empty() && profile.limits.continuous > 0.0) {
     root.child("gravity").fail(
         "limits/continuous does not account for the weight that the motors carry",
-        "give \"continuous\" and \"heating\" of joints instead");
+        "remove limits/continuous and limits/heating, and give \"continuous\" and \"heating\" of "
+        "joints");
   }
   if (profile.output && profile.firmware.empty()) {
     root.fail(

@@ -91,8 +91,7 @@ HidReportSpec reportOf(const FileReport& file, const Node& node, bool output) {
   return report;
 }
 
-/// Reads the report that drives motors. Its fields must not share a bit, and the report must
-/// fit into a guardian's buffer.
+/// The fields must not share a bit, and the report must fit into a guardian's buffer.
 HidReportSpec outputOf(const FileReport& file, const Node& node) {
   HidReportSpec report = reportOf(file, node, true);
   constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;
@@ -113,7 +112,6 @@ HidReportSpec outputOf(const FileReport& file, const Node& node) {
   return report;
 }
 
-/// Finds fields by their names.
 class Fields {
  public:
   explicit Fields(const HidProfile& profile) : profile_(profile) {}
@@ -127,7 +125,7 @@ class Fields {
     }
     unknown(node, name, names, "input");
   }
-  /// @param motors  True: the field may be one that drives a motor.
+  /// @param motors  The field may drive a motor.
   [[nodiscard]] std::size_t output(const Node& node, const std::string& name, bool motors) const {
     std::vector<std::string> names;
     if (!profile_.output) node.fail("this arm has no output", "remove it, or add \"output\"");
@@ -149,7 +147,6 @@ class Fields {
   const HidProfile& profile_;
 };
 
-/// Returns the field of a flag or a button, and checks that it can have the expected value.
 FieldRef fieldThatMayBe(double equals, const std::string& name, const Node& node,
                         const Fields& fields, const HidProfile& profile) {
   const FieldRef field = fields.input(node.child("field"), name);
@@ -180,7 +177,7 @@ HidTurn turnOf(const FileTurn& file, const Node& node, const Fields& fields,
   }
   turn.from = fields.input(node.child("from"), file.from);
   if (profile.input[turn.from.report].fields[turn.from.field].wraps) {
-    node.child("from").fail("palpate follows a counter that wraps only as a joint",
+    node.child("from").fail("palpate can follow a counter that wraps only if it belongs to a joint",
                             "name the joint, or remove \"wraps\" of the field");
   }
   return turn;
@@ -206,7 +203,6 @@ void takeHandle(const ProfileFile& file, const Node& root, const Fields& fields,
   }
 }
 
-/// Checks that a motor's continuous limit is not above its field's limit.
 void checkHeat(const Node& at, const HidProfile& profile, const HidJoint& joint) {
   if (joint.continuous == 0.0) return;
   const ReportField& field = profile.output->fields[*joint.to];
@@ -219,7 +215,6 @@ void checkHeat(const Node& at, const HidProfile& profile, const HidJoint& joint)
   }
 }
 
-/// Returns the field that drives a motor.
 std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& fields,
                     const HidProfile& profile) {
   const std::size_t to = fields.output(node, file.motor, true);
@@ -232,7 +227,8 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
     node.fail("its field cannot hold a force of zero", "correct offset, least and most");
   }
   if (none == motor.least || none == motor.most) {
-    node.fail("its field cannot both pull and push", "correct offset, type, least and most");
+    node.fail("its field cannot hold both positive and negative forces",
+              "correct offset, type, least and most");
   }
   if (isMotor(profile, to)) {
     node.fail("it drives another joint already", "name this joint's own motor");
@@ -240,7 +236,6 @@ std::size_t motorOf(const FileJoint& file, const Node& node, const Fields& field
   return to;
 }
 
-/// Reads the next joint of the profile.
 HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
                  const HidProfile& profile) {
   HidJoint joint = file.joint;
@@ -264,7 +259,6 @@ HidJoint jointOf(const FileJoint& file, const Node& at, const Fields& fields,
   return joint;
 }
 
-/// Reads a step of a sequence and resolves its fields.
 HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
                const HidProfile& profile) {
   HidStep step = file.step;
@@ -281,11 +275,11 @@ HidStep stepOf(const FileStep& file, const Node& at, const Fields& fields,
     }
     step.values.emplace_back(to, raw);
   }
-  // A step must not drive a motor: only forces that have passed the engine's force limit may.
+  // Only forces that have passed the engine's force limit may drive a motor.
   for (const auto& sent : step.values) {
     if (isMotor(profile, sent.first)) {
       at.child("send").fail("a step drives a motor",
-                            "remove motors' fields: they stay without force");
+                            "remove the fields of motors: palpate keeps their forces at zero");
     }
   }
   return step;
@@ -300,8 +294,7 @@ std::vector<HidStep> stepsOf(const std::vector<FileStep>& file, const Node& root
   return steps;
 }
 
-/// Reads the reports. Checks that a device can distinguish the reports and a reader of the file
-/// their fields.
+/// Reads the reports. Their numbers and the names of all input fields must be unique.
 void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile) {
   const Node input = root.child("input");
   std::set<std::string> names;
@@ -317,7 +310,7 @@ void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile)
           .fail("the name occurs twice", "give each field its own name");
     }
     if (file.input.size() > 1 && !report.id) {
-      here.fail("several reports need numbers", "add \"id\"");
+      here.fail("the profile has several reports, and this one has no number", "add \"id\"");
     }
     if (report.id && !numbers.insert(*report.id).second) {
       input.fail(fmt::format("two reports have the number {}", *report.id),
@@ -331,7 +324,6 @@ void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile)
   }
 }
 
-/// Reads the joints and the masses' links.
 void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fields,
                     HidProfile& profile) {
   const Node node = root.child("kinematics");
@@ -346,7 +338,8 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
         jointOf(file.joints[i], node.child("joints").element(i), fields, profile));
   }
   if (profile.home_at_open && profile.home_words.empty()) {
-    node.child("home_at_open").fail("the user must know the home pose", "add \"home_words\"");
+    node.child("home_at_open")
+        .fail("the user must be told which pose is the home pose", "add \"home_words\"");
   }
   const int last = static_cast<int>(profile.kinematics->links()) - 1;
   for (std::size_t i = 0; i < profile.masses.size(); ++i) {
@@ -355,8 +348,8 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
   }
 }
 
-/// Reads the axes of a PID device, each once, and sorts them. Until the device's descriptor is
-/// known, positions are shares of the travel and forces are shares of the full force.
+/// Until the device's descriptor is known, positions are shares of the travel and forces are shares
+/// of the full force.
 void takePid(const Node& root, HidProfile& profile) {
   const Node axes = root.child("pid").child("axes");
   std::vector<PidAxisSpec>& all = profile.pid;
@@ -368,15 +361,16 @@ void takePid(const Node& root, HidProfile& profile) {
     if (twice) at.child("axis").fail("the axis occurs twice", "name each axis once");
     if (2.0 * profile.limits.workspace_radius > std::abs(all[i].way) * (1.0 + 1e-9)) {
       at.child("way").fail(
-          fmt::format("the workspace is {:.4g} m wide, and the grip travels {:.4g} m",
+          fmt::format("the workspace is {:.4g} m wide, but the grip travels only {:.4g} m",
                       2.0 * profile.limits.workspace_radius, std::abs(all[i].way)),
           "correct it, or reduce limits/workspace_radius");
     }
     const double share = profile.limits.force / std::abs(all[i].force);
     if (share > 1.0 || share < kLeastAsked) {
-      at.child("force").fail(fmt::format("limits/force is {:.4g} N, and this axis gives {:.4g} N",
-                                         profile.limits.force, std::abs(all[i].force)),
-                             "correct it, or make limits/force 0.1 to 100 % of it");
+      at.child("force").fail(
+          fmt::format("limits/force is {:.4g} N, and this axis gives {:.4g} N",
+                      profile.limits.force, std::abs(all[i].force)),
+          "correct the axis's force, or set limits/force to 0.1 to 100 % of the axis's force");
     }
   }
   std::sort(all.begin(), all.end(),

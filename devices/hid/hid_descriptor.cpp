@@ -43,7 +43,6 @@ enum Tag : std::uint8_t {
 };
 constexpr std::uint8_t kLongItem = 0xFE;
 
-/// A short item.
 struct Item {
   std::uint8_t tag = 0;
   std::uint32_t value = 0;
@@ -66,15 +65,13 @@ struct Globals {
   std::uint32_t unit = 0;
 };
 
-/// Returns the ends of a range. Both are signed if the lower end is below 0, in whichever order the
-/// items came.
+/// Returns the ends of a range; both are signed if the lower end is below 0.
 std::pair<std::int64_t, std::int64_t> range(const Item& least, const Item& most) {
   const std::int64_t low = least.withSign();
   return {low, low < 0 ? most.withSign() : static_cast<std::int64_t>(most.value)};
 }
 
-/// Returns the exponent. By the standard it has four bits with a sign, but most devices write it as
-/// a whole number.
+/// The standard defines four bits with a sign, but most devices write a whole number.
 int exponentOf(const Item& item) {
   const auto whole = static_cast<int>(std::clamp<std::int64_t>(item.withSign(), -8, 15));
   return whole > 7 ? whole - 16 : whole;
@@ -83,7 +80,6 @@ int exponentOf(const Item& item) {
 /// State that holds for the next main item only.
 class Locals {
  public:
-  /// Adds an item. Returns false if there are too many usages.
   [[nodiscard]] bool take(const Item& item) {
     if (item.tag == kFirstUsageTag) {
       first_ = item;
@@ -95,7 +91,7 @@ class Locals {
     if (item.tag == kLastUsageTag) first_.reset();
     return true;
   }
-  /// Returns the usages. A short usage gets the page that is set at the main item (6.2.2.8).
+  /// A short usage gets the page that is set at the main item (6.2.2.8).
   [[nodiscard]] std::vector<DescribedUsages> usages(std::uint32_t page) const {
     const auto whole = [&](const Item& item) {
       return item.length == 4 ? item.value : page << 16U | item.value;
@@ -116,10 +112,9 @@ class Locals {
   std::optional<Item> first_;
 };
 
-/// Counts the bits of each report. Keeps the reports in the order of their first fields.
 class Bits {
  public:
-  /// Adds fields. Returns the index of their first bit; no value if the report would be too large.
+  /// Returns the index of the fields' first bit; no value if the report would be too large.
   [[nodiscard]] std::optional<std::uint64_t> add(Way way, std::uint8_t id, std::uint64_t bits) {
     auto at = std::find_if(reports_.begin(), reports_.end(),
                            [&](const Report& r) { return r.way == way && r.id == id; });
@@ -169,13 +164,12 @@ std::string bytesOf(std::size_t size) {
   return std::to_string(size) + (size == 1 ? " byte" : " bytes");
 }
 
-/// A report that a profile needs, or a part of it.
 struct Wanted {
   std::string path;
   Way way;
   std::optional<std::uint8_t> id;
   std::size_t size;
-  bool at_least = false;  ///< The device's report may be longer than this.
+  bool at_least = false;  ///< The device's report may be longer.
 };
 
 std::optional<DescriptorComplaint> compare(const Wanted& wanted, const HidDescriptor& device) {
@@ -246,7 +240,7 @@ std::optional<std::uint32_t> DescribedFields::placeOf(std::uint32_t usage) const
 
 namespace {
 
-/// Takes the first item off the bytes. Returns no value if the bytes end within the item.
+/// Returns no value if the bytes end within the item.
 std::optional<Item> takeItem(std::span<const std::byte>& bytes) {
   const auto first = std::to_integer<std::uint8_t>(bytes[0]);
   if (first == kLongItem) {
@@ -254,7 +248,7 @@ std::optional<Item> takeItem(std::span<const std::byte>& bytes) {
     const std::size_t length = 3 + std::to_integer<std::size_t>(bytes[1]);
     if (bytes.size() < length) return std::nullopt;
     bytes = bytes.subspan(length);
-    return Item{};  // an item without meaning
+    return Item{};
   }
   Item item;
   item.tag = static_cast<std::uint8_t>(first & 0xFCU);
@@ -267,10 +261,8 @@ std::optional<Item> takeItem(std::span<const std::byte>& bytes) {
   return item;
 }
 
-/// Interprets a descriptor item by item.
 class Walk {
  public:
-  /// Returns false if the bytes are not a descriptor.
   [[nodiscard]] bool take(const Item& item) {
     if (const std::optional<Way> way = wayOf(item.tag)) return takeFields(*way, item.value);
     switch (item.tag) {

@@ -1,5 +1,4 @@
-/// Parses the report descriptor of a HID device and compares it with a profile. Pure: no device is
-/// needed.
+/// Parses the report descriptor of a HID device and compares it with a profile. Needs no device.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +14,7 @@ namespace palpate {
 
 /// A report of a device.
 struct DescribedReport {
-  /// The sender: the device (input), the host (output), or either of them on request (feature).
+  /// The sender: the device (input), the host (output), or either one on request (feature).
   enum class Way : std::uint8_t { kInput, kOutput, kFeature };
   Way way = Way::kInput;  ///< Direction. A number may occur once in each direction.
   std::uint8_t id = 0;    ///< Number of the report; 0: the device does not number its reports.
@@ -33,8 +32,7 @@ struct DescribedFields {
   DescribedReport::Way way = DescribedReport::Way::kInput;  ///< Direction of their report.
   /// Number of their report; 0: it has no number.
   std::uint8_t id = 0;
-  std::uint32_t bit = 0;    ///< Lowest bit of the first field, in the bytes after the
-                            ///< number.
+  std::uint32_t bit = 0;    ///< Lowest bit of the first field, in the bytes after the number.
   std::uint32_t bits = 0;   ///< Bits of each field, > 0.
   std::uint32_t count = 0;  ///< Number of fields, > 0.
   bool constant = false;    ///< The fields are padding without meaning.
@@ -47,17 +45,14 @@ struct DescribedFields {
   double physical_least = 0.0;
   /// Physical value of `most`, in 10^exponent units; default `most`.
   double physical_most = 0.0;
-  std::uint32_t unit = 0;               ///< Raw code of the unit; 0: none.
+  std::uint32_t unit = 0;               ///< Raw code of the unit; 0: no unit.
   int exponent = 0;                     ///< Power of ten, -8 to 7.
   std::vector<DescribedUsages> usages;  ///< In the descriptor's order.
-  std::vector<std::uint32_t> inside;    ///< Usages of the collections around the fields, outermost
-                                        ///< first.
+  std::vector<std::uint32_t> inside;    ///< Usages of enclosing collections, outermost first.
 
-  /// Returns the usage of field i. If there are too few usages, returns the last; without usages,
-  /// 0.
+  /// Returns the usage of field i. Surplus fields have the last usage. Without usages returns 0.
   [[nodiscard]] std::uint32_t usage(std::uint32_t i) const noexcept;
-  /// Returns the index of a usage, counted from the first; no value if `usages` does not contain
-  /// it.
+  /// Returns the index of a usage; no value if `usages` does not contain it.
   [[nodiscard]] std::optional<std::uint32_t> placeOf(std::uint32_t usage) const noexcept;
 };
 
@@ -65,19 +60,17 @@ struct DescribedFields {
 struct HidDescriptor {
   /// True: all reports have a number. False: no report has a number.
   bool numbered = false;
-  std::vector<DescribedReport> reports;  ///< At least one after parsing, in the order of their
-                                         ///< first fields.
-  std::vector<DescribedFields> fields;   ///< All lie within their reports; in the descriptor's
-                                         ///< order.
+  std::vector<DescribedReport> reports;  ///< At least one, in the order of their first fields.
+  std::vector<DescribedFields> fields;   ///< In the descriptor's order, each within its report.
 };
 
 /// Parses a report descriptor (Device Class Definition for HID 1.11, 6.2.2). Any bytes are safe.
 /// Cost: O(bytes), apart from collections.
 ///
-/// Returns no value if the bytes are not a descriptor or describe no report. Invalid are: an item
-/// that is cut off, a pop without a push, an end without a begin, a report number 0. Also invalid
-/// are a report of more than 16 kB (the limit of Linux), more than 1,024 items with fields, 32
-/// nested collections, or 1,024 usages of one item.
+/// Returns no value if the bytes describe no report or are invalid. Invalid are: an item that is
+/// cut off, a pop without a push, an end without a begin, a report number 0. Also invalid are a
+/// report of more than 16 kB (the limit of Linux), more than 1,024 items with fields, 32 nested
+/// collections, or 1,024 usages of one item.
 [[nodiscard]] std::optional<HidDescriptor> parseHidDescriptor(std::span<const std::byte> bytes);
 
 /// A difference between a profile and the device.
@@ -87,10 +80,9 @@ struct DescriptorComplaint {
   std::string remedy;  ///< The change to make in the profile, or the check.
 };
 
-/// Compares a profile with the device's descriptor and returns the first difference: a missing or
+/// Returns the first difference between a profile and the device's descriptor: a missing or
 /// superfluous report number, a report that does not exist, another size, or a feature report that
-/// does not fit. A profile without an output may leave the end of a report unread. Returns no value
-/// if both agree.
+/// does not fit. A profile without an output may leave the end of a report unread.
 [[nodiscard]] std::optional<DescriptorComplaint> complaintAbout(const HidProfile& profile,
                                                                 const HidDescriptor& device);
 

@@ -126,8 +126,9 @@ void HidDevice::begin() {
   }
   guard_ = fcntl(port_->guardDescriptor(), F_DUPFD_CLOEXEC, 3);
   if (guard_ < 0 && port_->guardDescriptor() >= 0) {
-    throw DeviceError("arm " + profile_.name, "no descriptor is left for its guardian",
-                      "close some files");
+    throw DeviceError("arm " + profile_.name,
+                      "the program has too many open files, so its guardian cannot use the arm",
+                      "close files, or raise the limit of open files (ulimit -n)");
   }
   heard_ = !silent();
   follow(0.0);
@@ -175,8 +176,8 @@ HidDevice::~HidDevice() {
 }
 
 void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
-  // Repeats a report that could not be sent. Runs all steps even if one fails, so that the
-  // amplifiers are switched off although a wait for the arm failed.
+  // Repeats a report that could not be sent. A failed step does not stop the later steps, because
+  // they switch the amplifiers off.
   constexpr int kTries = 3;
   const auto insist = [](auto&& goes_out) {
     for (int i = 0; i < kTries && !goes_out(); ++i) continue;
@@ -207,7 +208,7 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
     got = input.takeNewest(port);
     if (got == ReadStatus::kGone) throw DeviceError(name, "it was unplugged", "plug it in again");
     if (Clock::now() > end) {
-      throw DeviceError(name, "it sends no report of its profile",
+      throw DeviceError(name, "it sends no report that its profile describes",
                         "check its power and firmware" +
                             (profile_.firmware.empty() ? "" : ": " + profile_.firmware));
     }
@@ -305,7 +306,7 @@ ZeroForce HidDevice::zeroForce() const noexcept {
 void HidDevice::closePort() noexcept {
   open_port_ = nullptr;
   while (reading_ || writing_) std::this_thread::sleep_for(std::chrono::microseconds(100));
-  // A device whose counters may have wrapped is still connected, and would keep the last force.
+  // After a miscount the device is still connected, and would keep the last force.
   leave(*port_, mended_);
   port_.reset();
 }
@@ -328,8 +329,7 @@ void HidDevice::mendLoop() noexcept {
                                : "palpate homes it again"));
         }
       }
-      // An arm with home_at_open has its home where it stood at the opening, so it cannot be homed
-      // again.
+      // An arm with home_at_open cannot be homed again: its home is its pose at the opening.
       if (host_.find && !profile_.home_at_open && !homeless_) port = host_.find();
       if (port != nullptr) {
         mended_.forget();
@@ -377,8 +377,7 @@ ArmDissipation HidDevice::dissipation() const noexcept {
       arm.coulomb -= std::abs(joint.ratio * joint.torque_constant / motor.scale) / lever;
     }
   }
-  // If the steps can add more energy than friction dissipates, the tank must not rely on the arm's
-  // friction.
+  // If the steps can add more energy than friction dissipates, the tank must not rely on friction.
   if (arm.coulomb < 0.0) arm = {};
   return arm;
 }

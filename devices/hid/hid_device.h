@@ -39,12 +39,12 @@ struct HidWrites {
 };
 
 /// Reads and drives an arm. The haptic thread calls read() and write(). A second thread sends the
-/// newest force, because sending blocks until the device has the report: at most one report a tick
-/// and output_rate reports a second. A third thread finds the device again after it was unplugged.
+/// newest force, because sending blocks: at most one report a tick and output_rate reports a
+/// second. A third thread finds the device again after it was unplugged.
 ///
-/// The kernel keeps the OLDEST 63 reports. If that many wait, all of them are old and are
-/// discarded. After a pause of more than HidLimits::stale without read(), the arm is not ready
-/// until a new report comes.
+/// The kernel keeps the OLDEST 63 reports. If that many wait, HidDevice discards them as old. After
+/// a pause of more than HidLimits::stale without read(), the arm is not ready until a new report
+/// comes.
 ///
 /// Faults: Fault::kGone while the device is absent. Fault::kMiscounted, before kGone, if counters
 /// may have wrapped unnoticed. Fault::kWrite if a force waits and nothing was sent for 20 ms plus a
@@ -81,11 +81,9 @@ class HidDevice final : public Arm {
   }
   /// Returns the tip's travel for one count of each joint, at the last reading [m].
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
-  /// Returns the counts of reports. Call it on the thread that reads, or after that thread has
-  /// ended.
+  /// Returns the counts of reports. Call it on the thread that reads, or after its end.
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
-  /// Returns the counts since the opening, without the reports of the profile's steps. Callable
-  /// from any thread.
+  /// Returns the counts since the opening, without the profile's steps. Callable from any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
   /// Returns how often the device was plugged in since the opening; the first time counts.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
@@ -114,55 +112,44 @@ class HidDevice final : public Arm {
     ReportPort* port_;
   };
 
-  /// Completes the opening after the arm is prepared.
   void begin();
   /// Sets the time of flags that came during the preparation to `now` [ns].
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;
-  /// Opens and homes the arm. Throws DeviceError.
   void prepare(ReportPort& port, HidInput& input);
-  /// Sends zero force and runs "close". Ignores failures, because the device may be absent.
+  /// Ignores failures, because the device may be absent.
   void leave(ReportPort& port, HidInput& input) noexcept;
-  /// Runs the steps of a sequence. If a step waits for an action of the user, an action before the
-  /// step does not count.
-  ///
-  /// @param stop  Called between two steps, and while a step waits.
+  /// Runs the steps of a sequence. If a step waits for an action of the user, an earlier action
+  /// does not count. Calls `stop` between two steps, and while a step waits.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
-  /// Waits until a field has its value. Throws DeviceError if the field does not get that value in
-  /// time.
+  /// Throws DeviceError if the field does not get its value in time.
   void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                const std::function<bool()>& stop);
-  /// Reads the newest reports and updates the joints. Sets `hand.fault` if the device is absent.
+  /// Sets `hand.fault` if the device is absent.
   void readReports(std::int64_t now, double dt, HandState& hand) noexcept;
-  /// Adopts the input of a device that was plugged in again.
   void adoptMended(std::int64_t now) noexcept;
   /// Makes the arm wait for new reports after a pause.
   void forgetReports(std::int64_t now) noexcept;
   void forgetCounters() noexcept;
-  /// Reads buttons, orientation, gripper and joints.
   void lookAtHandle() noexcept;
-  /// Sets readiness and fault from the last values of the flags.
   void applyFlags(HandState& hand) noexcept;
-  /// Checks the age of reports with flags. If such a report is too old, sets `hand` stale; if one
-  /// has never come, sets `hand` not ready.
+  /// Sets `hand` stale if a report with flags is too old, and not ready if it has never come.
   void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
   /// Sets a fault if a force waits too long, in the writer thread or in a write.
   void lookAtWrites(std::int64_t now, HandState& hand) noexcept;
-  /// Returns the dissipation on which the energy tank may rely, in the current pose.
   [[nodiscard]] ArmDissipation dissipation() const noexcept;
   /// Returns true if the joints' counters cannot have wrapped unnoticed during a pause [s].
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
   void lookForMotion(std::int64_t now) noexcept;
-  /// Returns HandState::drives in the current pose.
   [[nodiscard]] Mat3 drivesHere() const noexcept;
   /// Returns true for devices that send no reports while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
-  /// Updates the motors' heat for the time since the last write; returns that time [s].
+  /// Returns the time since the last write [s].
   double heatMotors() noexcept;
-  /// Returns the motors' raw values that carry the arm's weight, within their limits.
+  /// Returns the motors' raw values that carry the arm's weight.
   [[nodiscard]] std::array<double, kMostJoints> carried() const noexcept;
   void lost() noexcept;
   void writeLoop() noexcept;
@@ -195,47 +182,45 @@ class HidDevice final : public Arm {
 
   // Used by the haptic thread.
   HidInput input_;
-  std::vector<Unwrapped> counters_;  ///< One for each joint.
-  /// For counters that wrap: the raw value near which the first reading is placed. It belongs to
-  /// the middle of the hand's world, or to home.
+  std::vector<Unwrapped> counters_;
+  /// For counters that wrap: raw value near which the first reading is placed.
   std::vector<double> about_;
-  bool ticked_ = false;  ///< read() has been called at least once.
+  bool ticked_ = false;
   /// Raw values of joints in the home pose, if the profile has home_at_open.
   std::vector<double> home_raw_;
   std::vector<bool> flags_in_;          ///< The report has a flag.
-  std::vector<std::int64_t> flags_at_;  ///< Time of its last report [ns]; kNever: none since the
-                                        ///< opening.
-  bool heard_ = false;                  ///< A report has come since the device was last opened.
+  std::vector<std::int64_t> flags_at_;  ///< Time of its last report [ns], or kNever.
+  bool heard_ = false;
   std::uint32_t plugging_seen_ = 1;
   std::int64_t heard_at_ = 0;    ///< Time of the last report [ns].
   std::int64_t counted_at_ = 0;  ///< Time of the last report that moved the joints [ns].
   std::int64_t read_at_ = 0;     ///< Time of the last call of read() [ns].
   /// The reports have a counter, by which a repeated report is recognised.
   bool numbered_ = false;
-  std::vector<double> counts_;  ///< Raw values of joints at the last reading.
-  std::int64_t moved_at_ = 0;   ///< Time of the last change of `counts_` [ns].
+  std::vector<double> counts_;
+  std::int64_t moved_at_ = 0;  ///< Time of the last change of `counts_` [ns].
   Joints joints_{};
   ArmPose pose_;
-  Mat3 drives_W_ = Mat3::Identity();   ///< ProfileFacts::drives, in W.
-  std::vector<std::size_t> undriven_;  ///< Joints that move the tip and have no motor.
+  Mat3 drives_W_ = Mat3::Identity();  ///< ProfileFacts::drives, in W.
+  std::vector<std::size_t> undriven_;
   Vec3 position_W_ = Vec3::Zero();
   Handle handle_;
   double given_ = 1.0;
-  std::vector<MotorHeat> heat_;  ///< Heat of the joints' motors.
-  double cool_ = 1.0;            ///< Share of the force that the motors' heat permits.
-  std::int64_t told_at_ = 0;     ///< Time of the last call of write() [ns]; 0: not called yet.
+  std::vector<MotorHeat> heat_;
+  double cool_ = 1.0;         ///< Share of the force that the motors' heat permits.
+  std::int64_t told_at_ = 0;  ///< Time of the last write() [ns]; 0: never.
   bool tested_;
   bool carries_ = false;  ///< carry() permits the motors to carry the arm's weight.
   /// The last reading permits the motors to carry the arm's weight.
   bool upright_ = false;
-  double carried_share_ = 0.0;      ///< Share of the weight that is carried so far.
-  std::uint32_t written_seen_ = 0;  ///< Value of written_ at the last check.
+  double carried_share_ = 0.0;  ///< Share of the weight that is carried so far.
+  std::uint32_t written_seen_ = 0;
   /// Time since which written_ has not changed while forces wait [ns].
   std::int64_t written_at_ = 0;
 
   Mailbox<Outgoing> out_;
-  std::atomic<bool> rests_{false};      ///< The last published report drives no motor.
-  std::atomic<std::uint32_t> sent_{0};  ///< Counts published reports.
+  std::atomic<bool> rests_{false};  ///< The last published report drives no motor.
+  std::atomic<std::uint32_t> sent_{0};
   /// Value of sent_ for the last report that the writer has finished: sent, or failed to send.
   std::atomic<std::uint32_t> written_{0};
   std::atomic<std::int64_t> count_{0}, weakened_{0}, longest_ns_{0};

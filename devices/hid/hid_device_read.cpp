@@ -61,7 +61,7 @@ void HidDevice::lookAtHandle() noexcept {
   if (!of.orientation.empty()) {
     handle.orientation = {turned.w(), turned.x(), turned.y(), turned.z()};
   }
-  // A field may be a float of any value. If a value is not finite, the handle keeps its last state.
+  // A float field may have any value. If it is not finite, the handle keeps its last state.
   bool finite = std::isfinite(handle.gripper) && turned.coeffs().allFinite();
   for (const double joint : handle.joints) finite = finite && std::isfinite(joint);
   if (!finite) {
@@ -102,19 +102,17 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
     plugging_seen_ = plugging;
     adoptMended(now);
   }
-  // The arm may have moved between the opening and this first read. If the arm itself reports that
-  // it is homed, its counters restart at the present position. If it was homed at the opening, its
-  // counters must be followed from then on.
+  // The arm may have moved since the opening. If the arm itself reports that it is homed, its
+  // counters restart here. If it was homed at the opening, they are followed from then on.
   if (!std::exchange(ticked_, true) && !profile_.home_at_open && profile_.home.empty()) {
     forgetCounters();
   }
-  // The reports that wait after a pause are old. They are dropped, and the next report gives the
-  // position.
+  // The reports that wait after a pause are old and are dropped.
   const bool paused = dt > profile_.limits.stale;
   if (paused) forgetReports(now);
   ReadStatus got = port ? input_.takeNewest(*port) : ReadStatus::kGone;
   if (paused && got == ReadStatus::kReport && !silent()) got = ReadStatus::kNothing;
-  // The counters may have wrapped unnoticed, so only homing can give the position again.
+  // If counters may have wrapped unnoticed, only homing can give the position again.
   if (got == ReadStatus::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
     miscounted_ = true;
     got = ReadStatus::kGone;
@@ -133,8 +131,7 @@ void HidDevice::readReports(std::int64_t now, double dt, HandState& hand) noexce
   for (std::size_t r = 0; r < flags_at_.size(); ++r) {
     if (input_.came(r) && !paused) flags_at_[r] = now;
   }
-  // A 3D mouse sends reports repeatedly while it is deflected. If they stop, the last report is
-  // valid until it is stale.
+  // A 3D mouse repeats its report while deflected; the last report is valid until it is stale.
   const double since = 1e-9 * static_cast<double>(now - heard_at_);
   const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
   if (got == ReadStatus::kReport || (got == ReadStatus::kNothing && silent())) follow(moves);
@@ -162,7 +159,7 @@ void HidDevice::forgetCounters() noexcept {
 
 void HidDevice::applyFlags(HandState& hand) noexcept {
   for (const HidFlag& flag : profile_.flags) {
-    // Ignores flags whose report has never come; lookAtFlags makes the arm wait for it.
+    // lookAtFlags() handles a flag that has not come yet.
     if (!silent() && flags_at_[flag.field.report] == kNever) continue;
     const bool says = input_.raw(flag.field) == flag.equals;
     // Homing resets the counters, so their values before homing must not be used as a reference.
@@ -203,8 +200,7 @@ void HidDevice::lookAtWrites(std::int64_t now, HandState& hand) noexcept {
 void HidDevice::lookForMotion(std::int64_t now) noexcept {
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const double raw = input_.raw(profile_.joints[i].from);
-    // Ignores joints that do not move the tip, such as a wrist's: their motion does not show that
-    // the position is still measured.
+    // A joint that does not move the tip does not show that the position is still measured.
     if (raw != counts_[i] && !pose_.jacobian[i].isZero(0.0)) moved_at_ = now;
     counts_[i] = raw;
   }
@@ -226,8 +222,7 @@ bool HidDevice::countedOn(double pause) const noexcept {
     const HidJoint& joint = profile_.joints[i];
     const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
     if (!field.wraps || !counters_[i].known()) continue;
-    // Travel of the tip per joint unit. Near a singular pose this lever vanishes, so it is taken as
-    // at least the workspace radius.
+    // Travel of the tip per joint unit. It vanishes at singular poses, so it gets a lower bound.
     const double lever = std::max(pose_.jacobian[i].norm(), profile_.limits.workspace_radius);
     const double half =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits) - 1);

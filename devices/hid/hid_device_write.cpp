@@ -54,8 +54,7 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
   for (MotorHeat& motor : heat_) motor.tell(0.0);
   std::copy(zero_.begin(), zero_.end(), report.begin());
   const Vec3 force_D = profile_.world_from_device.transpose() * (drivesHere() * force_W);
-  // If a motor's limit is exceeded, reduces all motors by the same share, so that the force keeps
-  // its direction.
+  // If a motor's limit is exceeded, reduces all motors by one share: the force keeps its direction.
   std::array<double, kMostJoints> raw{};
   std::array<double, kMostJoints> room{};
   const std::array<double, kMostJoints> weight = carried();
@@ -75,9 +74,8 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
     room[i] = std::max(end, 0.0);
     if (std::abs(raw[i]) > room[i]) share = std::min(share, room[i] / std::abs(raw[i]));
   }
-  // Also reduces all motors by the same share if a motor is too hot for its part of the force
-  // beside the weight that it carries. The reduction acts at once; the force returns as slowly as
-  // after a start.
+  // Does the same if a motor is too hot for its part of the force beside the carried weight. The
+  // reduction acts at once; the force returns as slowly as after a start.
   cool_ = std::min(1.0, cool_ + dt / kEngage);
   const auto unit = [&](std::size_t i) {
     return std::abs(profile_.output->fields[*profile_.joints[i].to].scale);
@@ -139,7 +137,7 @@ void HidDevice::writeLoop() noexcept {
     seen = sent_.load(std::memory_order_acquire);
     if (quit_) return;
     out_.refresh();
-    // A device whose counters may have wrapped is still connected and accepts zero force.
+    // After a miscount the device is still connected and accepts zero force.
     const Using port(open_port_, writing_);
     if (!port) continue;
     const std::int64_t began = host_.now();

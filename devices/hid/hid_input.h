@@ -21,8 +21,7 @@ class HidInput {
   /// joint's field has come. Returns kNothing if one is missing, or if the kernel's ring had
   /// overflowed, because its reports were old. RT: as ReportPort::read.
   [[nodiscard]] ReadStatus takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
-  /// Returns true if this report has come since forget() and since the last overflow of the
-  /// kernel's ring.
+  /// Returns true if this report has come since forget() and since the last overflow of the ring.
   [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
   /// Returns true if this report came in the last takeNewest().
   [[nodiscard]] bool came(std::size_t report) const noexcept { return came_[report]; }
@@ -43,7 +42,7 @@ class HidInput {
     std::int64_t taken = 0;      ///< Valid reports of all kinds that the profile has.
     std::int64_t passed_by = 0;  ///< Reports that were not used because a newer one waited.
     std::int64_t dropped = 0;    ///< Discarded after an overflow of the ring.
-    /// Reports that are too short, or whose number the profile does not have.
+    /// Reports that are too short, or have a number that is not in the profile.
     std::int64_t strange = 0;
     /// Repetitions of a report, recognised by HidReportSpec::sequence.
     std::int64_t repeated = 0;
@@ -61,8 +60,7 @@ class HidInput {
   std::vector<double> values_;
   std::vector<bool> joints_in_;  ///< The report has a joint's field.
   std::vector<bool> fresh_;      ///< The report has come since takeNewest() last returned kReport.
-  std::vector<bool> came_;       ///< The report came in the last takeNewest().
-  /// The report has come since forget() and since the last overflow.
+  std::vector<bool> came_;
   std::vector<bool> known_;
   Counts counts_;
   std::array<std::byte, 2048> buffer_{};

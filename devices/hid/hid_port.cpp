@@ -29,8 +29,7 @@ namespace palpate {
 
 namespace {
 
-/// Serialises listing, opening and closing across threads, because these calls free hidapi's global
-/// error text.
+/// Serialises listing, opening and closing, because these calls free hidapi's global error text.
 std::mutex& turn() {
   static std::mutex mutex;
   return mutex;
@@ -42,8 +41,8 @@ std::multiset<std::string>& openHere() {
   return paths;
 }
 
-/// A port with two handles, one for reading and one for writing. hidapi frees a handle's error text
-/// on every failure, so two threads must not share a handle.
+/// Has two handles, one to read and one to write. Two threads must not share a handle, because
+/// hidapi frees its error text on every failure.
 class HidPort final : public ReportPort {
  public:
   HidPort(const std::string& path, const Say& say) : path_(path) {
@@ -94,8 +93,7 @@ class HidPort final : public ReportPort {
   void closeAll() noexcept {
     if (in_ != nullptr) hid_close(in_);
     if (out_ != nullptr) hid_close(out_);
-    // Guardians have copies of the descriptor, which keep its lock. So an orderly close releases
-    // the lock itself.
+    // Guardians have copies of the descriptor, so only an explicit unlock releases the lock.
     if (guard_ >= 0) (void)flock(guard_, LOCK_UN);
     if (guard_ >= 0) close(guard_);
   }
@@ -105,14 +103,12 @@ class HidPort final : public ReportPort {
   int guard_ = -1;
 };
 
-/// Opens a file about the node's device under /sys. The stream fails if the file is missing.
 std::ifstream sysFile(const std::string& path, const char* name) {
   const std::string node = std::filesystem::path(path).filename();
   return std::ifstream("/sys/class/hidraw/" + node + "/device/" + name, std::ios::binary);
 }
 
-/// Reads the report descriptor from /sys, where every user may read it. hidapi has a function for
-/// this only since version 0.14.
+/// Reads /sys, where every user may read. hidapi has a function for this only since 0.14.
 std::vector<std::byte> descriptorOf(const std::string& path) {
   std::array<char, HID_MAX_DESCRIPTOR_SIZE> bytes{};
   std::ifstream in = sysFile(path, "report_descriptor");
@@ -139,7 +135,6 @@ std::string narrow(const wchar_t* text) {
   return out;
 }
 
-/// Returns "name (pid)" of a process.
 std::string processOf(const std::string& pid) {
   std::string name = "?";
   std::ifstream("/proc/" + pid + "/comm") >> name;
@@ -156,8 +151,7 @@ bool isAlive(const std::string& pid) {
   return false;
 }
 
-/// Returns the id of the process that has locked the descriptor's file; empty if the system does
-/// not show it.
+/// Returns the id of the process that has locked the descriptor's file; empty if unknown.
 std::string whoLocks(int descriptor) {
   struct stat status {};
   if (fstat(descriptor, &status) != 0) return {};
@@ -175,7 +169,6 @@ std::string whoLocks(int descriptor) {
   return {};
 }
 
-/// Reads the open flags from a descriptor's /proc/PID/fdinfo.
 bool isReadOnly(const std::filesystem::path& info) {
   std::ifstream in(info);
   for (std::string key, value; in >> key >> value;) {
@@ -184,7 +177,6 @@ bool isReadOnly(const std::filesystem::path& info) {
   return false;
 }
 
-/// Opens a hidraw node. Throws DeviceError.
 int openNode(const std::string& path, int access) {
   struct stat status {};
   if (stat(path.c_str(), &status) != 0) {
@@ -205,7 +197,7 @@ int openNode(const std::string& path, int access) {
   throw DeviceError(path, std::strerror(error), "plug the arm in again");
 }
 
-/// A port that only reads. The kernel gives each reader its own ring of reports.
+/// Only reads. The kernel gives each reader its own ring of reports.
 class ReadPort final : public ReportPort {
  public:
   explicit ReadPort(int node) : node_(node) {}
@@ -243,7 +235,7 @@ std::vector<HidDeviceName> listHid() {
 }
 
 std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say) {
-  // Checks the file first, because hidapi 0.13.1 does not handle files of other kinds.
+  // hidapi 0.13.1 does not handle files of other kinds.
   close(openNode(path, O_RDWR));
   return std::make_unique<HidPort>(path, say);
 }
@@ -259,7 +251,7 @@ bool isOpenHere(const std::string& path) {
 
 void claim(int descriptor, const std::string& path, const Say& say) {
   using Clock = std::chrono::steady_clock;
-  // Time that claim() waits for any owner, because the owner may be a program that is being killed.
+  // Waits this long for any owner, because the owner may be a program that is being killed.
   constexpr auto kDying = std::chrono::milliseconds(50);
   const auto begin = Clock::now();
   for (bool said = false; flock(descriptor, LOCK_EX | LOCK_NB) != 0;) {

@@ -38,8 +38,8 @@ class ReportPort {
   /// RT: no allocation except when the device is gone; a system call or two (3 us).
   [[nodiscard]] virtual ReadStatus read(std::span<std::byte> to,
                                         std::size_t& size) noexcept PALPATE_NONBLOCKING = 0;
-  /// Sends a report, with its number (0: none) first. Blocks until the device has it, about a
-  /// millisecond over USB. Returns false if the device is gone.
+  /// Sends a report, with its number first (0 without numbers). Blocks until the device has it,
+  /// about a millisecond over USB. Returns false if the device is gone.
   [[nodiscard]] virtual bool write(std::span<const std::byte> report) noexcept = 0;
   /// Sends a feature report, with its number first. Returns false if the device refuses it or is
   /// gone. Call it on the thread that writes.
@@ -53,7 +53,7 @@ class ReportPort {
                                         [[maybe_unused]] std::size_t& size) noexcept {
     return false;
   }
-  /// Returns a separate descriptor for a guardian, which accepts the same bytes as write(); -1: not
+  /// Returns another descriptor that accepts the bytes of write(), for a guardian; -1: not
   /// available.
   [[nodiscard]] virtual int guardDescriptor() const noexcept { return -1; }
 };
@@ -64,7 +64,7 @@ struct HidDeviceName {
   std::uint16_t vendor = 0;      ///< Vendor number, USB's idVendor.
   std::uint16_t product = 0;     ///< Product number, USB's idProduct.
   std::uint16_t usage_page = 0;  ///< Usage page of one of its top-level collections.
-  /// Usage of that collection. A device is listed once for each collection.
+  /// Usage of the collection. A device is listed once for each collection.
   std::uint16_t usage = 0;
   /// Serial number; may be empty, or the same for all devices of a kind.
   std::string serial;
@@ -83,11 +83,11 @@ struct HidDeviceName {
 using Say = std::function<void(const std::string&)>;
 
 /// Opens a device by its path, exclusively, because two programs would each send a force. Throws
-/// DeviceError if the file does not exist, is not a HID device or may not be opened. If another
-/// program has claimed the device, the error names that program (claim).
+/// DeviceError if the file does not exist, is not a HID device or may not be opened, or if another
+/// program has claimed it (claim).
 [[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say = {});
 
-/// Opens a device for reading only, even if another program uses it; each reader gets every report.
+/// Opens a device for reading, even if another program uses it; each reader gets every report.
 /// Throws DeviceError as openHid.
 [[nodiscard]] std::unique_ptr<ReportPort> openHidToRead(const std::string& path);
 
@@ -95,26 +95,22 @@ using Say = std::function<void(const std::string&)>;
 [[nodiscard]] bool isOpenHere(const std::string& path);
 
 /// Locks a device for this process until the lock is released, or until the descriptor and all its
-/// copies are closed. A child process with a copy, such as a guardian, keeps the lock. Throws
-/// DeviceError that names the owner. Detects only programs that call claim().
+/// copies (in child processes, too) are closed. Throws DeviceError that names the owner. Detects
+/// only programs that call claim().
 ///
-/// If a program was killed, its guardian still has the lock, takes the force off and ends within a
-/// second. claim() waits for that, up to kLongestClaim, and tells the user.
+/// The guardian of a killed program keeps the lock until it has taken the force off, at most 1 s.
+/// claim() prints a message and waits for the lock, up to kLongestClaim.
 void claim(int descriptor, const std::string& path, const Say& say = {});
 inline constexpr double kLongestClaim = 2.0;  ///< [s], longest wait of claim()
 
-/// Returns the nodes, such as /dev/input/event5, through which the kernel's driver (hid-pidff) lets
-/// programs play effects on a HID device. Empty if the driver does not serve the device.
-///
-/// @param sys  Directory in which the system shows its HID devices.
+/// Returns the nodes, such as /dev/input/event5, through which the kernel's driver (hid-pidff)
+/// plays effects on a HID device; may be empty. `sys`: the system's folder of HID devices.
 [[nodiscard]] std::vector<std::string> effectNodes(
     const std::string& path, const std::filesystem::path& sys = "/sys/class/hidraw");
-/// Throws DeviceError if a program of this user has one of the nodes open for writing. The error
-/// names the program.
+/// If a program of this user has a node open for writing, throws DeviceError that names it.
 void refuseEffects(const std::string& path, const std::vector<std::string>& nodes);
 
-/// Returns the programs of this user that have a path open for writing, as "name (pid)". Programs
-/// of other users cannot be seen.
+/// Returns this user's programs that have a path open for writing, as "name (pid)".
 [[nodiscard]] std::vector<std::string> whoHas(const std::string& path);
 
 }  // namespace palpate

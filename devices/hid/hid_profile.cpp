@@ -40,8 +40,7 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
 
 namespace {
 
-/// Returns all texts after "name" in an invalid profile: its own name and those of buttons.
-/// Searches the text, because the file may not be valid JSON.
+/// Returns all texts after "name" in a file that may not be valid JSON: profile and buttons.
 std::set<std::string> namesIn(const std::filesystem::path& file) {
   constexpr const char* kKey = "\"name\"";
   std::ifstream in(file);
@@ -97,8 +96,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
     HidProfile profile = parseHidProfile(text, std::string("palpate's own ") + name);
     const bool replaced = std::any_of(profiles.begin(), profiles.end(),
                                       [&](const HidProfile& p) { return p.name == profile.name; });
-    // Omits palpate's own profile if an invalid file of the user has its name. The user does not
-    // want palpate's numbers instead of those in the file.
+    // If an invalid file of the user has this name, the user does not want palpate's numbers.
     if (!replaced && broken.count(profile.name) == 0) profiles.push_back(std::move(profile));
   }
   return profiles;

@@ -1,6 +1,5 @@
-/// The profile of an arm that speaks HID: its identification, the numbers in its reports, its
-/// geometry and its limits. A profile is a JSON file (devices/hid/hid_profile.schema.json);
-/// docs/profiles.md describes how to write one.
+/// The profile of an arm that speaks HID: its identification, reports, geometry and limits, from a
+/// JSON file (devices/hid/hid_profile.schema.json). See docs/profiles.md.
 #pragma once
 
 #include <array>
@@ -32,8 +31,7 @@ struct HidReportSpec {
   std::optional<std::uint8_t> id;   ///< Number, if the device numbers its reports.
   std::size_t size = 0;             ///< Bytes without the number.
   std::vector<ReportField> fields;  ///< Sorted by name.
-  /// Input: the field that counts reports. A report with the count of the previous report is a
-  /// repetition of it.
+  /// Input: the field that counts reports. A report with the previous count is a repetition.
   std::optional<std::size_t> sequence;
   double stale = 0.0;  ///< Input: largest age of the report's flags [s]; 0: HidLimits::stale.
 };
@@ -48,8 +46,8 @@ struct FieldRef {
 struct HidFlag {
   /// The state while the flag is up, and its effect on the force.
   enum class Means : std::uint8_t {
-    kHomed,      ///< The encoders know the arm's position; without it there is no force.
-    kEnabled,    ///< The user holds the dead-man switch; without it there is no force.
+    kHomed,      ///< The encoders know the arm's position. Until then the force is zero.
+    kEnabled,    ///< The user holds the dead-man switch. Otherwise the force is zero.
     kHot,        ///< Fault::kTemperature.
     kUnpowered,  ///< Fault::kPower.
     kOpen,       ///< Fault::kSwitch.
@@ -140,8 +138,7 @@ struct HidLimits {
   double stiffness = 0.0;         ///< [N/m]
   double damping = 0.0;           ///< [N s/m]
   double workspace_radius = 0.0;  ///< [m]
-  /// Largest age of a position [s]. A 3D mouse that stops reporting keeps its velocity for this
-  /// time.
+  /// Largest age of a position [s]. A silent 3D mouse keeps its velocity for this time.
   double stale = 0.05;
   double speed = 3.0;  ///< [m/s]
   /// Force at the tip that the arm can hold forever [N]; 0: `force`, unless joints have limits
@@ -150,38 +147,35 @@ struct HidLimits {
   double heating = 0.0;  ///< Time constant of the motors' heat [s].
 };
 
-/// Longest total time of the waits and pauses in a profile's "close" [s]. A program that ends has
-/// to wait for them.
+/// Longest total time of waits and pauses in "close" [s]; a program that ends waits for them.
 inline constexpr double kLongestClose = 5.0;
 
 /// One arm, as read and checked by parseHidProfile.
 struct HidProfile {
   std::string name;         ///< Name in `hid:NAME`.
   std::string description;  ///< One line for people.
-  std::string firmware;     ///< The firmware that the arm needs, and whether it has its own
-                            ///< watchdog.
+  std::string firmware;     ///< Firmware that the arm needs, and whether it has its own watchdog.
   std::string source;       ///< The file, for error messages.
   /// Hash of the whole profile. It shows whether a stored test result is for this profile.
   std::uint64_t fingerprint = 0;
   /// Devices of this profile; a device needs to match only one entry.
   std::vector<HidMatch> match;
-  double input_rate = 1000.0;  ///< Positions per second by the maker's data [Hz].
-  double output_rate =
-      1000.0;  ///< Largest number of sent reports per second [Hz]; 0 without an output.
+  double input_rate = 1000.0;           ///< Positions per second by the maker's data [Hz].
+  double output_rate = 1000.0;          ///< Most reports sent per second [Hz]; 0: no output.
   std::vector<HidReportSpec> input;     ///< At least one; if there are several, each has its `id`.
   std::optional<HidReportSpec> output;  ///< Empty: the arm has no motors.
   /// Axes of a device of USB's PID class, x before y; empty for other devices. The device's own
   /// descriptor supplies the fields (describedBy). Until the descriptor is known, `input` and
   /// `output` are shares of travel and force.
   std::vector<PidAxisSpec> pid;
-  std::vector<HidFlag> flags;                    ///< Conditions for any force, and faults.
+  std::vector<HidFlag> flags;                    ///< States of the arm.
   std::shared_ptr<const Kinematics> kinematics;  ///< Maps joints to the tip; not null.
   std::vector<HidJoint> joints;                  ///< One for each joint of the kinematics.
   /// The arm is in its home pose, with every joint at its `home`, when it is opened.
   bool home_at_open = false;
   std::string home_words;  ///< Describes the home pose to the user.
-  /// For rate control, the velocity at position 1 of the kinematics [m/s]: the position then means
-  /// a velocity. 0: no rate control.
+  /// For rate control, in which a position means a velocity: the velocity at position 1 of the
+  /// kinematics [m/s]. 0: no rate control.
   double rate_control = 0.0;
   /// Rotation from the arm's axes to those of the hand's world.
   Mat3 world_from_device = Mat3::Identity();
@@ -201,14 +195,13 @@ struct HidProfile {
 /// Reads and checks a profile's file. Also throws DeviceError if the file cannot be read.
 [[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
 
-/// Returns palpate's own profiles and the user's in `folder`. A profile of the user replaces
-/// palpate's profile of the same name. Adds problems of a user's file to `notes`, one line each. If
-/// a user's file is invalid, also omits palpate's profile with the name of that file or with a name
-/// in it.
+/// Returns palpate's own profiles and the user's in `folder`. A user's profile replaces palpate's
+/// profile of the same name. An invalid file of the user also removes palpate's profiles with the
+/// file's name or with a name in the file. Adds problems of the user's files to `notes`, one line
+/// each.
 [[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
                                                   std::vector<std::string>& notes);
-/// Returns the folder of the user's profiles: $XDG_CONFIG_HOME/palpate/arms or
-/// ~/.config/palpate/arms.
+/// Returns the user's folder: $XDG_CONFIG_HOME/palpate/arms or ~/.config/palpate/arms.
 [[nodiscard]] std::filesystem::path hidProfileFolder();
 
 /// Returns the JSON Schema of profiles.

@@ -8,7 +8,6 @@ namespace palpate {
 
 namespace {
 
-/// Position of bit k of a field: the byte, and the bit within it.
 struct BitPlace {
   std::size_t byte;
   unsigned bit;

@@ -1,4 +1,4 @@
-/// Reads and writes numbers in the bytes of a device's reports. Pure: no device is needed.
+/// Reads and writes numbers in the bytes of a device's reports. Needs no device.
 #pragma once
 
 #include <cstddef>
@@ -20,8 +20,8 @@ struct ReportField {
   std::uint32_t bits = 16;    ///< 1 to 32; a float has 32.
   Type type = Type::kSigned;  ///< Encoding of its bits.
   bool big_endian = false;    ///< The field consists of whole bytes, highest byte first.
-  double scale = 1.0;         ///< Input: value = scale * raw + offset. Output:
-  double offset = 0.0;        ///< raw = scale * value + offset.
+  double scale = 1.0;         ///< Input: value = scale * raw + offset.
+  double offset = 0.0;        ///< Output: raw = scale * value + offset.
   double least = 0.0;         ///< Lowest raw number; output values are limited to it.
   double most = 0.0;          ///< Highest raw number; output values are limited to it.
   bool bounded = false;       ///< The profile or the descriptor gives both limits.
@@ -40,12 +40,10 @@ struct ReportField {
 void putRaw(std::span<std::byte> report, const ReportField& field,
             double raw) noexcept PALPATE_NONBLOCKING;
 
-/// Extends a counter of `bits` bits beyond its ends. Correct only if the counter moves by less than
-/// half its range between two readings.
+/// Extends a counter of `bits` bits. It must move by less than half its range between two readings.
 class Unwrapped {
  public:
-  /// Returns the extended count. The first reading becomes the number with these bits that is
-  /// nearest to `about`.
+  /// Returns the extended count. The first one is as near to `about` as its bits permit.
   [[nodiscard]] double follow(double raw, std::uint32_t bits,
                               double about) noexcept PALPATE_NONBLOCKING;
   void forget() noexcept { known_ = false; }  ///< The next reading counts as the first one again.
@@ -55,7 +53,7 @@ class Unwrapped {
  private:
   bool known_ = false;
   double raw_ = 0.0;
-  double turns_ = 0.0;  ///< Sum of the ranges that were added at the ends.
+  double turns_ = 0.0;  ///< Sum of the added ranges.
 };
 
 }  // namespace palpate

@@ -14,8 +14,7 @@ namespace palpate {
 
 namespace {
 
-/// Distance that a parallel arm keeps from the pose at which its motors cannot hold the tip, as the
-/// sine of the angle between its rods.
+/// Margin of a parallel arm from a singular pose, as the sine of the angle between its rods.
 constexpr double kHold = 1e-2;
 
 void requireLengths(const char* model, std::initializer_list<double> lengths) {
@@ -60,7 +59,6 @@ class Chain final : public Kinematics {
   [[nodiscard]] std::size_t links() const noexcept override { return links_.size(); }
   [[nodiscard]] ArmPose on(std::size_t end, const Vec3& place,
                            const Joints& joints) const noexcept override {
-    // Stores each joint's axis and a point on it, then goes on to the next link.
     std::array<Vec3, kMostJoints> axis;
     std::array<Vec3, kMostJoints> point;
     Mat3 turned = Mat3::Identity();
@@ -148,8 +146,7 @@ class Pantograph final : public Kinematics {
     const Vec3 left(std::cos(joints[1]), std::sin(joints[1]), 0.0);
     const Vec3 elbow = length_[0] * right;
     const Vec3 other = length_[3] * left - Vec3(base_, 0.0, 0.0);
-    // The tip is an intersection of two circles, one about each elbow: first the point on the line
-    // between the elbows, then the distance from that line.
+    // The tip is an intersection of two circles about the elbows.
     const Vec3 between = other - elbow;
     const double distance = std::max(between.norm(), 1e-12);
     const Vec3 ahead = between / distance;
@@ -177,7 +174,7 @@ class Pantograph final : public Kinematics {
   [[nodiscard]] std::size_t links() const noexcept override { return 4; }
   [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
                            const Joints& joints) const noexcept override {
-    // The motor that turns this link's bar, or the bar at whose end this link begins.
+    // The motor of this link's bar, or of the bar at the start of this link.
     const std::size_t motor = link < 2 ? 0 : 1;
     const double bar = length_[motor == 0 ? 0 : 3];
     const Vec3 out(std::cos(joints[motor]), std::sin(joints[motor]), 0.0);
@@ -214,8 +211,7 @@ class Delta final : public Kinematics {
       : base_(base), shift_(base - plate), upper_(upper), fore_(fore) {}
   [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
-    // Moves the elbows inwards by the plate's radius, so that the spheres about all three meet at
-    // the tip.
+    // Moves the elbows inwards by the plate's radius, so that all three spheres meet at the tip.
     std::array<Vec3, 3> elbow;
     std::array<Vec3, 3> moves;
     for (std::size_t i = 0; i < 3; ++i) {
@@ -308,7 +304,8 @@ std::shared_ptr<const Kinematics> makeChain(std::span<const ChainLink> links, co
 std::shared_ptr<const Kinematics> makeCapstanArm(double a, double b, double c) {
   requireLengths("capstan-arm", {b, c});
   if (!std::isfinite(a)) {
-    throw DeviceError("kinematics capstan-arm", "a is not finite", "give a finite a");
+    throw DeviceError("kinematics capstan-arm", "the length \"a\" is not finite",
+                      "give a finite length");
   }
   return std::make_shared<const CapstanArm>(a, b, c);
 }

@@ -1,5 +1,4 @@
-/// Computes the position of an arm's tip from its joints, and the motors' torques for a force at
-/// the tip.
+/// Computes an arm's tip from its joints, and the motors' torques for a force at the tip.
 ///
 /// Frame D is the arm's own: the model defines its axes and origin. Right-handed, metres, radians.
 #pragma once
@@ -44,17 +43,14 @@ class Kinematics {
   Kinematics& operator=(const Kinematics&) = delete;
   virtual ~Kinematics() = default;
 
-  [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< Number of joints, 1 to
-                                                                  ///< kMostJoints.
-  /// Returns the tip's pose. For finite joints every number is finite. RT: no allocation; under 0.5
-  /// us.
+  [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< Returns 1 to kMostJoints.
+  /// Returns the tip's pose, finite for finite joints. RT: no allocation; under 0.5 us.
   [[nodiscard]] virtual ArmPose at(const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 
-  /// Returns the number of moving links, counted from the base. The factory functions below define
-  /// each link's frame, in which `on` takes a place.
+  /// Returns the number of moving links, from the base; see the factory functions for their frames.
   [[nodiscard]] virtual std::size_t links() const noexcept = 0;
-  /// Returns the position and Jacobian of a point fixed to a link, such as a centre of mass, as
-  /// `at` does for the tip.
+  /// Returns the position and Jacobian of a point fixed to a link, such as a centre of mass.
+  /// `place` is in the link's frame.
   ///
   /// @pre link < links().
   [[nodiscard]] virtual ArmPose on(std::size_t link, const Vec3& place,

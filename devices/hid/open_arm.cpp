@@ -23,8 +23,7 @@ bool matches(const HidMatch& match, const HidDeviceName& device) {
          (!match.usage || *match.usage == device.usage);
 }
 
-/// Adds the fields of the device's own descriptor to a profile of a PID device. Returns other
-/// profiles unchanged.
+/// Adds the fields of the device's own descriptor to a profile of a PID device.
 HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   const auto described = parseHidDescriptor(device.descriptor);
   if (profile.pid.empty() || !described) return profile;
@@ -35,7 +34,6 @@ HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
   }
 }
 
-/// Returns the profile with this name. Throws DeviceError if no profile has this name.
 const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile>& profiles,
                            const std::vector<std::string>& notes) {
   std::vector<std::string> names;
@@ -224,8 +222,8 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
         device.path, others[0]));
   }
   HidHost host{asked};
-  // The path changes when the arm is plugged in again. If the arm has no serial number, a device at
-  // the same port counts as the same arm.
+  // The path changes with each plugging in. Without a serial number, a device at the same port
+  // counts as the same arm.
   host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&

@@ -24,9 +24,8 @@ struct FoundArm {
   /// Returns the serial number that distinguishes this arm from others of its kind. Empty if the
   /// firmware gives no number, or gives all devices the same number (mbed's "0123456789").
   [[nodiscard]] std::string serial() const;
-  /// Returns the identity for names and stored tests: the serial number, or else the port. If two
-  /// arms without serial numbers swap ports, each is taken for the other. Empty if both are
-  /// unknown.
+  /// Returns the identity for names and stored tests: the serial number, else the port, else an
+  /// empty text. If two arms without serial numbers swap ports, each is taken for the other.
   [[nodiscard]] std::string identity() const;
   /// Compares the device's own report descriptor with a profile (complaintAbout). Returns the first
   /// difference; no value if they agree, or if the system does not show the descriptor.
@@ -43,26 +42,24 @@ struct FoundArm {
 struct ArmName {
   std::string profile;  ///< A profile's name, or a path that ends in .json; empty: any profile.
   std::string serial;   ///< Empty: any arm. May contain any character.
-  [[nodiscard]] bool isFile()
-      const;  ///< True if it ends in .json, even if the file does not exist.
+  [[nodiscard]] bool isFile() const;  ///< True if it ends in .json.
 };
 /// Splits a name into its parts. Returns no value if it is not the name of an arm.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
 
-/// Returns the profile that a name selects; `hid` alone selects none. If no profile has that name,
-/// throws DeviceError with a similar name.
-///
-/// @param say  Receives messages about the user's files that cannot be used; may be empty.
+/// Returns the profile that a name selects; `hid` alone does not select one. If the name is
+/// unknown, throws DeviceError with a similar name. `say` (may be empty) receives messages about
+/// the user's files that cannot be used.
 [[nodiscard]] HidProfile namedProfile(const ArmName& name,
                                       const std::function<void(const std::string&)>& say);
 
 /// A plugged-in arm, chosen by its name.
 struct ChosenArm {
-  FoundArm arm;        ///< The arm; this process had not opened it when it was found.
+  FoundArm arm;        ///< The arm, which this process has not opened yet.
   HidProfile profile;  ///< The profile of `arm` that the name selects.
 };
 
-/// Finds the arm of that name that this program has not opened yet. If no arm or several arms
+/// Finds the arm of this name that this program has not opened yet. If no arm or several arms
 /// match, throws DeviceError with the matching names and the remedy.
 [[nodiscard]] ChosenArm findArm(const std::string& name,
                                 const std::function<void(const std::string&)>& say);
@@ -77,8 +74,7 @@ struct OpenedArm {
 /// the device's reports differ from the profile's.
 [[nodiscard]] OpenedArm openArm(const std::string& name, const ArmHost& host);
 
-/// Returns the key under which the test of an arm of this profile is stored; `own` is
-/// FoundArm::identity.
+/// Returns the key of the test of an arm of this profile; `own` is FoundArm::identity.
 [[nodiscard]] ArmIdentity identityOf(const HidProfile& profile, const std::string& own,
                                      bool numbered = true);
 

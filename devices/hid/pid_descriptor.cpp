@@ -16,7 +16,7 @@ using Way = DescribedReport::Way;
 constexpr std::uint32_t kMostSideBySide = 64;
 constexpr std::uint32_t kButtons = 0x090000;
 
-/// Returns the i-th field of an item; no value if it cannot be read or written as one number.
+/// Returns no value if the field cannot be read or written as one number.
 std::optional<ReportField> fieldAt(const DescribedFields& of, std::uint32_t i) {
   if (of.bits > 32) return std::nullopt;
   ReportField field;
@@ -41,7 +41,6 @@ std::uint32_t innermost(const DescribedFields& of) {
   return of.inside.empty() ? 0 : of.inside.back();
 }
 
-/// Adds the choices that the numbers of an array stand for.
 void addArray(const DescribedFields& of, const ReportField& field, PidReport& to) {
   std::uint32_t place = 0;
   for (const DescribedUsages& some : of.usages) {
@@ -56,7 +55,6 @@ void addArray(const DescribedFields& of, const ReportField& field, PidReport& to
   }
 }
 
-/// Adds the useful fields of an item to its report.
 void addTo(PidReport& to, const DescribedFields& of) {
   if (of.constant || (of.usages.empty() && !of.array)) return;
   if (of.array) {
@@ -91,7 +89,7 @@ std::size_t sizeOf(const HidDescriptor& device, Way way, std::uint8_t id) {
   return at == device.reports.end() ? 0 : at->size;
 }
 
-/// Returns the first report that has fields for which `is` holds, with all its fields of that kind.
+/// Returns the first report with fields for which `is` holds, and all these fields of the report.
 template <class Is>
 std::optional<PidReport> reportOf(const HidDescriptor& device, Is is) {
   std::optional<PidReport> found;
@@ -110,7 +108,6 @@ std::optional<PidReport> reportOf(const HidDescriptor& device, std::uint32_t col
   return reportOf(device, [&](const DescribedFields& of) { return isInside(of, collection); });
 }
 
-/// Finds positions, buttons and state.
 void takeInputs(const HidDescriptor& device, PidMap& map) {
   for (const DescribedFields& of : device.fields) {
     if (of.way != Way::kInput || of.constant || of.array || of.usages.empty()) continue;
@@ -170,7 +167,7 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   }
   const ReportField& magnitude = constant->find(pid::kMagnitude)->at;
   if (!(magnitude.least < 0.0 && magnitude.most > 0.0)) {
-    refuse(name, "its constant force cannot both pull and push");
+    refuse(name, "its constant force cannot be both positive and negative");
   }
   if (!operation || operation->find(pid::kIndex) == nullptr ||
       operation->choice(pid::kStart) == nullptr || operation->choice(pid::kStop) == nullptr) {

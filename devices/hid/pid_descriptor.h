@@ -1,6 +1,5 @@
-/// Private to devices: finds the parts of a device of USB's PID class (Physical Interface Devices
-/// 1.01, usage page 0x0F) in its report descriptor: its positions, and the reports for a constant
-/// force. Pure: no device is needed.
+/// Private to devices: finds the positions, and the reports for a constant force, of a device of
+/// USB's PID class in its report descriptor (Physical Interface Devices 1.01, usage page 0x0F).
 #pragma once
 
 #include <array>
@@ -20,7 +19,7 @@ namespace palpate {
 namespace pid {
 inline constexpr std::uint32_t kPage = 0x0F0000;
 inline constexpr std::uint32_t kSetEffect = kPage | 0x21;
-inline constexpr std::uint32_t kIndex = kPage | 0x22;  ///< Index of an effect block.
+inline constexpr std::uint32_t kIndex = kPage | 0x22;
 inline constexpr std::uint32_t kConstant = kPage | 0x26;
 inline constexpr std::uint32_t kDuration = kPage | 0x50;
 inline constexpr std::uint32_t kGain = kPage | 0x52;
@@ -36,8 +35,7 @@ inline constexpr std::uint32_t kLoopCount = kPage | 0x7C;
 inline constexpr std::uint32_t kGainReport = kPage | 0x7D;
 inline constexpr std::uint32_t kDeviceGain = kPage | 0x7E;
 inline constexpr std::uint32_t kPool = kPage | 0x7F;
-inline constexpr std::uint32_t kAtOnce =
-    kPage | 0x83;  ///< Largest number of effects that can play at the same time.
+inline constexpr std::uint32_t kAtOnce = kPage | 0x83;  ///< Largest number of effects at a time.
 inline constexpr std::uint32_t kBlockLoad = kPage | 0x89;
 inline constexpr std::uint32_t kLoaded = kPage | 0x8C;
 inline constexpr std::uint32_t kLoadFull = kPage | 0x8D;
@@ -54,13 +52,12 @@ inline constexpr std::uint32_t kCreate = kPage | 0xAB;
 inline constexpr std::uint32_t kX = 0x010030;  ///< Y and Z have the next two numbers.
 }  // namespace pid
 
-/// A field of a report.
 struct PidField {
-  std::uint32_t usage = 0;   ///< Its meaning.
-  std::uint32_t inside = 0;  ///< The innermost collection around it.
-  ReportField at;            ///< Its `least` and `most` come from the descriptor.
-  double step = 1.0;         ///< Size of one count in units, with the exponent applied.
-  bool unit = false;         ///< The descriptor gives a unit.
+  std::uint32_t usage = 0;
+  std::uint32_t inside = 0;
+  ReportField at;     ///< Its `least` and `most` come from the descriptor.
+  double step = 1.0;  ///< Size of one count in units, with the exponent applied.
+  bool unit = false;
 };
 
 /// One of several choices, such as "start": a number in an array, or a bit of its own.
@@ -69,11 +66,10 @@ struct PidChoice {
   double raw = 1.0;
 };
 
-/// A report and its useful fields.
 struct PidReport {
   DescribedReport report;
   std::vector<PidField> fields;
-  std::vector<std::pair<std::uint32_t, PidChoice>> choices;  ///< Usage and choice.
+  std::vector<std::pair<std::uint32_t, PidChoice>> choices;
 
   [[nodiscard]] const PidField* find(std::uint32_t usage) const noexcept;     ///< Null: not found.
   [[nodiscard]] const PidChoice* choice(std::uint32_t usage) const noexcept;  ///< Null: not found.
@@ -88,14 +84,12 @@ struct PidInput {
 /// Reports and fields of a device. Only index, type, magnitude and operation of a constant force
 /// are required. PidPort does not send reports that the device lacks.
 struct PidMap {
-  bool numbered = false;                             ///< The device's reports have numbers.
-  std::vector<DescribedReport> reports;              ///< All reports.
-  std::array<std::optional<PidInput>, 3> axes;       ///< x, y, z.
+  bool numbered = false;
+  std::vector<DescribedReport> reports;
+  std::array<std::optional<PidInput>, 3> axes;
   std::vector<PidInput> buttons;                     ///< At most HandleInfo::kMostButtons.
   std::optional<PidInput> actuators, safety, power;  ///< State bits; 1 means good.
-  /// Report for a constant force: index and magnitude.
   PidReport constant;
-  /// Report for an operation: index, start and stop.
   PidReport operation;
   std::optional<PidReport> effect, create, load, free, control, gain, pool;
 };

@@ -38,8 +38,7 @@ PidDevice::PidDevice(const HidProfile& profile, std::span<const std::byte> descr
   params.name = "arm " + profile.name;
   for (const PidAxisSpec& axis : profile.pid) params.axes.push_back(axis.axis);
   const bool has_gain = map_.gain && map_.gain->find(pid::kDeviceGain) != nullptr;
-  // The magnitudes that are sent are those of full gain. So firmware that ignores the gain gives
-  // them in full.
+  // Magnitudes do not depend on the gain, so firmware that ignores the gain gives full forces.
   params.gain = tested || host.tests || !has_gain ? 1.0 : kUntestedGain;
   params.now = host.now;
   HidProfile described = describedBy(map_, profile);
@@ -69,8 +68,7 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
   for (const PidAxisSpec& axis : profile.pid) {
     info_.limits.peak = std::min(info_.limits.peak, std::abs(axis.force));
   }
-  // A position may be one input period old, and the report of the last axis is sent after all
-  // others.
+  // A position may be one input period old; the report of the last axis comes after all others.
   const double period = 1.0 / info_.output_rate;
   double delay = 1.0 / profile.input_rate + period;
   if (measured.viscous > 0.0) delay = measured.delay + measured.doubt;
@@ -86,10 +84,12 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
                   " forces per second, a delay of " + text(1e3 * delay) + " ms and a " +
                   (measured.viscous > 0.0 ? "measured" : "guessed") + " friction of " +
                   text(known.viscous) + " N s/m (docs/stability.md)";
-  if (gain < 1.0) info_.source += "; untested: its gain is a tenth";
+  if (gain < 1.0) info_.source += "; untested: its gain is reduced to a tenth";
   info_.source += duration > 0.0
-                      ? "; without a program its force ends within " + text(duration) + " s"
-                      : "; without a program its force does not end, because it has no durations";
+                      ? "; if the program ends without stopping the arm, the force ends within " +
+                            text(duration) + " s"
+                      : "; if the program ends without stopping the arm, the force stays on, "
+                        "because the arm's effects have no duration";
   if (stop_.empty()) {
     info_.source += "; it has no guardian, because no single report stops its force";
   }

@@ -1,5 +1,4 @@
-/// Private to devices: an arm that is a device of USB's PID class, such as a stick, a wheel or a
-/// yoke with force feedback.
+/// Private to devices: an arm of USB's PID class, such as a stick, a wheel or a yoke.
 #pragma once
 
 #include <cstddef>
@@ -23,31 +22,24 @@ namespace palpate {
 /// Fault::kSwitch. When the fault is over, the force grows from zero as at the start.
 class PidDevice final : public Arm {
  public:
-  /// Gain of an untested device, if the device has a gain field. The gain scales every force that
-  /// is sent.
+  /// Gain of an untested device that has a gain field. It scales every force.
   static constexpr double kUntestedGain = 0.1;
-  /// Friction assumed for an arm whose friction was not measured [N s/m].
+  /// Friction assumed for an arm without a measured friction [N s/m].
   static constexpr double kLikelyViscous = 0.5;
 
-  /// Opens the device. Slow. Throws DeviceError with the problem in words.
-  ///
-  /// @param profile     Profile with HidProfile::pid.
-  /// @param descriptor  The device's own report descriptor. A device that host.find returns must
-  ///                    have the same.
-  /// @param tested      True: the arm has passed `palpate devices --test`. False: the limits are
-  ///                    kUntestedForce, kUntestedStiffness and kUntestedGain.
+  /// Opens the device. Slow. Throws DeviceError with the problem in words. `profile` has
+  /// HidProfile::pid. A device that host.find returns must have the same descriptor. If not
+  /// `tested`, the limits are kUntestedForce, kUntestedStiffness and kUntestedGain.
   PidDevice(const HidProfile& profile, std::span<const std::byte> descriptor,
             std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
 
-  /// Returns the description; it never changes. DeviceInfo::output_rate follows from the time that
-  /// the device's reports take. max_stiffness is the passivity bound of docs/stability.md for that
-  /// delay.
+  /// Never changes. DeviceInfo::output_rate follows from the time that the device's reports take.
+  /// max_stiffness is the passivity bound of docs/stability.md for that delay.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override { arm_->write(force); }
   void carry(bool may) noexcept override { arm_->carry(may); }
   [[nodiscard]] double given() const noexcept override { return arm_->given(); }
-  /// Returns the report that stops all effects.
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
   [[nodiscard]] const ArmTraits& traits() const noexcept override { return traits_; }
@@ -55,11 +47,9 @@ class PidDevice final : public Arm {
   [[nodiscard]] std::vector<double> steps() const override { return arm_->steps(); }
   [[nodiscard]] ArmTraffic traffic() const override { return arm_->traffic(); }
 
-  /// Returns the profile that the constructor got, with the fields of this device.
   [[nodiscard]] const HidProfile& profile() const noexcept { return arm_->profile(); }
 
  private:
-  /// Sets the coupling limits that the arm's delay and rate permit, and describes them in words.
   void describe(double duration, const MeasuredArm& measured, double gain);
 
   PidMap map_;

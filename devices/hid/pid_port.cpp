@@ -33,7 +33,6 @@ std::span<std::byte> bodyOf(std::vector<std::byte>& bytes) {
   return std::span(bytes).subspan(1);
 }
 
-/// Writes a field if the report has that field.
 void put(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_t usage, double raw) {
   if (const PidField* field = report.find(usage)) putRaw(bodyOf(bytes), field->at, raw);
 }
@@ -43,7 +42,7 @@ void choose(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_
   }
 }
 
-/// Sets all bits of a field, which means "none" whatever the field's range.
+/// Sets all bits of a field, which means "none" for every range.
 void putNone(const PidReport& report, std::vector<std::byte>& bytes, std::uint32_t usage) {
   const PidField* field = report.find(usage);
   if (field == nullptr) return;
@@ -54,21 +53,18 @@ void putNone(const PidReport& report, std::vector<std::byte>& bytes, std::uint32
   putRaw(bodyOf(bytes), whole, whole.most);
 }
 
-/// Returns a field's raw value; no value if the bytes end before the field.
 std::optional<double> told(std::span<const std::byte> body, const ReportField& field) {
   if (body.size() < field.end()) return std::nullopt;
   return rawOf(body, field);
 }
 
-/// Returns the seconds per count of a duration field. If the descriptor has no unit, a count is a
-/// millisecond.
+/// Returns the seconds per count of a duration field; without a unit, a millisecond.
 double secondsACount(const PidField& field) {
   const double step = field.unit ? field.step : 1e-3;
   return step > 0.0 && std::isfinite(step) ? step : 1e-3;
 }
 
-/// Returns the raw number of the shortest duration that is at least PidPort::kDuration. Excludes
-/// the largest number, because it means forever.
+/// Returns the shortest duration of at least PidPort::kDuration. The largest number means forever.
 double durationIn(const PidField& field) {
   const double wanted = std::ceil(PidPort::kDuration / secondsACount(field) - 1e-9);
   const double least = std::max(1.0, field.at.least);
@@ -143,7 +139,7 @@ void PidPort::open() {
       if (effects && *effects > 0.0 && *effects < needed) {
         throw DeviceError(params_.name,
                           "it plays at most " + std::to_string(std::lround(*effects)) +
-                              " effects at once, and each axis needs one",
+                              " effects at the same time, and each axis needs one",
                           "remove axes from its profile");
       }
     }
@@ -169,9 +165,10 @@ void PidPort::open() {
     require(send(map_.operation, effect.start), "the start of an effect");
   }
   if (!(duration_ > 0.0) && stoppingReport(map_).empty()) {
-    throw DeviceError(params_.name,
-                      "its forces have no end, and no single report stops them if the program dies",
-                      "use a device that has durations, or a control that stops its effects");
+    throw DeviceError(
+        params_.name,
+        "its effects have no duration, and no single report stops them if the program dies",
+        "use a device that has durations, or a control that stops its effects");
   }
   started_ = params_.now();
   measure();
@@ -262,8 +259,9 @@ void PidPort::prepare(Effect& effect, int axis) {
     duration_ = raw * secondsACount(*duration);
     if (duration_ > kMostDuration) {
       throw DeviceError(params_.name,
-                        "its shortest effect lasts " + std::to_string(duration_) + " s",
-                        "use a device whose force ends soon after its program");
+                        "its shortest effect lasts " + std::to_string(duration_) +
+                            " s, so its force would stay on too long if the program dies",
+                        "use a device with shorter effects");
     }
   }
   putNone(report, effect.set, pid::kTriggerButton);
@@ -295,8 +293,7 @@ void PidPort::measure() {
 }
 
 void PidPort::undo() noexcept {
-  // The device may be gone, so refusals are ignored. The report that stops all effects is sent
-  // first.
+  // Ignores refusals, because the device may be gone. Stops all effects first.
   (void)control(pid::kStopAll);
   for (Effect& effect : effects_) {
     if (effect.stop.empty()) continue;

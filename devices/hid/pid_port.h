@@ -1,5 +1,4 @@
-/// Private to devices: drives a device of USB's PID class by the magnitudes of its axes. Creates,
-/// updates, renews and frees the effects, and stores the state that the device reports.
+/// Private to devices: drives a device of USB's PID class by the magnitudes of its axes.
 #pragma once
 
 #include <array>
@@ -17,8 +16,7 @@
 
 namespace palpate {
 
-/// State that a device has reported. Written by the thread that reads the device's port; any thread
-/// may read it.
+/// State that a device has reported. The reading thread writes it; any thread may read it.
 struct PidState {
   static constexpr std::uint32_t kActuators = 1;
   static constexpr std::uint32_t kPower = 2;
@@ -31,7 +29,6 @@ struct PidState {
   [[nodiscard]] std::uint32_t fallen() const noexcept { return ever & ~now; }
 };
 
-/// Settings of a PidPort.
 struct PidParams {
   std::string name;                        ///< Name for error messages, such as "arm mine".
   std::vector<int> axes;                   ///< Axes in the order of the magnitudes; 0 is x.
@@ -53,15 +50,11 @@ class PidPort final : public ReportPort {
   static constexpr double kDuration = 0.5;
   static constexpr double kMostDuration = 2.0;  ///< Longest accepted duration() [s].
 
-  /// Resets the device, enables it, sets its gain, makes an effect for each axis and starts all
-  /// effects with magnitude 0. Slow. On failure undoes the steps already done, then throws
-  /// DeviceError.
-  ///
-  /// @param map    Must outlive this object.
-  /// @param state  Must outlive this object.
+  /// Resets the device, enables it, sets its gain and starts an effect of magnitude 0 for each
+  /// axis. Slow. On failure undoes the steps already done, then throws DeviceError. `map` and
+  /// `state` must outlive this object.
   PidPort(const PidMap& map, PidParams params, std::unique_ptr<ReportPort> port, PidState& state);
-  /// Sets the magnitudes to 0, stops and frees the effects, stops all other effects, disables the
-  /// actuators.
+  /// Sets the magnitudes to 0, ends all effects and disables the actuators.
   ~PidPort() override;
 
   /// Passes reports on unchanged and updates PidState. RT: as the wrapped port.
@@ -75,11 +68,9 @@ class PidPort final : public ReportPort {
   }
   [[nodiscard]] int guardDescriptor() const noexcept override { return port_->guardDescriptor(); }
 
-  /// Returns how long an effect lasts [s]; 0: the device does not support durations, and effects
-  /// last forever.
+  /// Returns how long an effect lasts [s]; 0: forever, because the device has no durations.
   [[nodiscard]] double duration() const noexcept { return duration_; }
-  /// Returns the time to send one magnitude report [s]: the median of several, measured at the
-  /// opening.
+  /// Returns the median time to send one magnitude report, measured at the opening [s].
   [[nodiscard]] double writeTime() const noexcept { return write_time_; }
 
  private:
@@ -118,8 +109,8 @@ class PidPort final : public ReportPort {
   std::int64_t enabled_ = 0;  ///< Last time the actuators were enabled [ns].
 };
 
-/// Returns the report that alone stops a device's force; its first byte is the report's number.
-/// Returns an empty vector if write() cannot send this report.
+/// Returns the report, with its number, that alone stops the force; empty if write() cannot send
+/// it.
 [[nodiscard]] std::vector<std::byte> stoppingReport(const PidMap& map);
 
 }  // namespace palpate

@@ -17,8 +17,7 @@ Joints jointsAtHome(const HidProfile& profile) {
   return joints;
 }
 
-/// Changes `joints` so that the tip comes as near to `place` as the search finds; returns the
-/// remaining distance [m].
+/// Moves `joints` to bring the tip as near to `place` as possible; returns the distance [m].
 double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   constexpr int kSteps = 60;
   const std::size_t n = arm.joints();
@@ -50,8 +49,7 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   return off;
 }
 
-/// Returns the projector onto the directions in which the levers can move the tip. `squares` is the
-/// sum of the levers' squares.
+/// Returns the projector onto the directions of levers with this sum of squares.
 Mat3 within(const Mat3& squares) {
   constexpr double kNone = 0.01;  // share of the longest lever; shorter levers count as zero
   const Eigen::SelfAdjointEigenSolver<Mat3> solver(squares);
@@ -65,7 +63,7 @@ Mat3 within(const Mat3& squares) {
 
 /// Sets ProfileFacts::moves and ProfileFacts::drives, from poses around the middle.
 void lookAbout(const HidProfile& profile, ProfileFacts& facts) {
-  // [rad]: distance of these poses in each joint; [m] for a sliding joint, whose lever is constant.
+  // [rad], or [m] for a sliding joint: distance of these poses in each joint.
   constexpr double kAside = 0.3;
   constexpr int kPoses = 27;
   Mat3 moves = Mat3::Zero();
@@ -110,7 +108,7 @@ Vec3 forceOf(const HidProfile& profile, const ArmPose& pose, const Joints& torqu
     square += pose.jacobian[i] * pose.jacobian[i].transpose();
     pull += torques[i] * pose.jacobian[i];
   }
-  // Share of the levers' squares, so that directions without a lever can be solved.
+  // Share of the levers' squares; makes directions without a lever solvable.
   constexpr double kDamping = 1e-6;
   square.diagonal().array() += kDamping * square.trace() + 1e-12;
   return square.ldlt().solve(pull);
@@ -169,8 +167,7 @@ ProfileFacts factsOf(const HidProfile& profile) {
 
 namespace {
 
-/// Returns the raw number for a joint's value, the inverse of jointAt(), for an arm without
-/// home_at_open.
+/// The inverse of jointAt(), for an arm without home_at_open.
 double rawAt(const HidProfile& profile, std::size_t joint, double value) {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];
@@ -198,7 +195,7 @@ std::vector<double> rawAtHome(const HidProfile& profile) {
 double jointAt(const HidProfile& profile, std::size_t joint, double raw, double home_raw) noexcept {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];
-  // In the home pose a joint has its `home`, whatever the raw value of its field.
+  // In the home pose a joint has its `home`, for any raw value of its field.
   const double value =
       profile.home_at_open ? field.scale * (raw - home_raw) : field.scale * raw + field.offset;
   return value / of.ratio + of.home;

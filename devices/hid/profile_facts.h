@@ -1,5 +1,4 @@
-/// Derives forces, reach and resolution from a profile's numbers, for its author to check before
-/// any force is sent.
+/// Derives forces, reach and resolution from a profile, to check it before any force is sent.
 #pragma once
 
 #include <string>
@@ -13,8 +12,7 @@ namespace palpate {
 struct MotorFact {
   std::size_t joint = 0;  ///< Index in HidProfile::joints.
   std::string field;      ///< Its output field.
-  /// Value that the profile's force needs in the direction that needs most, in the output's units:
-  /// usually amperes.
+  /// Value for the profile's force in the worst direction, in the output's units (often amperes).
   double asked = 0.0;
   double room = 0.0;  ///< Limit of the field: the smaller of the limits for both signs.
   /// Value that the motor can hold forever, at most `room`: HidJoint::continuous, or `room`.
@@ -30,15 +28,14 @@ struct ProfileFacts {
   /// Distance from the middle of the hand's world to the nearest place that the search reached [m].
   /// Infinite: the search reached no place, and the members below are for the home pose.
   double off = 0.0;
-  /// Travel of the tip if every joint with an integer field moves by one count [m]. This is twice
-  /// the largest position error there.
+  /// Travel of the tip if each integer field moves by one count [m]. This is twice the largest
+  /// position error there.
   double step = 0.0;
   /// One entry for each joint with a motor, in the order of the joints.
   std::vector<MotorFact> motors;
   Vec3 carried_W = Vec3::Zero();  ///< Force at the tip with which its motors carry its masses [N].
-  /// Projectors onto directions of the hand's world, from poses around the middle. `moves`:
-  /// directions in which the joints move the tip. `drives`: directions in which motors push it. For
-  /// most arms these are all directions, for a planar arm the directions of its plane.
+  /// Projector onto the directions of the hand's world in which the joints move the tip, from poses
+  /// around the middle. A planar arm has the directions of its plane; most arms have all.
   Mat3 moves = Mat3::Identity();
   Mat3 drives = Mat3::Identity();  ///< Like `moves`, but with the joints that have motors only.
 };
@@ -47,20 +44,16 @@ struct ProfileFacts {
 /// from many start poses. Then finds the directions in which the tip can move there. Takes
 /// milliseconds.
 ///
-/// @pre profile.kinematics is set, and the profile has a joint for each of its joints.
+/// @pre profile.kinematics is set, and profile.joints has one entry for each of its joints.
 [[nodiscard]] ProfileFacts factsOf(const HidProfile& profile);
 
-/// Returns the raw number of each joint's field at facts.middle. HidDevice places the first reading
-/// of a counter that wraps as near to this number as possible.
+/// Returns the raw number of each joint's field at facts.middle.
 [[nodiscard]] std::vector<double> rawInMiddle(const HidProfile& profile, const ProfileFacts& facts);
-/// Returns the raw number of each joint's field in the home pose, directly after the profile's
-/// `home` steps.
+/// Returns each joint's raw number in the home pose, directly after the `home` steps.
 [[nodiscard]] std::vector<double> rawAtHome(const HidProfile& profile);
 
-/// Returns a joint's value [rad], or [m] for a sliding joint, for a raw number of its field that
-/// was extended beyond its ends.
-///
-/// @param home_raw  Raw number in the home pose, if the profile has home_at_open.
+/// Returns a joint's value [rad], or [m] for a sliding joint, for a raw number that was extended
+/// beyond its field's ends. `home_raw`: raw number in the home pose, for home_at_open.
 [[nodiscard]] double jointAt(const HidProfile& profile, std::size_t joint, double raw,
                              double home_raw) noexcept PALPATE_NONBLOCKING;
 
@@ -69,8 +62,7 @@ struct ProfileFacts {
 /// allocation; 0.3 us per mass.
 [[nodiscard]] Joints carryingTorques(const HidProfile& profile,
                                      const Joints& joints) noexcept PALPATE_NONBLOCKING;
-/// Returns the smallest force at the tip that corresponds to the given torques of the joints with
-/// motors [N]. RT: no allocation.
+/// Returns the smallest force at the tip that gives these motor torques [N]. RT: no allocation.
 [[nodiscard]] Vec3 forceOf(const HidProfile& profile, const ArmPose& pose,
                            const Joints& torques) noexcept PALPATE_NONBLOCKING;
 

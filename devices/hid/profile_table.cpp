@@ -36,14 +36,12 @@ JsonType<double> lengthType() {
   return jsonPositiveUpTo(kMostLength, "metres");
 }
 
-/// Returns the type of a position in metres.
 JsonType<Vec3> placeType() {
   return jsonNumbers<3>(jsonUpTo(kMostLength, "metres")).as<Vec3>([](const auto& v) {
     return Vec3(v[0], v[1], v[2]);
   });
 }
 
-/// Returns the type of a USB number, which is written in hexadecimal, as is usual: "16C0".
 JsonType<std::uint16_t> hexType() {
   return jsonMatching("^(0[xX])?[0-9A-Fa-f]{1,4}$", "it is not a hexadecimal number of 16 bits",
                       "write it as lsusb prints it, such as \"16C0\"")
@@ -136,14 +134,13 @@ JsonType<FileFlag> flagType() {
       .type();
 }
 
-/// Returns a setter for a number of a FileJoint.
 auto to(double HidJoint::*member) {
   return [member](FileJoint& joint, double value) { joint.joint.*member = value; };
 }
 
 JsonType<FileJoint> jointType() {
-  constexpr const char* kMotor = "a motor and its torque constant belong together";
-  constexpr const char* kHeat = "a motor's continuous limit and its heating time belong together";
+  constexpr const char* kMotor = "\"motor\" and \"torque_constant\" are valid only together";
+  constexpr const char* kHeat = "a motor's \"continuous\" and \"heating\" are valid only together";
   constexpr const char* kBoth = "give both or none";
   const JsonType<double> heating =
       jsonPositiveUpTo(kMostHeating, "seconds")
@@ -177,7 +174,8 @@ JsonType<FileJoint> jointType() {
       .needs("torque_constant", "motor", kMotor, kBoth)
       .needs("continuous", "heating", kHeat, kBoth)
       .needs("heating", "continuous", kHeat, kBoth)
-      .needs("continuous", "motor", "the joint has no motor", "name it, or remove this")
+      .needs("continuous", "motor", "the joint has no motor",
+             "name its motor, or remove \"continuous\" and \"heating\"")
       .type();
 }
 
@@ -188,20 +186,20 @@ JsonType<ChainLink> linkType() {
       .may("turn", angle.says("Rotation about z, which is added to the joint's angle [rad]."),
            &ChainLink::turn)
       .may("along", length.says("Displacement along z [m]."), &ChainLink::along)
-      .may("across", length.says("Displacement along the new x [m]."), &ChainLink::across)
-      .may("twist", angle.says("Rotation about the new x [rad]."), &ChainLink::twist)
+      .may("across", length.says("Displacement along the x axis after \"turn\" [m]."),
+           &ChainLink::across)
+      .may("twist", angle.says("Rotation about the x axis after \"turn\" [rad]."),
+           &ChainLink::twist)
       .type();
 }
 
 using Rows = JsonObject<ProfileFile>;
 
-/// Returns a setter for a value of the geometry.
 template <class T>
 auto to(T FileGeometry::*member) {
   return [member](ProfileFile& file, T value) { file.geometry.*member = std::move(value); };
 }
 
-/// Returns one row per model: its lengths, its number of joints and its factory function.
 Rows kinematicsRows(const JsonType<FileJoint>& joint) {
   const auto model = [&](std::size_t least, std::size_t most, const char* why, const char* says,
                          auto make) {
@@ -228,8 +226,7 @@ Rows kinematicsRows(const JsonType<FileJoint>& joint) {
                 .need("links",
                       jsonList(linkType(), 3, kMostJoints, "it is not a list of 3 to 6 links",
                                "write [{...}, ...]")
-                          .says("Links between turning joints, with the parameters of Denavit and "
-                                "Hartenberg."),
+                          .says("Links between rotary joints, with Denavit-Hartenberg parameters."),
                       to(&G::links))
                 .may("tip", placeType().says("Position of the tip in the last link's frame [m]."),
                      to(&G::tip))},
@@ -240,7 +237,7 @@ Rows kinematicsRows(const JsonType<FileJoint>& joint) {
                   [](const G& g) { return makeCapstanArm(g.a, g.b, g.c); })
                 .need("a",
                       jsonUpTo(kMostLength, "metres")
-                          .says("Length a in the position of the tip [m]."),
+                          .says("Length a in the formula for the tip's position [m]."),
                       to(&G::a))
                 .need("b", length.says("Length b of the upper link [m]."), to(&G::b))
                 .need("c", length.says("Length c of the lower link [m]."), to(&G::c))},
@@ -262,9 +259,9 @@ Rows kinematicsRows(const JsonType<FileJoint>& joint) {
                   "Angles of the three upper arms of Clavel's delta robot. The motors are on a "
                   "circle, and the tip is below them.",
                   [](const G& g) { return makeDelta(g.base, g.plate, g.upper, g.fore); })
-                .need("base", length.says("Distance of the motors from the axis [m]."),
-                      to(&G::base))
-                .need("plate", length.says("Radius of the plate's joints [m]."), to(&G::plate))
+                .need("base", length.says("Radius of the circle of the motors [m]."), to(&G::base))
+                .need("plate", length.says("Radius of the circle of the plate's joints [m]."),
+                      to(&G::plate))
                 .need("upper", length.says("Length of the upper arms [m]."), to(&G::upper))
                 .need("fore", length.says("Length of the forearms [m]."), to(&G::fore))}})
       .may("home_at_open", jsonFlag(),
@@ -289,7 +286,6 @@ JsonType<HidMass> massType() {
       .type();
 }
 
-/// Returns the rows of "gravity". `down` is normalised.
 Rows gravityRows() {
   return Rows()
       .may("down",
@@ -307,7 +303,6 @@ Rows gravityRows() {
             });
 }
 
-/// Returns a setter for a number of a FileTurn.
 auto to(double HidTurn::*member) {
   return [member](FileTurn& turn, double value) { turn.turn.*member = value; };
 }
@@ -381,7 +376,8 @@ Rows mountRows() {
            jsonNumbers<4>()
                .where([](const auto& q) { return isLength(Eigen::Vector4d(q.data()).norm()); },
                       "it is not a rotation", "give w, x, y, z, such as [1, 0, 0, 0]")
-               .says("The quaternion that turns the arm's frame into the world's frame."),
+               .says("Rotation from arm coordinates to world coordinates: p_world = R (p_arm - "
+                     "origin)."),
            &ProfileFile::rotation_wxyz);
 }
 
@@ -428,7 +424,7 @@ JsonType<FileStep> stepType() {
 }
 
 JsonObject<HidLimits> limitsRows() {
-  constexpr const char* kHeat = "a continuous force and its heating time belong together";
+  constexpr const char* kHeat = "limits/continuous and limits/heating are valid only together";
   constexpr const char* kBoth = "give both or none";
   return JsonObject<HidLimits>()
       .need("force", jsonPositiveUpTo(kMostForce, "newtons").says("Largest force at the tip [N]."),
@@ -450,8 +446,8 @@ JsonObject<HidLimits> limitsRows() {
                .says("Largest growth of the force [N/s]. The default is 2000."),
            &HidLimits::slew)
       .may("stale",
-           jsonPositive().says(
-               "Age of a position at which the force is cut [s]. The default is 0.05."),
+           jsonPositive().says("Largest age of a position [s]. If the newest position is older, "
+                               "the loop cuts the force. The default is 0.05."),
            &HidLimits::stale)
       .may("speed",
            jsonPositive().says("Largest speed [m/s]. Above it the loop brakes the arm; if the "
@@ -465,7 +461,6 @@ JsonObject<HidLimits> limitsRows() {
       .needs("heating", "continuous", kHeat, kBoth);
 }
 
-/// Returns the type of an axis of a PID device.
 JsonType<PidAxisSpec> pidAxisType() {
   const auto not_zero = [](double value) { return value != 0.0; };
   const JsonSchema no_zero = {{"not", {{"const", 0}}}};
@@ -521,7 +516,7 @@ const Table& table() {
                 jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
                 &ProfileFile::flags)
             .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
-                      "Position of the tip from the joints.")
+                      "Model that computes the tip's position from the joints' positions.")
             .mayHold("gravity", gravityRows(), "Masses that the motors carry.")
             .mayHold("handle", handleRows(),
                      "Handle inputs that the application receives beside the tip's position.")
@@ -529,7 +524,7 @@ const Table& table() {
             .may("home", steps(), &ProfileFile::home)
             .may("close", steps(), &ProfileFile::close)
             .may("limits", limitsRows().type(), limits)
-            .needs("output", "limits", "an arm with an output has limits", "add \"limits\"");
+            .needs("output", "limits", "an arm with \"output\" needs limits", "add \"limits\"");
     const Rows pid_rows =
         Rows().need("axes",
                     jsonList(pidAxisType(), 1, 3, "it is not a list of 1 to 3 axes",

@@ -1,5 +1,5 @@
-/// Private to devices: the format of an arm's profile as a table (json_table.h): shapes, ranges and
-/// units. check_profile.cpp and check_consistency.cpp check whether the parts of a profile agree.
+/// Private to devices: the format of an arm's profile as a table (json_table.h). check_profile.cpp
+/// and check_consistency.cpp check whether the parts of a profile agree.
 #pragma once
 
 #include <array>
@@ -36,7 +36,7 @@ struct FileReport {
   double stale = 0.0;
 };
 
-/// A flag whose fields are still names; checkedProfile resolves them.
+/// A flag with the names of its fields; checkedProfile resolves the names.
 struct FileFlag {
   HidFlag flag;
   std::string field;
@@ -59,7 +59,7 @@ struct FileStep {
   std::map<std::string, double> send;
 };
 
-/// Lengths of the arm's model [m].
+/// Lengths [m].
 struct FileGeometry {
   double a = 0.0, b = 0.0, c = 0.0;
   double base = 0.0, plate = 0.0, upper = 0.0, fore = 0.0;
@@ -84,10 +84,8 @@ struct ProfileFile {
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
 };
 
-/// Returns the table that reads a profile's file and gives its schema.
 [[nodiscard]] const JsonObject<ProfileFile>& profileTable();
 
-/// Returns the whole JSON Schema: title, table and definitions.
 [[nodiscard]] JsonSchema profileTableSchema();
 
 }  // namespace palpate

@@ -15,22 +15,19 @@ namespace palpate {
 
 using Json = nlohmann::json;
 
-/// Throws an error in a file.
 using JsonRaise = void (*)(const std::string& where, const std::string& why,
                            const std::string& remedy);
 
-/// Throws an error of type Trouble, such as a SceneError or a DeviceError.
 template <class Trouble>
 [[noreturn]] void raiseAs(const std::string& where, const std::string& why,
                           const std::string& remedy) {
   throw Trouble(where, why, remedy);
 }
 
-/// A value of a JSON file and its path. Every function that reads the value checks it first and
-/// throws an error with the path.
+/// A value of a JSON file and its path. Reading functions check the value; errors name the path.
 class JsonNode {
  public:
-  /// @param source  File name for errors. `json` and `raise` must outlive the node.
+  /// @param source  File name for errors. `json` must outlive the node.
   JsonNode(const Json& json, std::string source, std::string path, JsonRaise raise)
       : json_(&json), source_(std::move(source)), path_(std::move(path)), raise_(raise) {}
 
@@ -42,14 +39,13 @@ class JsonNode {
   [[nodiscard]] JsonNode need(const std::string& key) const;
   [[nodiscard]] JsonNode element(std::size_t i) const;
 
-  /// Checks that this is an object whose keys are all in `keys` or `also`. Error messages list
-  /// `keys` only.
+  /// Checks that this is an object with no other keys than `keys` and `also`. Errors list `keys`.
   const JsonNode& object(const std::vector<std::string>& keys,
                          const std::vector<std::string>& also = {}) const;
   [[nodiscard]] double number() const;
   [[nodiscard]] double positive() const;
   [[nodiscard]] double notNegative() const;
-  /// Reads a number whose magnitude is at most `most`; detects values in millimetres or degrees.
+  /// Reads a number from -`most` to `most`. The limit detects values in millimetres or degrees.
   [[nodiscard]] double sized(double most, const char* unit) const;
   [[nodiscard]] std::string text() const;
   [[nodiscard]] std::string name() const;
@@ -64,9 +60,7 @@ class JsonNode {
     for (std::size_t i = 0; i < N; ++i) values[i] = element(i).number();
     return values;
   }
-  /// Returns the index of this text in `words`.
   [[nodiscard]] std::size_t wordAmong(const std::vector<std::string>& words) const;
-  /// Returns the value that belongs to this text.
   template <class T>
   [[nodiscard]] T word(const std::vector<std::pair<const char*, T>>& words) const {
     std::vector<std::string> names;
@@ -82,7 +76,7 @@ class JsonNode {
   JsonRaise raise_;
 };
 
-/// Parses text as JSON. Reports a syntax error in one line, and rejects a repeated key.
+/// Rejects repeated keys. Reports a syntax error in one line.
 [[nodiscard]] Json parseJson(const std::string& text, const std::string& source, JsonRaise raise);
 
 }  // namespace palpate

@@ -5,7 +5,6 @@
 namespace palpate {
 namespace {
 
-/// Limits the magnitude of `number` to `most` in `unit`.
 JsonType<double> sizedUpTo(const JsonType<double>& number, double most, const char* unit) {
   JsonType<double> type{number.schema, [read = number.read, most, unit](const JsonNode& node) {
                           (void)read(node);

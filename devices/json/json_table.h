@@ -1,6 +1,5 @@
-/// Private to devices and scenes: tables of the allowed content of a JSON file. One table reads the
-/// file, rejects unknown content, and gives the file's JSON Schema, so reader, check and schema
-/// always agree. Slow: for reading files only.
+/// Private to devices and scenes: tables of the keys and values that a JSON file may have. One
+/// table reads the file, checks it and gives its JSON Schema. Slow: for reading files only.
 #pragma once
 
 #include <algorithm>
@@ -20,35 +19,30 @@
 
 namespace palpate {
 
-/// A JSON Schema, draft 7, which keeps its keys in the order in which they were added.
+/// A JSON Schema, draft 7; keeps its keys in the order of insertion.
 using JsonSchema = nlohmann::ordered_json;
 
-/// The type of a value: a schema that describes the value, and a function that reads it. `read`
-/// rejects everything that the schema rejects, and may reject more.
+/// A value's schema and reader. `read` rejects every value that the schema rejects.
 template <class T>
 struct JsonType {
   JsonSchema schema;
   std::function<T(const JsonNode&)> read;
 
-  /// Returns this type with a description in its schema.
   [[nodiscard]] JsonType says(const char* description) const {
     JsonType type = *this;
     type.schema["description"] = description;
     return type;
   }
-  /// Returns this type with more keys in its schema.
   [[nodiscard]] JsonType also(const JsonSchema& more) const {
     JsonType type = *this;
     type.schema.update(more);
     return type;
   }
-  /// Returns a type that reads the value, then converts it by `make`.
   template <class U, class Make>
   [[nodiscard]] JsonType<U> as(Make make) const {
     return {schema, [read = read, make](const JsonNode& node) -> U { return make(read(node)); }};
   }
-  /// Returns a type that also rejects values for which `good` is false. A schema cannot express
-  /// this condition.
+  /// Also rejects values for which `good` is false; the schema does not show this condition.
   template <class Good>
   [[nodiscard]] JsonType where(Good good, const char* why, const char* remedy) const {
     return {schema, [read = read, good, why, remedy](const JsonNode& node) {
@@ -57,7 +51,7 @@ struct JsonType {
               return value;
             }};
   }
-  /// Adds the schema to "definitions" under a name. Returns a type whose schema refers to it.
+  /// Adds the schema to `definitions`. The returned type's schema refers to it by `name`.
   [[nodiscard]] JsonType defined(const char* name, JsonSchema& definitions) const {
     definitions[name] = schema;
     return {{{"$ref", std::string("#/definitions/") + name}}, read};
@@ -76,18 +70,16 @@ struct JsonType {
 
 /// A number > 0 and at most `most`; `why` and `remedy` are the error for all other values.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* why, const char* remedy);
-/// A number > 0 and at most `most` in `unit`; detects values in millimetres or degrees.
+/// A number > 0 and at most `most` in `unit`. The limit detects values in millimetres or degrees.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* unit);
 /// A number >= 0 and at most `most` in `unit`.
 [[nodiscard]] JsonType<double> jsonNotNegativeUpTo(double most, const char* unit);
 /// A number between -`most` and `most` in `unit`.
 [[nodiscard]] JsonType<double> jsonUpTo(double most, const char* unit);
-/// A text that matches an ECMAScript regular expression. The expression's repetitions must be
-/// bounded, because the library matches them by recursion.
+/// A text that matches an ECMAScript regular expression with bounded repetitions.
 [[nodiscard]] JsonType<std::string> jsonMatching(const char* pattern, const char* why,
                                                  const char* remedy);
 
-/// An array of N numbers, each with its own type.
 template <std::size_t N>
 [[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
     const std::array<JsonType<double>, N>& each) {
@@ -100,7 +92,6 @@ template <std::size_t N>
             return values;
           }};
 }
-/// An array of N numbers of one type.
 template <std::size_t N>
 [[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
     const JsonType<double>& number = jsonNumber()) {
@@ -111,7 +102,7 @@ template <std::size_t N>
   return type;
 }
 
-/// A text that is one of the given words; returns the value that belongs to the word.
+/// A text that is one of the given words; read as the value paired with it.
 template <class T>
 [[nodiscard]] JsonType<T> jsonWord(std::vector<std::pair<const char*, T>> words) {
   JsonSchema names = JsonSchema::array();
@@ -142,7 +133,6 @@ template <class T>
             return values;
           }};
 }
-/// A list of at least one element.
 template <class T>
 [[nodiscard]] JsonType<std::vector<T>> jsonList(const JsonType<T>& element, const char* why,
                                                 const char* remedy) {
@@ -152,8 +142,7 @@ template <class T>
   return list;
 }
 
-/// An object whose keys are names that the file's author chooses. `why` and `remedy` are the error
-/// if there are fewer than `least` names.
+/// An object with freely chosen keys. `why` and `remedy`: the error for fewer than `least` keys.
 template <class T>
 [[nodiscard]] JsonType<std::map<std::string, T>> jsonMap(const JsonType<T>& value,
                                                          std::size_t least, const char* why,
@@ -168,7 +157,6 @@ template <class T>
           }};
 }
 
-/// A number, or an object in its place.
 template <class T>
 [[nodiscard]] JsonType<T> jsonNumberOr(const JsonType<T>& number, const JsonType<T>& other) {
   return {{{"oneOf", JsonSchema::array({number.schema, other.schema})}},
@@ -180,17 +168,15 @@ template <class T>
           }};
 }
 
-/// Returns the schema of a whole file with the keys of `object`.
 [[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
                                         const JsonSchema& object, const JsonSchema& definitions);
 
-/// The keys that an object may have, one row per key, each with the place in a Spec where its value
-/// goes. Rows are read in their order; rows of a choice are read after the common rows.
+/// The keys that an object may have, one row each, and the member of Spec that gets the value. Rows
+/// are read in order, the rows of a choice last.
 template <class Spec>
 class JsonObject {
  public:
-  /// Adds a key that is required (need) or optional (may). `put`: a member of Spec, or a function
-  /// that gets the Spec and the value.
+  /// Adds a required (need) or optional (may) key. `put`: a member or a function of Spec and value.
   template <class T, class Put>
   JsonObject& need(const char* key, const JsonType<T>& type, Put put) {
     return add(key, type, put, true);
@@ -199,11 +185,10 @@ class JsonObject {
   JsonObject& may(const char* key, const JsonType<T>& type, Put put) {
     return add(key, type, put, false);
   }
-  /// Adds a key for a remark, a text that the program ignores.
+  /// Adds a key for a text that the program ignores.
   JsonObject& remark(const char* key) {
     return may(key, jsonText(), [](Spec&, const std::string&) {});
   }
-  /// Adds a key for the version of the file's format.
   JsonObject& version(const char* key, int number, const char* description) {
     rows_.push_back({key,
                      {{"const", number}, {"description", description}},
@@ -216,14 +201,14 @@ class JsonObject {
                      }});
     return *this;
   }
-  /// Adds an object whose rows belong to the same Spec, optional (mayHold) or required (mustHold).
+  /// Adds a required (mustHold) or optional (mayHold) object with rows for the same Spec.
   JsonObject& mayHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, false);
   }
   JsonObject& mustHold(const char* key, const JsonObject& object, const char* description) {
     return hold(key, object, description, true);
   }
-  /// Rejects keys that are probably a mistake, with their own error message.
+  /// Rejects keys, such as likely mistakes, with their own error.
   JsonObject& refuse(std::vector<const char*> keys, const char* why, const char* remedy) {
     for (const char* key : keys) refusals_.push_back({key, why, remedy});
     return *this;
@@ -238,19 +223,19 @@ class JsonObject {
     relations_.push_back({key, other, false, why, remedy});
     return *this;
   }
-  /// Calls `set` before the rows are read, whenever this table is used.
+  /// Calls `set` before the rows are read.
   JsonObject& always(std::function<void(Spec&)> set) {
     set_.push_back(std::move(set));
     return *this;
   }
 
-  /// Adds several alternative sets of rows. The value of `key` selects the set.
+  /// Adds alternative sets of rows. The value of `key` selects the set.
   JsonObject& choose(const char* key, std::vector<std::pair<const char*, JsonObject>> objects) {
     key_ = key;
     for (auto& [word, object] : objects) choices_.push_back({word, std::move(object)});
     return *this;
   }
-  /// Adds several alternative sets of rows. The set is used whose first key is in the file.
+  /// Adds alternative sets of rows. The first key of a set selects this set.
   JsonObject& chooseByKey(std::vector<JsonObject> objects) {
     for (JsonObject& object : objects) {
       std::string first = object.rows_.front().key;
@@ -274,7 +259,7 @@ class JsonObject {
     addKeys(all);
     node.object(all, refused());
     std::vector<const JsonObject*> chosen{this};
-    std::string words;  // words of the choices, for error messages
+    std::string words;
     refuseKeys(node);
     while (const Choice* choice = chosen.back()->choiceOf(node)) {
       words += (words.empty() ? "" : ", ") + chosen.back()->named(*choice);
@@ -289,8 +274,7 @@ class JsonObject {
     }
     for (const JsonObject* object : chosen) object->readRows(node, spec);
   }
-  /// Returns a type that reads this object into a Spec. Members without a key keep their default
-  /// values.
+  /// Returns a type that reads a Spec. Members without a key in the file keep their defaults.
   [[nodiscard]] JsonType<Spec> type() const {
     return {schema(), [object = *this](const JsonNode& node) {
               Spec spec;
@@ -358,7 +342,6 @@ class JsonObject {
            std::any_of(rows_.begin(), rows_.end(), [&](const Row& row) { return row.key == key; });
   }
 
-  /// Adds every key that this object, or a choice of it, accepts.
   void addKeys(std::vector<std::string>& all) const {
     const auto add = [&](const std::string& key) {
       if (std::find(all.begin(), all.end(), key) == all.end()) all.push_back(key);
@@ -367,7 +350,6 @@ class JsonObject {
     if (!key_.empty()) add(key_);
     for (const Choice& choice : choices_) choice.object.addKeys(all);
   }
-  /// Returns every key that this object, or a choice of it, rejects with its own error message.
   [[nodiscard]] std::vector<std::string> refused() const {
     std::vector<std::string> keys;
     for (const Refusal& refusal : refusals_) keys.push_back(refusal.key);
@@ -378,7 +360,7 @@ class JsonObject {
     return keys;
   }
 
-  /// Returns the selected choice; null if the object has no choices.
+  /// Returns null if the object has no choices.
   [[nodiscard]] const Choice* choiceOf(const JsonNode& node) const {
     if (choices_.empty()) return nullptr;
     std::vector<std::string> words;
@@ -447,7 +429,7 @@ class JsonObject {
   std::vector<Refusal> refusals_;
   std::vector<Relation> relations_;
   std::vector<std::function<void(Spec&)>> set_;
-  /// Key whose value selects a choice; empty: the first key of a choice selects it.
+  /// Key that selects a choice by its value; empty: the first key of a choice selects it.
   std::string key_;
   std::vector<Choice> choices_;
 };

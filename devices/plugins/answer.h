@@ -1,5 +1,4 @@
-/// Private to devices: helpers for plug-ins in C++. They copy structs of different sizes, write
-/// messages and change frames.
+/// Private to devices: helpers for plug-ins in C++.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +13,7 @@
 
 namespace palpate_plugins {
 
-/// Returns a copy of the host's struct. Fields that the host's version lacks are zero.
+/// Returns a copy of the host's struct. Fields that its version lacks are zero.
 template <class T>
 T known(const T* theirs) {
   T ours{};
@@ -23,8 +22,7 @@ T known(const T* theirs) {
   return ours;
 }
 
-/// Fills in the fields for which the host's struct has room. Does not change the struct's size
-/// field.
+/// Fills in the fields for which the host's struct has room, except `size`.
 template <class T>
 void give(T* theirs, const T& ours) {
   const std::size_t size = std::min<std::size_t>(theirs->size, sizeof ours);
@@ -34,7 +32,7 @@ void give(T* theirs, const T& ours) {
               size - kHead);
 }
 
-/// Returns the i-th entry of an array whose entries have the size that the host's version knows.
+/// The entries have the size that the host's version knows.
 inline palpate_plugin_found* at(palpate_plugin_found* found, int i) {
   return reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) +
                                                  static_cast<std::size_t>(i) * found->size);
@@ -45,7 +43,6 @@ void copy(char (&to)[kRoom], const char* from) {
   std::snprintf(to, kRoom, "%s", from != nullptr ? from : "");
 }
 
-/// Writes the cause of a failure and a remedy into `error`, in one line.
 [[gnu::format(printf, 3, 4)]] inline void tell(char* error, std::size_t room, const char* format,
                                                ...) {
   std::va_list words;
@@ -54,8 +51,7 @@ void copy(char (&to)[kRoom], const char* from) {
   va_end(words);
 }
 
-/// Runs `work` and catches every exception. If `work` throws, writes the cause into `error` and
-/// returns `otherwise`.
+/// Runs `work`. If it throws, writes the cause into `error` and returns `otherwise`.
 template <class Result, class Work>
 Result safely(const char* plugin, char* error, std::size_t room, Result otherwise,
               Work work) noexcept {
@@ -87,8 +83,8 @@ struct Frame {
     }
   }
 
-  /// Converts the handle's orientation from D to a quaternion w, x, y, z in W. The handle's axes
-  /// are renamed in the same way as the arm's, so the identity in D becomes the identity in W.
+  /// Converts the handle's orientation to a quaternion w, x, y, z in W. The handle's axes are
+  /// renamed as the arm's, so the identity in D becomes the identity in W.
   void toW(const double (&turned_D)[3][3], double (&q)[4]) const {
     double r[3][3] = {};
     for (int i = 0; i < 3; ++i) {
@@ -100,7 +96,7 @@ struct Frame {
         }
       }
     }
-    // Computes the largest of the four components first, to avoid division by a small number.
+    // Starts with the largest component, to avoid division by a small number.
     const double trace = r[0][0] + r[1][1] + r[2][2];
     int first = 0;
     double most = trace;

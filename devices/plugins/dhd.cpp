@@ -1,11 +1,10 @@
 // Plug-in for arms of Force Dimension (omega, delta; a Falcon with their driver), through their
-// SDK, libdhd. Build it as in docs/plugins.md. It follows the SDK's published function names;
-// palpate's makers have not tried it on an arm.
+// SDK, libdhd. Build it as in docs/plugins.md. Not yet tried on an arm.
 //
-// Threads. The SDK's reference does not permit two threads to use one arm at the same time. So
-// after the arm is prepared, one thread makes all calls: in each turn it reads, then it sends.
-// `stop` sets a flag that this thread sees in its next turn, and waits until the thread has sent a
-// zero. If the SDK itself hangs, the arm's own watchdog takes the force off.
+// Threads: the SDK does not permit two threads to use one arm at the same time. So after the arm is
+// prepared, one thread makes all calls: in each turn it reads, then it sends. `stop` sets a flag
+// for this thread, and waits until the thread has sent a zero. If the SDK hangs, the arm's own
+// watchdog takes the force off.
 #include <atomic>
 #include <cstdlib>
 #include <dhdc.h>
@@ -37,8 +36,7 @@ constexpr Model kModels[] = {
     {DHD_DEVICE_FALCON, 8.0, 800.0, 20.0, 0.04, "HAPI; force, damping and radius as CHAI3D 3.3.0"},
 };
 
-// TO CHECK: the SDK's x points to the user, y to the right, z up, with the origin in the middle
-// [m].
+// TO CHECK: the SDK's x points to the user, y to the right, z up; origin in the middle [m].
 constexpr Frame kFrame = {{{0, 1, 0}, {-1, 0, 0}, {0, 0, 1}}};
 
 // Timeout of the arm's own watchdog, in its steps of 125 us: 30 ms.
@@ -54,7 +52,7 @@ struct Arm {
   bool gripper = false;
   bool watched = false;  // the arm's own watchdog is on
   bool weighs = false;   // the SDK can carry a share of the arm's weight
-  // Used by the haptic thread: share of the weight to carry from the next write on.
+  // Share of the weight to carry from the next write on; used by the haptic thread.
   double share = 0.0;
   Newest<palpate_plugin_reading> readings;
   Orders orders;
@@ -82,8 +80,7 @@ bool send(const Arm& arm, const double (&force_W)[3]) {
   return dhdSetForceAndTorqueAndGripperForce(f[0], f[1], f[2], 0, 0, 0, 0, arm.id) >= 0;
 }
 
-// The SDK carries the arm's weight for the gravity that is set. So a share of gravity carries the
-// same share of the weight.
+// A share of gravity makes the SDK carry the same share of the weight.
 constexpr double kGravity = 9.81;  // [m/s^2]
 bool carryNow(const Arm& arm, double share) {
   if (share <= 0.0) return dhdSetGravityCompensation(DHD_OFF, arm.id) >= 0;
@@ -101,7 +98,6 @@ bool stateNow(const Arm& arm, std::uint32_t& state) {
   return true;
 }
 
-// Reads the arm. Returns false if the arm does not answer.
 bool readNow(Arm& arm, palpate_plugin_reading& r) {
   double p[3];
   double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
@@ -176,8 +172,7 @@ int prepare(palpate_plugin_device* device, char* error, std::size_t room) {
          dhdErrorGetLastStr());
     return PALPATE_PLUGIN_FAILED;
   }
-  // An arm that is not calibrated calibrates itself while its user moves it, as its manual
-  // describes.
+  // The arm calibrates itself while its user moves it, as its manual describes.
   if ((state & PALPATE_PLUGIN_READY) == 0) {
     if (host.say != nullptr) host.say("dhd: calibrate the arm as described in its manual");
     constexpr int kWait = 100;  // [ms] between two checks
@@ -233,8 +228,7 @@ void carry(palpate_plugin_device* device, double share) {
   of(device).share = share;
 }
 
-// Bound on the weight at the tip. The makers do not publish the weight of the models above; none
-// exceeds this bound.
+// Bound on the weight at the tip for the models above; their makers do not publish it.
 constexpr double kMostWeight = 10.0;  // [N]
 constexpr palpate_plugin_weight kWeight = {sizeof(palpate_plugin_weight), 0, carry, kMostWeight};
 
@@ -247,7 +241,7 @@ int find(palpate_plugin_found* found, int room) {
   const int count = dhdGetDeviceCount();
   for (int i = 0; i < count && i < room; ++i) {
     palpate_plugin_found f{};
-    // Only an open arm gives its name. An arm that another program has open gives no name.
+    // Only an arm that no other program has open gives its name.
     const bool ours = open_arm != nullptr && open_arm->id == i;
     const int id = ours ? i : dhdOpenID(static_cast<char>(i));
     if (id >= 0) {

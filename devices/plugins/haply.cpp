@@ -36,7 +36,7 @@ constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Longest wait for the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Longest wait for the user [ns].
-/// Time after opening for the service's first answer, in which no message goes to the user [ns].
+/// In this time after opening, no message goes to the user [ns].
 constexpr std::int64_t kFirstAnswer = 1'000'000'000;
 constexpr std::int64_t kStopTime = 15'000'000;  ///< Longest wait for the service thread [ns].
 constexpr std::int64_t kStopPoll = 100'000;     ///< Time between two checks in stop() [ns].
@@ -50,7 +50,7 @@ struct Host {
 Host host;
 Address address;
 std::unique_ptr<Service> service;
-int users = 0;  ///< Number of objects that use `service`.
+int users = 0;
 
 std::int64_t machineNow() {
   timespec now{};
@@ -72,7 +72,6 @@ void tell(char* error, std::size_t room, const std::string& words) {
   std::snprintf(error, room, "%s", words.c_str());
 }
 
-/// Keeps the connection to the service open during this object's life.
 class Using {
  public:
   Using() {
@@ -85,7 +84,7 @@ class Using {
   Using& operator=(const Using&) = delete;
 };
 
-/// Waits for an answer of the service and returns its inventory. Empty `why` means success.
+/// Waits for an answer of the service. Empty `why` means success.
 Inventory ask(std::string& why) {
   const std::int64_t since = machineNow();
   Inventory inventory = service->inventory();
@@ -122,7 +121,6 @@ std::string modelOf(const Named& arm) {
   return arm.config.left ? "Haply Inverse3 (left)" : "Haply Inverse3";
 }
 
-/// Returns why this arm cannot be used; empty if it can.
 std::string refusal(const Named& arm) {
   const std::string name = "the arm " + std::string(arm.id.view());
   if (arm.config.miniature) {
@@ -139,7 +137,6 @@ std::string refusal(const Named& arm) {
   return {};
 }
 
-/// An open arm.
 struct Device {
   Line line;
   palpate_plugin_device face{};
@@ -156,7 +153,7 @@ Device& of(palpate_plugin_device* device) {
   return *static_cast<Device*>(device->data);
 }
 
-/// Fills in the fields for which the caller's struct has room. Does not change its size field.
+/// Fills in the fields for which the caller's struct has room, except `size`.
 template <class T>
 void give(const T& from, T* to) {
   const std::uint32_t size = to->size;
@@ -215,7 +212,7 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
       tell(error, room, name + wanted);
       return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
     }
-    // The service's first answer takes a moment, so a silent arm is not reported before that.
+    // The service's first answer takes a moment, so a silent arm is not reported before.
     const bool early = device.line.away && machineNow() - since < kFirstAnswer;
     if (!early && wanted != said) {
       if (host.say != nullptr) host.say((name + wanted).c_str());
@@ -238,8 +235,7 @@ int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   const Reading& reading = device.line.readings.current();
   palpate_plugin_reading all{};
   all.taken = reading.taken;
-  // If the workspace was moved, turned or scaled, its positions and forces are not those of the
-  // hand.
+  // A moved, turned or scaled workspace does not give the hand's positions.
   const bool ready = device.line.ready == 1 && device.line.calibrated != 0 &&
                      device.line.powered != 0 && !reading.arm.transformed;
   if (ready) all.state |= PALPATE_PLUGIN_READY;
@@ -281,8 +277,7 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* face) {
   Line& line = of(face).line;
   const std::uint64_t stops = line.stops.fetch_add(1) + 1;
-  // The process may end when this function returns. Waits until the zero force has been sent,
-  // unless it cannot be sent.
+  // The process may end next, so this waits until the zero force has been sent.
   const std::int64_t since = machineNow();
   while (!line.away && line.obeyed.load() < stops && machineNow() - since < kStopTime) {
     const timespec time{0, kStopPoll};

@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Returns the depth to which brackets outside of strings are nested. The text need not be JSON.
+/// Returns the depth of brackets outside of strings. The text need not be JSON.
 int nesting(std::string_view bytes) {
   int depth = 0;
   int deepest = 0;
@@ -36,7 +36,7 @@ int nesting(std::string_view bytes) {
   return deepest;
 }
 
-/// Returns the member with this name; null if it is missing, or if `of` is not an object.
+/// Returns null if the member is missing, or if `of` is not an object.
 const Json* member(const Json* of, const char* name) {
   if (of == nullptr || !of->is_object()) return nullptr;
   const auto found = of->find(name);
@@ -68,8 +68,7 @@ std::optional<std::array<double, 4>> quaternion(const Json* of) {
   const auto v = triple(of, kAxes, 2.0);
   if (!w || !v) return std::nullopt;
   const double length = std::hypot(std::hypot(*w, (*v)[0]), std::hypot((*v)[1], (*v)[2]));
-  // The service rounds components to 14 bits, so a valid length is 1 to within a thousandth. A
-  // sleeping handle sends zeros.
+  // The service rounds components to 14 bits. A sleeping handle sends zeros.
   if (!(std::abs(length - 1.0) < 0.1)) return std::nullopt;
   return std::array<double, 4>{*w / length, (*v)[0] / length, (*v)[1] / length, (*v)[2] / length};
 }
@@ -84,13 +83,12 @@ std::string_view text(const Json* of) {
   return of->get_ref<const std::string&>();
 }
 
-/// Returns true if a part of a transform is present and differs from `from`.
 bool differs(const Json* part, const char* name, double from) {
   const Json* value = member(part, name);
   return value != nullptr && !(value->is_number() && value->get<double>() == from);
 }
 
-/// Returns true if a transform is not the identity. Parts that equal the identity may be missing.
+/// Returns true if a transform is not the identity. Missing parts count as the identity.
 bool transforms(const Json* transform) {
   if (transform == nullptr) return false;
   const Json* turned = member(transform, "rotation");
@@ -117,7 +115,6 @@ ArmConfig readConfig(const Json* config) {
   return out;
 }
 
-/// Reads an arm. Returns false if the arm has no valid id.
 bool readArm(std::string_view id, const Json& of, ArmState& out) {
   out = {};
   if (!out.id.assign(id)) return false;
@@ -150,8 +147,7 @@ bool readGrip(std::string_view id, const Json& of, GripState& out) {
     out.turned = true;
     out.orientation_D = *orientation;
   }
-  // A handle with a cable has one button. A handle without a cable has buttons a, b, c, or numbered
-  // buttons.
+  // A handle with a cable has one button; one without has a, b, c, or numbered buttons.
   if (const std::int8_t pressed = truth(member(state, "button")); pressed >= 0) {
     out.button_count = 1;
     out.buttons = pressed == 1 ? 1U : 0U;
@@ -169,8 +165,7 @@ bool readGrip(std::string_view id, const Json& of, GripState& out) {
   return true;
 }
 
-/// Reads the devices of a list. Skips devices without a valid id, and devices for which `to` has no
-/// room.
+/// Skips devices without a valid id, and devices for which `out` has no room.
 template <class Device, std::size_t N, class Read>
 void readList(const Json* list, std::array<Device, N>& out, std::size_t& count, Read read) {
   if (list == nullptr) return;
@@ -183,7 +178,6 @@ void readList(const Json* list, std::array<Device, N>& out, std::size_t& count, 
   }
 }
 
-/// Appends texts to a message, and records whether a text did not fit.
 class Writer {
  public:
   explicit Writer(std::span<char> out) : out_(out) {}

@@ -1,5 +1,4 @@
-/// Private to devices: reads and writes the messages of Haply's Inverse Service, from bytes to
-/// numbers and back, without network or threads.
+/// Private to devices: reads and writes the messages of Haply's Inverse Service.
 ///
 /// The service's JSON has three generations. The message itself shows its generation. Sources:
 ///   3.5  docs.haply.co/inverseSDK: "WebSocket Protocol", "Control Commands", "Basis Permutation",
@@ -7,11 +6,11 @@
 ///        `config` has `preset`, `basis` and `mount`; a force is `set_cursor_force.vector`.
 ///   3.1  Haply's Python tutorials of that version, Isaac Lab's se3_haply.py, SofaHaplyRobotics:
 ///        the same lists without these fields; a force is `set_cursor_force.values`.
-///   3.0  docs.haply.co/inverseSDK/3.0.x/service: `inverse3` is an object by device id. We found no
-///        publication of its force message, so this generation is recognised, but gets no force.
+///   3.0  docs.haply.co/inverseSDK/3.0.x/service: `inverse3` is an object by device id. We found
+///        no publication of its force message, so this generation gets no force.
 ///
-/// Every vector is in the service's own axes (p_D): x right, y forward, z up, right-handed ("Basis
-/// Permutation"). The hand's world has the same axes; only its origin differs.
+/// Vectors are in the service's own axes (p_D): x right, y forward, z up, right-handed ("Basis
+/// Permutation"). The hand's world has the same axes but another origin.
 #pragma once
 
 #include <array>
@@ -34,12 +33,11 @@ inline constexpr double kFarthest = 2.0;   ///< [m] along an axis; larger values
 inline constexpr double kFastest = 100.0;  ///< [m/s] along an axis; larger values are invalid.
 inline constexpr double kWidest = 3600.0;  ///< Largest magnitude of a joint's angle [deg].
 
-/// A device's id as the service spells it. Safe to send back: it has only letters, digits and
-/// `_.:-`.
+/// A device's id. Safe to send back: it has only letters, digits and `_.:-`.
 struct DeviceId {
   std::array<char, 48> text{};  ///< Zero-terminated.
   [[nodiscard]] std::string_view view() const noexcept { return text.data(); }
-  /// Sets the id. If the text is not a valid id, leaves the id empty and returns false.
+  /// If the text is not a valid id, leaves the id empty and returns false.
   bool assign(std::string_view from) noexcept;
 };
 
@@ -56,15 +54,14 @@ enum class Origin : std::uint8_t {
 struct ArmConfig {
   Origin origin = Origin::kBase;
   bool plain_axes = true;  ///< The basis is XYZ, so the axes are not permuted.
-  /// The arm is a Minverse, a different model whose limits are not known here.
+  /// The arm is a Minverse, which has other, unknown limits.
   bool miniature = false;
   bool left = false;  ///< The arm is built for the left hand.
 };
 
-/// An arm in a message.
 struct ArmState {
   DeviceId id;
-  bool placed = false;       ///< `position_D` is valid.
+  bool placed = false;
   Triple position_D{};       ///< [m]
   Triple velocity_D{};       ///< [m/s]; zeros if the message gives no velocity.
   Triple joints{};           ///< [rad]; zeros if the message gives no joints.
@@ -73,20 +70,18 @@ struct ArmState {
   std::int8_t powered = -1;
   std::int8_t ready = -1;
   std::int8_t calibrated = -1;
-  bool configured = false;  ///< The message has `config`.
+  bool configured = false;
   ArmConfig config;
 };
 
-/// A handle in a message.
 struct GripState {
   DeviceId id;
-  bool turned = false;                    ///< `orientation_D` is valid.
+  bool turned = false;
   std::array<double, 4> orientation_D{};  ///< Unit quaternion w, x, y, z.
   std::uint32_t buttons = 0;
   int button_count = 0;  ///< 1 for a handle with a cable; 3 or 4 for a handle without a cable.
 };
 
-/// A message of the service.
 struct Message {
   Generation generation = Generation::kUnknown;
   std::size_t arm_count = 0;
@@ -97,10 +92,10 @@ struct Message {
 
 /// Result of readMessage(). `out` has content only for kState.
 enum class Verdict : std::uint8_t {
-  kState,    ///< The message has lists of devices, which may be empty.
-  kOther,    ///< The message is JSON without lists of devices.
-  kTooLong,  ///< The message has more than kMessageLimit bytes.
-  kTooDeep,  ///< The message is nested deeper than kDepthLimit.
+  kState,  ///< The message has lists of devices, which may be empty.
+  kOther,  ///< The message is JSON without lists of devices.
+  kTooLong,
+  kTooDeep,
   kNotJson,
 };
 
@@ -108,23 +103,21 @@ enum class Verdict : std::uint8_t {
 /// above, and every id is safe to send. Allocates.
 Verdict readMessage(std::string_view bytes, Message& out);
 
-/// A force for an arm.
 struct ForceTo {
   std::string_view id;
   Triple force_D{};  ///< [N], finite.
 };
 
-/// Size of a buffer that holds the longest message to the service [bytes].
+/// Room for the longest message to the service [bytes].
 inline constexpr std::size_t kRoom = 1024;
 
 /// Writes the forces as a message of generation k31 or k35. `introduce` adds this program's name
-/// for the Haply Hub (k35 only). Returns the message's length; 0 if the message does not fit, or if
-/// the generation has no force message. No allocation.
+/// (k35 only). Returns the message's length; 0 if it does not fit, or if the generation has no
+/// force message. No allocation.
 std::size_t writeForces(Generation generation, std::span<const ForceTo> forces, bool introduce,
                         std::span<char> out) noexcept;
 
-/// Message that requests the full state, with `config`. Also keeps a connection without an arm
-/// alive.
+/// Requests the full state, with `config`. Also keeps a connection without an arm alive.
 inline constexpr std::string_view kAskForAll = R"({"session":{"force_render_full_state":{}}})";
 
 }  // namespace palpate::haply

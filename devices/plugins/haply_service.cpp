@@ -84,8 +84,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
   if (out.host == "[::1]") {
     out.host = "::1";
   } else if (out.host == "localhost" || out.host == "127.0.0.1") {
-    // Uses the number instead of "localhost", because the system may resolve this name to another
-    // machine.
+    // The system may resolve the name "localhost" to another machine.
     out.host = "127.0.0.1";
   } else if (!anywhere) {
     why = "\"" + url + "\" is not this machine, and palpate sends no forces over a network" +
@@ -179,8 +178,7 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
   if (!last) return;
   // A message that cannot be read also counts as an answer, so the next message may be sent.
   answered_ = true;
-  // The first message of a connection may come without a request, so answers must not exceed
-  // requests.
+  // The first message of a connection may come without a request.
   got_ = std::min(got_ + 1, asked_);
   answered_at_ = machineNow();
   if (!too_long_) message(partial_);
@@ -191,11 +189,9 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
 void Service::message(std::string_view bytes) {
   const std::int64_t now = now_();
   if (readMessage(bytes, in_) != Verdict::kState) return;
-  // The documents do not say whether later messages of 3.5 also have session_id. So the highest
-  // generation seen on a connection is kept.
+  // Later messages may lack session_id, so the highest generation of a connection is kept.
   generation_ = std::max(generation_, in_.generation);
-  // The messages do not say which handle is on which arm. So the first awake handle is taken to be
-  // on the first arm.
+  // No message says which handle is on which arm: takes the first awake handle for the first arm.
   std::array<const GripState*, kMaxGrips> awake{};
   std::size_t awake_count = 0;
   for (std::size_t i = 0; i < in_.grip_count; ++i) {
@@ -222,7 +218,7 @@ void Service::message(std::string_view bytes) {
   const std::lock_guard lock(mutex_);
   inventory_.answered = true;
   inventory_.generation = generation_;
-  // Removes arms that are gone. Keeps the properties that the service sends only once.
+  // Keeps the properties that the service sends only once.
   std::vector<Named> named;
   for (std::size_t i = 0; i < in_.arm_count; ++i) {
     const ArmState& arm = in_.arms[i];
@@ -250,10 +246,9 @@ void Service::attend(std::int64_t machine) {
   }
   const bool known = generation_ == Generation::k31 || generation_ == Generation::k35;
   const std::int64_t pause = !served || !known ? kAskForArms : answered_ ? kPeriod : kAskAgain;
-  // The service would handle all waiting messages before a new zero force. So the number of waiting
-  // messages is limited.
+  // The service handles all waiting messages before a new zero force, so their number is limited.
   const bool full = asked_ - got_ >= kMostUnanswered;
-  // The answers are lost.
+  // After kSilence, the missing answers count as lost.
   if (full && machine - std::max(sent_, answered_at_) >= kSilence) got_ = asked_;
   if (!full && machine - sent_ >= pause) lws_callback_on_writable(wsi_);
 }
@@ -264,7 +259,7 @@ int Service::writable(lws* to) {
   const std::span<char> text(room.data() + LWS_PRE, kRoom);
   std::array<ForceTo, kMaxArms> forces{};
   std::array<Line*, kMaxArms> served{};
-  // Read before the arm's force: if true, that force is zero.
+  // Read before the arm's force, so the force is zero if this is true.
   std::array<bool, kMaxArms> leaving{};
   std::array<std::uint64_t, kMaxArms> stops{};
   std::size_t count = 0;
@@ -291,7 +286,7 @@ int Service::writable(lws* to) {
   sent_ = machineNow();
   introduced_ = introduced_ || driving;
   for (std::size_t i = 0; i < count; ++i) {
-    // A force that is sent after `stops` was read was written after a zero force, or is zero.
+    // The force was chosen after `stops` was read, so it obeys all these stops.
     served[i]->obeyed = stops[i];
     if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
@@ -305,8 +300,7 @@ void Service::letGo(std::int64_t machine) {
   for (auto& one : lines_) {
     Line* line = one.load();
     if (line == nullptr || !line->leaves) continue;
-    // Waits for the answer to the zero force. A socket that is closed with an unread answer may
-    // lose the zero force.
+    // Waits for the answer to the zero force: a socket closed with an unread answer may lose it.
     if (line->leaves_at == 0) line->leaves_at = machine;
     const bool told =
         (line->told_zero && got_ >= line->told_in) || machine - line->leaves_at > kLeaving;

@@ -1,13 +1,12 @@
-/// Private to devices: the connection to Haply's Inverse Service. A process has one connection for
-/// all its arms, on a thread of its own.
+/// Private to devices: the connection to Haply's Inverse Service, on a thread of its own, for all
+/// arms of the process.
 ///
-/// The service sends one state for each message that it receives. So the thread keeps sending the
-/// newest forces: each as soon as the previous message is answered, and at most one per kPeriod.
-/// The haptic thread reads and writes through mailboxes.
+/// The service sends one state per message that it receives. So the thread keeps sending the newest
+/// forces: each after the previous message is answered, and at most one per kPeriod.
 ///
-/// A force is sent while three conditions hold: it was written less than kForceHolds ago; the last
-/// valid position of the arm arrived less than kSilence ago; and a zero force was written since the
-/// last stop() or silence. Otherwise the thread sends zero at once.
+/// A force is sent while three conditions hold: it is younger than kForceHolds; the arm's last
+/// valid position came less than kSilence ago; a zero force was written since the last stop() or
+/// silence. Otherwise the thread sends zero at once.
 #pragma once
 
 #include <array>
@@ -26,13 +25,12 @@ struct lws_context;
 
 namespace palpate::haply {
 
-/// kForceHolds and kSilence are times of the host's clock, which may be a test's clock.
-/// Largest age of a force that is sent [ns]; so a force ends before 50 ms.
+/// Largest age of a force that is sent, by the host's clock [ns]. A test may replace that clock.
 inline constexpr std::int64_t kForceHolds = 40'000'000;
-/// Time without a valid position until the force is zero [ns].
+/// Time without a valid position until the force is zero, by the host's clock [ns].
 inline constexpr std::int64_t kSilence = 30'000'000;
-/// The next four are times of the machine's clock.
-/// Shortest time between two messages, if the first was answered [ns].
+/// Time between two messages after an answer [ns]. This and the next three times are by the
+/// machine's clock.
 inline constexpr std::int64_t kPeriod = 500'000;
 /// Time between two messages, if the first was not answered [ns].
 inline constexpr std::int64_t kAskAgain = 5'000'000;
@@ -48,7 +46,6 @@ struct Reading {
   GripState grip;
 };
 
-/// A force that the haptic thread has written.
 struct Order {
   Triple force_D{};
   std::int64_t when = 0;           ///< Time of the write, by the host's clock [ns].
@@ -60,7 +57,7 @@ struct Line {
   Mailbox<Reading> readings;  ///< Service thread to haptic thread.
   Mailbox<Order> orders;      ///< Haptic thread to service thread.
   DeviceId id;
-  /// Number of events that have ended the force until zero is written.
+  /// Number of stops. After a stop the force is off until zero is written.
   std::atomic<std::uint64_t> stops{1};
   /// Value of `stops` that the last sent message took into account.
   std::atomic<std::uint64_t> obeyed{0};
@@ -80,24 +77,21 @@ struct Line {
   std::int64_t heard = 0;      ///< Time of the last valid position, by the host's clock [ns].
 };
 
-/// An arm in the service's list.
 struct Named {
   DeviceId id;
   ArmConfig config;
 };
 
-/// The known state of the service.
 struct Inventory {
   bool connected = false;
   bool answered = false;  ///< At least one list of devices has arrived.
-  int refusals = 0;       ///< Number of failed attempts to connect.
+  int refusals = 0;
   Generation generation = Generation::kUnknown;
   std::vector<Named> arms;
   int button_count = 0;  ///< Largest button count of its handles.
   bool grips = false;    ///< At least one handle reports its orientation.
 };
 
-/// Address of the service.
 struct Address {
   std::string host = "127.0.0.1";
   int port = 10001;
@@ -105,12 +99,11 @@ struct Address {
   std::string words = "ws://localhost:10001";  ///< The address shown to the user.
 };
 
-/// Parses `url`, ws://HOST[:PORT][/PATH]. HOST must be this machine (localhost, 127.0.0.1, [::1])
-/// unless `anywhere` is set. On failure returns false and sets `why` to the cause and the remedy.
+/// Parses ws://HOST[:PORT][/PATH]. HOST must be this machine (localhost, 127.0.0.1, [::1]) unless
+/// `anywhere` is set. On failure returns false and sets `why` to the cause and the remedy.
 bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& why);
 
-/// Private to devices: the connection. Make it, call its functions and destroy it on the main
-/// thread.
+/// The connection. Make it, use it and destroy it on the main thread.
 class Service {
  public:
   /// @param now  The host's clock; called on any thread.
@@ -120,11 +113,9 @@ class Service {
   Service& operator=(const Service&) = delete;
 
   [[nodiscard]] Inventory inventory();
-  /// Adds an arm. Returns false if kMaxArms arms are served already. `line` must live until
-  /// release() has returned.
+  /// Returns false if kMaxArms arms are served already. `line` must live until release() returns.
   bool serve(Line& line);
-  /// Removes an arm. If there is a connection, first sends zero force and waits at most 1 s for the
-  /// answer.
+  /// Removes an arm. First sends zero force, if connected, and waits at most 1 s for the answer.
   void release(Line& line);
 
   /// Callbacks of libwebsockets, on the service thread.
@@ -153,9 +144,9 @@ class Service {
   lws* wsi_ = nullptr;
   bool up_ = false;
   bool introduced_ = false;
-  bool answered_ = false;         ///< The last message was answered.
-  long asked_ = 0;                ///< Number of messages sent on this connection.
-  long got_ = 0;                  ///< Number of answers received on this connection.
+  bool answered_ = false;  ///< The last message was answered.
+  long asked_ = 0;
+  long got_ = 0;
   std::int64_t answered_at_ = 0;  ///< Time of the last answer [ns].
   Generation generation_ = Generation::kUnknown;
   std::int64_t tried_ = 0;

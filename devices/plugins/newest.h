@@ -1,6 +1,5 @@
-/// Private to devices: lock-free exchange between an SDK's thread and palpate's haptic thread. The
-/// newest reading goes to palpate, the newest force to the SDK. For plug-ins in C++; needs only the
-/// standard library.
+/// Private to devices: lock-free exchange between an SDK's thread and palpate's haptic thread, for
+/// plug-ins in C++. Needs only the standard library.
 #pragma once
 
 #include <atomic>
@@ -14,8 +13,7 @@
 
 namespace palpate_plugins {
 
-/// The newest value from one writer to one reader; neither ever waits. `Atomic` is a parameter for
-/// tests, which let the other side run between two steps.
+/// Passes the newest value from one writer to one reader; neither waits. Tests replace `Atomic`.
 template <class T, template <class> class Atomic = std::atomic>
 class Newest {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -31,15 +29,14 @@ class Newest {
   }
 
   /// Reads the newest value. Returns false, and leaves `value` unchanged, if no value has come
-  /// since the last take(), or if the writer is writing one.
+  /// since the last take(), or if a write is in progress.
   [[nodiscard]] bool take(T& value) noexcept {
     std::uint64_t words[kWords];
     for (int tries = 0; tries < 1000; ++tries) {
       const std::uint64_t turn = turn_.load(std::memory_order_acquire);
       if (turn == taken_) return false;
       if (turn % 2 == 1) continue;
-      // A reader that sees a word of a later turn also sees the later turn number in the check
-      // below.
+      // A reader that sees a word of a later turn also sees that turn's number in the check below.
       for (int i = 0; i < kWords; ++i) words[i] = words_[i].load(std::memory_order_acquire);
       if (turn_.load(std::memory_order_relaxed) != turn) continue;
       std::memcpy(&value, words, sizeof value);
@@ -56,23 +53,20 @@ class Newest {
   std::uint64_t taken_ = 0;  // owned by the reader
 };
 
-/// A force for the motors.
 struct Order {
   double force[3] = {};      ///< In W [N].
-  double share = 0.0;        ///< Share of the arm's weight that the motors carry besides `force`.
+  double share = 0.0;        ///< Share of the arm's weight that the motors also carry.
   std::int64_t written = 0;  ///< [ns]
   std::uint32_t stops = 0;   ///< Number of stops when this order was written.
 };
 
-/// Passes palpate's forces to an SDK's thread.
 class Orders {
  public:
-  /// Longest time for which one order is sent [ns]. Without this limit, an SDK's thread that keeps
-  /// sending would feed the arm's own watchdog although palpate hangs.
+  /// Longest time for which one order is sent [ns]. Without this limit, an SDK's thread would feed
+  /// the arm's own watchdog although palpate hangs.
   static constexpr std::int64_t kHolds = 50'000'000;
 
-  /// Passes on a force; called on the haptic thread. Returns the result for
-  /// palpate_plugin_device::write.
+  /// Called on the haptic thread. Returns the result for palpate_plugin_device::write.
   int write(const palpate_plugin_force& force, double share, std::int64_t now) noexcept {
     Order order;
     bool zero = true;
@@ -89,14 +83,13 @@ class Orders {
     order.share = share;
     order.written = now;
     newest_.put(order);
-    // Opens the latch after the zero is stored, so a thread that finds the latch open cannot find
-    // an older force.
+    // Opens the latch after the zero is stored, so that no older force follows.
     if (zero) stopped_.store(false, std::memory_order_release);
     return PALPATE_PLUGIN_OK;
   }
 
-  /// Stops the force; callable from any thread and from signal handlers. Waits until a zero has
-  /// been sent, because the process may end next, but at most about 10 ms.
+  /// Stops the force. Waits until a zero has been sent, because the process may end next, but at
+  /// most about 10 ms. Callable from any thread and from signal handlers.
   void stop(int tries = 100) noexcept {
     stopped_.store(true, std::memory_order_release);
     const std::uint32_t stops = stops_.fetch_add(1, std::memory_order_acq_rel) + 1;
@@ -116,12 +109,10 @@ class Orders {
     zeros_.store(order.stops, std::memory_order_release);
   }
 
-  /// Returns the order to send; called on the SDK's thread. The order is zero after a stop, and if
-  /// the last order is older than kHolds.
+  /// Called on the SDK's thread. Returns zero after a stop, and if the last order is too old.
   [[nodiscard]] Order now(std::int64_t now) noexcept {
     const std::uint32_t stops = stops_.load(std::memory_order_acquire);
-    // Reads the latch before the force. So a thread that sees a stop ended by a zero also sees that
-    // zero or a later order.
+    // Reads the latch before the force: if a zero has ended a stop, no older order is taken.
     const bool stopped = stopped_.load(std::memory_order_acquire);
     (void)newest_.take(last_);
     Order order = stopped || now - last_.written > kHolds ? Order{} : last_;

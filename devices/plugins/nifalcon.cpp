@@ -1,9 +1,9 @@
-// Plug-in for the Novint Falcon through libnifalcon (BSD). Build it as in docs/plugins.md. It
-// follows the library's published names; palpate's makers have not tried it on an arm.
+// Plug-in for the Novint Falcon through libnifalcon (BSD). Build it as in docs/plugins.md. Not yet
+// tried on an arm.
 //
-// Threads. The library has no locks, so after the arm is prepared one thread makes all calls.
-// `stop` sets a flag that this thread sees in its next turn, and waits until a zero has been sent,
-// usually one millisecond. We do not know of a watchdog in the Falcon that takes its force off.
+// Threads: the library has no locks, so after the arm is prepared one thread makes all calls.
+// `stop` sets a flag for this thread, and waits until a zero has been sent, usually 1 ms. We do not
+// know of a watchdog in the Falcon.
 #include <atomic>
 #include <cstdlib>
 #include <ctime>
@@ -25,8 +25,7 @@ namespace {
 using namespace palpate_plugins;
 using namespace libnifalcon;  // by version, the firmware is inside or outside this namespace
 
-// TO CHANGE: the limits and their source. Two sources differ in stiffness by a factor of four
-// (CHAI3D 3.3.0 has 3,000 N/m); this is the smaller value.
+// TO CHANGE: the limits and their source. CHAI3D 3.3.0 gives 3,000 N/m; this is the smaller value.
 constexpr double kForce = 8.0;
 constexpr double kStiffness = 800.0;
 constexpr double kDamping = 20.0;
@@ -34,12 +33,10 @@ constexpr double kRadius = 0.04;
 constexpr const char* kSource =
     "HAPI; force, damping and radius as CHAI3D 3.3.0, CFalconDevice.cpp";
 
-// TO CHECK: the library's x points to the right, y up, z to the user [m]. Its kinematics gives the
-// middle of the workspace.
+// TO CHECK: the library's x points to the right, y up, z to the user [m].
 constexpr Frame kFrame = {{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}}};
 
-// Time without an answer after which the arm counts as lost [ns]. The library itself does not
-// distinguish a late answer from a lost arm.
+// Time without an answer after which the arm counts as lost [ns].
 constexpr std::int64_t kLost = 100'000'000;
 
 palpate_plugin_host host;
@@ -87,7 +84,6 @@ void setForce(FalconDevice& falcon, const double (&force_W)[3]) {
   if (f[0] == 0.0 && f[1] == 0.0 && f[2] == 0.0) falcon.getFalconFirmware()->setForces(Motors{});
 }
 
-// Exchanges one message with the arm. Returns false if the arm sent no new data.
 bool exchange(FalconDevice& falcon) {
   const auto before = falcon.getFalconFirmware()->getLoopCount();
   falcon.runIOLoop();
@@ -122,8 +118,7 @@ void turnsOf(Arm& arm) {
     r.buttons = arm.falcon.getFalconGrip()->getDigitalInputs() & 0xfU;
     arm.readings.put(r);
   }
-  // The library sends a force one exchange late, but sends the zero of setForce() in the first
-  // exchange. This loop does two exchanges for safety.
+  // The zero of setForce() is sent in the first exchange. Two exchanges are for safety.
   constexpr int kTries = 20;
   int sent = 0;
   for (int i = 0; i < kTries && sent < 2; ++i) {
@@ -164,8 +159,7 @@ int facts(palpate_plugin_device*, palpate_plugin_facts* theirs) {
 int home(Arm& arm, char* error, std::size_t room) {
   FalconDevice& falcon = arm.falcon;
   auto firmware = falcon.getFalconFirmware();
-  // An arm that was without power has lost its firmware. The arm does not always accept the
-  // firmware, so the firmware is sent several times.
+  // An arm that was without power has lost its firmware, and may not accept it at once.
   bool loaded = falcon.isFirmwareLoaded();
   constexpr int kTries = 10;
   for (int i = 0; i < kTries && !loaded; ++i) {

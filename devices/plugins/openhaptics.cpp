@@ -1,12 +1,9 @@
 // Plug-in for the Touch and the Phantoms (3D Systems, SensAble) through OpenHaptics' HD API, libHD.
-// Build it as in docs/plugins.md. It follows the API's published function names; palpate's makers
-// have not tried it on an arm.
+// Build it as in docs/plugins.md. Not yet tried on an arm.
 //
-// Threads. By the API's reference an arm is read and driven within a frame, on the scheduler's
-// thread. So the servo loop is a callback of that scheduler. palpate exchanges values with the
-// callback through two slots, each of which holds the newest value. `stop` sets a flag that the
-// callback sees in its next frame, and waits until a zero has been sent, usually one millisecond.
-// `stop` calls no function of the API.
+// Threads: the API reads and drives an arm within a frame, on its scheduler's thread. So the servo
+// loop is a callback of the scheduler. `stop` sets a flag for the callback, and waits until a zero
+// has been sent, usually 1 ms. `stop` calls no function of the API.
 #include <HD/hd.h>
 #include <atomic>
 #include <ctime>
@@ -19,10 +16,9 @@ namespace {
 
 using namespace palpate_plugins;
 
-// TO CHANGE: limits of your model, under the name that the API gives it, and their source. A model
-// that is not listed gets the API's nominal limits.
+// TO CHANGE: limits by the API's model name, and their source. Default: the API's nominal limits.
 struct Model {
-  const char* name;  // as the API's HD_DEVICE_MODEL_TYPE
+  const char* name;  // HD_DEVICE_MODEL_TYPE
   double force, stiffness, damping, radius;
   const char* source;
 };
@@ -54,7 +50,7 @@ struct Arm {
   std::atomic<bool> gone{false};
   std::atomic<bool> refused{false};  // a force was refused since the last write
   std::atomic<HDenum> calibration{HD_CALIBRATION_NEEDS_MANUAL_INPUT};
-  std::atomic<HDenum> calibrate{0};  // way of calibration for the next frame; 0: none requested
+  std::atomic<HDenum> calibrate{0};  // requested calibration; 0: no request
 };
 
 Arm* open_arm = nullptr;  // [main]; the API has one scheduler for all arms
@@ -63,8 +59,7 @@ Arm& of(palpate_plugin_device* device) {
   return *static_cast<Arm*>(device->data);
 }
 
-// Errors on the API's error stack. Reading them empties the stack, so that the next call starts
-// without errors.
+// Errors on the API's stack. Reading them empties the stack.
 struct Errors {
   HDerror newest = HD_SUCCESS;
   bool lost = false;
@@ -152,7 +147,7 @@ HDCallbackCode HDCALLBACK onServo(void* data) {
   return HD_CALLBACK_CONTINUE;
 }
 
-// Reads the facts of the current arm. Called before the scheduler runs.
+// Called before the scheduler runs.
 void describe(Arm& arm) {
   copy(arm.serial, hdGetString(HD_DEVICE_SERIAL_NUMBER));
   copy(arm.model, hdGetString(HD_DEVICE_MODEL_TYPE));
@@ -190,8 +185,7 @@ void describe(Arm& arm) {
     f.workspace_radius = m.radius;
     copy(f.source, m.source);
   }
-  // `continuous` stays zero. The API gives a continuous force, but not the motors' time constant.
-  // HD_WARM_MOTORS reports when the motors are hot instead.
+  // `continuous` stays zero: the API has no time constant, but reports HD_WARM_MOTORS.
 }
 
 int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
@@ -292,8 +286,7 @@ const void* extensionOf(palpate_plugin_device*, const char*) {
   return nullptr;
 }
 
-// Opens and describes the arm that the maker's set-up program lists under this name. On failure
-// returns false and sets `why` to the cause.
+// Opens an arm by its name in the maker's set-up program. On failure returns false and sets `why`.
 bool begin(Arm& arm, const char* name, HDerror& why) {
   errorsNow();
   arm.handle = hdInitDevice(name);
@@ -304,8 +297,7 @@ bool begin(Arm& arm, const char* name, HDerror& why) {
   return true;
 }
 
-// The API cannot list arms, so this function opens only the default arm. open() opens other arms by
-// their name.
+// The API cannot list arms, so this function opens only the default arm.
 int find(palpate_plugin_found* found, int room) {
   palpate_plugin_found f{};
   if (open_arm != nullptr) {

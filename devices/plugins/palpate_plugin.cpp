@@ -1,5 +1,5 @@
-/// palpate-plugin: the process in which a plug-in runs. palpate starts this process. A user starts
-/// it only to see what a plug-in reports: `palpate-plugin list FILE`.
+/// palpate-plugin: the process in which a plug-in runs. palpate starts it. A user may run
+/// `palpate-plugin list FILE` to see what a plug-in reports.
 #include <cstdio>
 #include <fcntl.h>
 #include <string>
@@ -8,7 +8,7 @@
 
 int main(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
-  // Serves an arm only if palpate has started this process, with its descriptors open.
+  // Serves an arm only if palpate has started this process.
   if (what == "serve" && argc == 4 && fcntl(palpate::kPluginZero, F_GETFD) >= 0) {
     return palpate::servePlugin(argv[2], argv[3]);
   }

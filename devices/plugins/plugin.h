@@ -1,29 +1,27 @@
 /** The plug-in's side of the contract by which palpate drives arms that it does not know. C99.
  *
  *  A plug-in is a shared library, NAME.so, in one of palpate's plug-in folders. It exports one
- *  symbol, `palpate_plugin`. It talks to the arm through the maker's library; palpate does the
- *  rest. By default a plug-in runs in a process of its own (palpate-plugin). An error of the
- *  plug-in then ends that process and takes the force off, but the program continues.
+ *  symbol, `palpate_plugin`, and talks to the arm through the maker's library. By default a plug-in
+ *  runs in a process of its own (palpate-plugin): if the plug-in fails, that process ends and takes
+ *  the force off, but the program continues.
  *
- *  Units are metres, seconds, newtons and radians. Axes are those of the hand's world W,
- *  right-handed: x to the right, y away from the user, z up, the origin in the middle of the arm's
- *  workspace.
+ *  Units: metres, seconds, newtons, radians. Axes: those of the hand's world W, right-handed: x to
+ *  the right, y away from the user, z up, the origin in the middle of the arm's workspace.
  *
  *  Threads. Each function states where it is called:
  *  [main]    one call at a time, on the thread that called palpate_plugin.init. May wait and
  *            allocate.
  *  [haptic]  one call at a time, on the thread of the tick. No allocation, no file, no lock that
  *            another thread holds for longer than a tick; returns within a period.
- *  [any]     on any thread, while any other function runs, also while that function hangs.
+ *  [any]     on any thread, while any other function runs, even if that function hangs.
  *
- *  Growth: every struct begins with its size as the compiler of the side that made it knew it. The
- *  side that reads a struct takes the bytes beyond that size as zero. Fields are only added at the
- *  end, and zero means "as before". Anything that does not fit there is an extension, requested by
- *  name.
+ *  Growth: every struct begins with its size, as known to the side that made the struct. The side
+ *  that reads the struct takes all later bytes as zero. New fields are only added at the end, and
+ *  zero means "as before". Everything else is an extension, requested by name.
  *
- *  Texts are UTF-8 and end with a zero byte. palpate checks all values from a plug-in: numbers that
+ *  Texts are UTF-8 and end with a zero byte. palpate checks all values from a plug-in. Numbers that
  *  are not finite, a time in the future and a quaternion of length zero are faults or count as
- *  absent, and never reach a motor.
+ *  absent; they never reach a motor.
  */
 #ifndef PALPATE_DEVICES_PLUGIN_H
 #define PALPATE_DEVICES_PLUGIN_H
@@ -49,9 +47,8 @@ enum {
 
 /** Functions that palpate offers to a plug-in. */
 typedef struct palpate_plugin_host {
-  uint32_t size; /**< Of this struct, in bytes. */
-  /** Prints a line for the user, such as which button to press. Lines that come too fast are lost.
-   *  [main] */
+  uint32_t size; /**< Size of this struct [bytes]. */
+  /** Prints a line for the user. Lines that come too fast are lost. [main] */
   void (*say)(const char* words);
   /** Returns nonzero after the user has ended the program: end all waits. [any] */
   int (*ends)(void);
@@ -63,8 +60,8 @@ typedef struct palpate_plugin_host {
 
 /** An arm that is plugged in. */
 typedef struct palpate_plugin_found {
-  uint32_t size;   /**< Of this struct, in bytes. */
-  char serial[64]; /**< Tells arms of one kind apart; empty: the arm has no serial number. */
+  uint32_t size;   /**< Size of this struct [bytes]. */
+  char serial[64]; /**< Distinguishes arms of one kind; may be empty. */
   char model[64];  /**< Model, as text for the user. */
 } palpate_plugin_found;
 
@@ -80,7 +77,7 @@ enum {
 
 /** Properties and limits of an arm: its maker's numbers, with their source. */
 typedef struct palpate_plugin_facts {
-  uint32_t size;           /**< Of this struct, in bytes. */
+  uint32_t size;           /**< Size of this struct [bytes]. */
   uint32_t has;            /**< PALPATE_PLUGIN_FORCE and other flags, or'ed. */
   double force;            /**< Largest force [N], > 0 if the arm has motors. */
   double slew;             /**< Largest growth of the force [N/s]; 0: 2000. */
@@ -91,15 +88,15 @@ typedef struct palpate_plugin_facts {
   double output_rate;      /**< Forces per second that the arm accepts [Hz]; 0: as `rate`. */
   double stale;            /**< Largest age of a position [s]; 0: 0.05. */
   double speed;            /**< Largest speed of a hand on the arm [m/s]; 0: 3. */
-  double continuous;       /**< Force that the arm can hold for ever [N]; 0: any force. */
+  double continuous;       /**< Force that the arm can hold forever [N]; 0: any force. */
   double heating;          /**< Time constant of the motors' heat [s]. */
-  double watchdog;         /**< Time without a force after which the arm itself, not a thread of the
-                                plug-in, takes the force off [s]; 0: never. */
-  double resolution;       /**< Position step for one encoder count [m]; 0: unknown. */
-  uint32_t joints;         /**< Number of joints that the arm measures, at most 6. */
-  uint32_t buttons;        /**< Number of buttons, at most 32. */
-  char button[32][24];     /**< Names of the buttons; empty: "button 1" and so on. */
-  char source[256];        /**< Source of the numbers above. */
+  double watchdog;     /**< Time without a force after which the arm itself takes the force off [s];
+                            0: never. A thread of the plug-in does not count. */
+  double resolution;   /**< Position step for one encoder count [m]; 0: unknown. */
+  uint32_t joints;     /**< Number of joints that the arm measures, at most 6. */
+  uint32_t buttons;    /**< Number of buttons, at most 32. */
+  char button[32][24]; /**< Names of the buttons; empty: "button 1" and so on. */
+  char source[256];    /**< Source of the numbers above. */
 } palpate_plugin_facts;
 
 /** Flags of palpate_plugin_reading.state. */
@@ -113,22 +110,22 @@ enum {
 
 /** One measurement of the hand, and the arm's state. */
 typedef struct palpate_plugin_reading {
-  uint32_t size;      /**< Of this struct, in bytes. */
-  uint32_t state;     /**< PALPATE_PLUGIN_READY and other flags, or'ed. */
-  int64_t taken;      /**< Time of measurement of the position, by host->now [ns]. A position that
-                           is read again keeps its time: so palpate detects a dead sensor. */
-  double position[3]; /**< Position of the tip [m]. */
-  double velocity[3]; /**< [m/s] */
+  uint32_t size;         /**< Size of this struct [bytes]. */
+  uint32_t state;        /**< PALPATE_PLUGIN_READY and other flags, or'ed. */
+  int64_t taken;         /**< Time of the position's measurement, by host->now [ns]. A repeated
+                              position keeps its time, so that palpate detects a dead sensor. */
+  double position[3];    /**< Position of the tip [m]. */
+  double velocity[3];    /**< [m/s] */
   double orientation[4]; /**< Unit quaternion w, x, y, z, from the handle's axes to W. */
   double gripper;        /**< Opening angle [rad]. */
-  double joints[6];      /**< [rad]; of a sliding joint [m]. */
+  double joints[6];      /**< [rad], or [m] for a sliding joint. */
   uint32_t buttons;      /**< Bit i: button i is pressed. */
   uint32_t zero;         /**< Zero. */
 } palpate_plugin_reading;
 
 /** A force for the motors. */
 typedef struct palpate_plugin_force {
-  uint32_t size;    /**< Of this struct, in bytes. */
+  uint32_t size;    /**< Size of this struct [bytes]. */
   uint32_t zero;    /**< Zero. */
   double force[3];  /**< Force on the hand [N]: finite, at most facts.force, grows no faster than
                          facts.slew. */
@@ -137,29 +134,29 @@ typedef struct palpate_plugin_force {
 
 /** An open arm. The plug-in makes it, and may have more data behind these members. */
 typedef struct palpate_plugin_device {
-  uint32_t size; /**< Of this struct, in bytes. */
+  uint32_t size; /**< Size of this struct [bytes]. */
   uint32_t zero; /**< Zero. */
   void* data;    /**< For the plug-in's own use. */
 
   /** Fills in the arm's facts. Called after open, before all other functions. [main] */
   int (*facts)(struct palpate_plugin_device* device, palpate_plugin_facts* facts);
   /** Makes the arm ready: homes it and switches its motors on, with zero force. May take minutes;
-   *  checks host->ends while it waits. If a plug-in's process ends, palpate starts it again,
-   *  perhaps with a hand on the arm. A plug-in that moves the arm to home it asks the user first
-   *  (host->say). On failure writes the cause and a remedy into `error`. [main] */
+   *  checks host->ends while it waits. A hand may be on the arm, because palpate restarts a process
+   *  that has ended. So ask the user (host->say) before the arm moves. On failure writes the cause
+   *  and a remedy into `error`. [main] */
   int (*prepare)(struct palpate_plugin_device* device, char* error, size_t room);
-  /** Fills in the newest reading, without a wait. PALPATE_PLUGIN_NOTHING: no new reading has come
-   *  since the last call, and palpate ignores the contents of `reading`. `state` may change while
-   *  `taken` stays. Any other number that is not negative is PALPATE_PLUGIN_NOTHING. [haptic] */
+  /** Fills in the newest reading, without a wait. Returns PALPATE_PLUGIN_NOTHING if no new reading
+   *  has come since the last call; palpate then ignores `reading`. `state` may change while `taken`
+   *  stays. Any other number above 0 counts as PALPATE_PLUGIN_NOTHING. [haptic] */
   int (*read)(struct palpate_plugin_device* device, palpate_plugin_reading* reading);
-  /** Sends a force, at the rate of the program's loop. The force holds until the next one. A force
-   *  that cannot be sent at once replaces the one that waits. [haptic] */
+  /** Sends a force, at the rate of the program's loop; it holds until the next one. If it cannot be
+   *  sent at once, it replaces the force that waits. [haptic] */
   int (*write)(struct palpate_plugin_device* device, const palpate_plugin_force* force);
   /** Sets zero force and carries no weight, at once, even if another function runs or hangs.
-   *  `write` then gives no force until it is called with zero force again. `stop` takes no lock
-   *  that another function holds while that function waits: use an atomic flag. When `stop` returns
-   *  the process may end, also from a handler of a crash. So it returns when the zero has been sent
-   *  or cannot be sent, within 20 ms. [any] */
+   *  `write` then gives no force until it is called with zero force again. `stop` must not wait for
+   *  a lock of another function: use an atomic flag. The process may end when `stop` returns, even
+   *  in a crash handler. So `stop` returns when the zero has been sent or cannot be sent, within
+   *  20 ms. [any] */
   void (*stop)(struct palpate_plugin_device* device);
   /** Switches the arm off and frees it. Not called while another function runs. [main] */
   void (*close)(struct palpate_plugin_device* device);
@@ -169,28 +166,27 @@ typedef struct palpate_plugin_device {
 
 /** Finds and opens arms of one kind. */
 typedef struct palpate_plugin_factory {
-  uint32_t size; /**< Of this struct, in bytes. */
+  uint32_t size; /**< Size of this struct [bytes]. */
   uint32_t zero; /**< Zero. */
-  /** Fills in up to `room` arms that are plugged in. The caller sets the `size` of each entry; this
-   *  is also the distance to the next entry. Returns how many arms there are, or a negative number
-   *  if it cannot know. [main] */
+  /** Fills in up to `room` plugged-in arms. The caller sets the `size` of each entry, which is also
+   *  the distance to the next entry. Returns the number of arms; negative if unknown. [main] */
   int (*find)(palpate_plugin_found* found, int room);
-  /** Opens an arm; an empty serial means any. Takes off a force that an ended process may have left
-   *  on. On failure returns null and writes the cause and a remedy into `error`. [main] */
+  /** Opens an arm; an empty serial means any. Takes off a force that an ended process has left.
+   *  On failure returns null and writes the cause and a remedy into `error`. [main] */
   palpate_plugin_device* (*open)(const char* serial, char* error, size_t room);
 } palpate_plugin_factory;
 
 /** The plug-in. */
 typedef struct palpate_plugin_entry {
-  uint32_t size;       /**< Of this struct, in bytes. */
+  uint32_t size;       /**< Size of this struct [bytes]. */
   uint32_t major;      /**< PALPATE_PLUGIN_MAJOR when it was compiled. */
   uint32_t minor;      /**< PALPATE_PLUGIN_MINOR when it was compiled. */
   uint32_t zero;       /**< Zero. */
   const char* name;    /**< Purpose, as text for the user. */
   const char* version; /**< Version of the plug-in. */
   const char* licence; /**< Licence of the plug-in and of the libraries that it needs. */
-  /** Called before all other functions; `host` stays valid. Not 0: the plug-in cannot work, and has
-   *  printed why. [main] */
+  /** Called before all other functions; `host` stays valid. If the plug-in cannot work, it prints
+   *  the cause and does not return 0. [main] */
   int (*init)(const palpate_plugin_host* host);
   /** Called after all other functions. [main] */
   void (*end)(void);
@@ -201,30 +197,29 @@ typedef struct palpate_plugin_entry {
 /** Name of the factory that is a palpate_plugin_factory. */
 #define PALPATE_PLUGIN_ARMS "palpate.arms/1"
 
-/** Name of a device's extension that is a palpate_plugin_weight: the motors can carry the arm's own
- *  weight in addition to the force. */
+/** Name of a device's extension, a palpate_plugin_weight: the motors can carry the arm's own weight
+ *  in addition to the force. */
 #define PALPATE_PLUGIN_WEIGHT "palpate.weight/1"
 /** @see PALPATE_PLUGIN_WEIGHT */
 typedef struct palpate_plugin_weight {
-  uint32_t size; /**< Of this struct, in bytes. */
+  uint32_t size; /**< Size of this struct [bytes]. */
   uint32_t zero; /**< Zero. */
   /** Sets the share of the weight that is carried from the next write on, 0 to 1. palpate raises it
    *  in steps, from 0 to 1 in half a second, and sets 0 at once. [haptic] */
   void (*carry)(palpate_plugin_device* device, double share);
-  /** Largest weight at the tip, anywhere [N]; > 0. An arm that has not passed its test carries at
-   *  most 1 N of it. */
+  /** Largest weight at the tip in any pose [N]; > 0. An untested arm carries at most 1 N of it. */
   double most;
 } palpate_plugin_weight;
 
-/** Name of a device's extension that is a palpate_plugin_heat: the arm knows what force its motors
- *  can give at present. */
+/** Name of a device's extension, a palpate_plugin_heat: the arm knows the force that its motors can
+ *  give at present. */
 #define PALPATE_PLUGIN_HEAT "palpate.heat/1"
 /** @see PALPATE_PLUGIN_HEAT */
 typedef struct palpate_plugin_heat {
-  uint32_t size; /**< Of this struct, in bytes. */
+  uint32_t size; /**< Size of this struct [bytes]. */
   uint32_t zero; /**< Zero. */
-  /** Returns the share of the last written force that the motors have given, 0 to 1, in the same
-   *  direction. The share is less than 1 if the motors would grow too hot. [haptic] */
+  /** Returns the share of the last written force that the motors have given in its direction, 0 to
+   *  1; less than 1 if the motors would grow too hot. [haptic] */
   double (*given)(palpate_plugin_device* device);
 } palpate_plugin_heat;
 

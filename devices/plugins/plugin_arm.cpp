@@ -20,7 +20,6 @@ constexpr double kMostRate = 100000.0;   // [Hz]
 constexpr double kMostWorkspace = 10.0;  // [m]
 constexpr double kMostWeight = 100.0;    // [N]
 
-/// Returns the time from which a position's age counts: when it was measured, at most `now`.
 std::int64_t timeOf(std::int64_t taken, std::int64_t now) noexcept {
   return std::clamp<std::int64_t>(taken, 0, now);
 }
@@ -37,8 +36,7 @@ Vec3 vectorOf(const double (&v)[3]) noexcept {  // NOLINT(modernize-avoid-c-arra
 
 DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, bool tested) {
   const bool drives = (facts.has & PALPATE_PLUGIN_FORCE) != 0;
-  // Returns `value` if it is in range. For 0 returns `otherwise`, if the fact may be left out.
-  // Throws in all other cases.
+  // Returns `value` in its range, or `otherwise` for 0 if the fact may be left out. Else throws.
   const auto number = [&](const char* what, double value, double least, double most,
                           double otherwise) {
     if (value == 0.0 && otherwise >= 0.0) return otherwise;
@@ -156,7 +154,7 @@ HandState PluginArm::read() noexcept {
     order_.number = written_seen_ = withheld_seen_ = 0;
     news_ = {};
   }
-  // After a long pause between reads, the arm may have moved meanwhile, so both times restart.
+  // After a long pause between reads, the arm may have moved, so both times restart.
   if (dt > info_.watch.stale) moved_at_ = written_at_ = now;
   const bool there = port_->read(news_);
   if (!there || news_.read < 0) {
@@ -177,8 +175,7 @@ HandState PluginArm::read() noexcept {
     if (says(PALPATE_PLUGIN_UNPOWERED)) hand.fault = Fault::kPower;
     if (says(PALPATE_PLUGIN_OPEN)) hand.fault = Fault::kSwitch;
   }
-  // The plug-in's process has taken the force off because orders came late or a guardian requested
-  // it.
+  // The plug-in's process has taken the force off: orders came late, or a guardian stopped it.
   if (news_.withheld != withheld_seen_ && hand.fault == Fault::kNone) hand.fault = Fault::kLate;
   withheld_seen_ = news_.withheld;
   if (news_.written != written_seen_) {

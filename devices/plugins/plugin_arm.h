@@ -1,5 +1,4 @@
-/// An arm that a plug-in drives. PluginArm checks all values from the plug-in, whether the plug-in
-/// runs in this process or in its own.
+/// An arm that a plug-in drives, in this process or in its own. Checks all values of the plug-in.
 #pragma once
 
 #include <cstdint>
@@ -12,9 +11,9 @@
 
 namespace palpate {
 
-/// Returns the description of an arm, from its plug-in's facts and from whether it has passed its
-/// test. If a number is invalid or missing, throws DeviceError that names it, because an arm
-/// without limits must not get a force.
+/// Returns the description of an arm from its plug-in's facts. `tested`: the arm has passed its
+/// test. Throws DeviceError for an invalid or missing number, because an arm without limits must
+/// not get a force.
 [[nodiscard]] DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name,
                                  bool tested);
 /// Returns the key under which the arm's test is stored.
@@ -28,10 +27,10 @@ namespace palpate {
 
 /// Reads and drives an arm through a PluginPort.
 ///
-/// The age of a position counts from its measurement, but at the latest from the read in which
-/// PluginArm first saw it. So an arm with a dead sensor becomes stale (WatchLimits::stale), even if
-/// its plug-in gives a new time to the same position. If equal positions keep coming as new ones,
-/// the force fades (StillFade).
+/// The age of a position counts from its measurement, at the latest from the read that first saw
+/// it. So an arm with a dead sensor becomes stale (WatchLimits::stale), even if its plug-in gives a
+/// new time to the same position. If equal positions keep coming as new ones, the force fades
+/// (StillFade).
 ///
 /// Faults:
 /// - Fault::kWrite: a write was not taken within 20 ms plus a period, or the plug-in's process has
@@ -60,7 +59,6 @@ class PluginArm final : public Arm {
 
  private:
   static constexpr std::int64_t kNever = -1;
-  /// Adopts the new and valid parts of the plug-in's news.
   void take(std::int64_t now, HandState& hand) noexcept;
   [[nodiscard]] bool has(std::uint32_t flag) const noexcept { return (facts_.has & flag) != 0; }
 
@@ -71,24 +69,24 @@ class PluginArm final : public Arm {
   std::int64_t (*now_)() noexcept;
 
   PluginNews news_;
-  HandState hand_;                  ///< The last reading.
+  HandState hand_;
   std::int64_t taken_ = 0;          ///< palpate_plugin_reading::taken of the last new position.
   std::int64_t heard_at_ = kNever;  ///< Time from which the position's age counts [ns].
   std::int64_t moved_at_ = 0;       ///< Time of the last change of position [ns].
-  std::int64_t read_at_ = 0;        ///< [ns]
-  std::uint32_t opening_ = 1;       ///< Last value of PluginPort::openings.
+  std::int64_t read_at_ = 0;
+  std::uint32_t opening_ = 1;
   PluginOrder order_;
-  std::uint32_t written_seen_ = 0;  ///< Last value of PluginNews::written.
-  /// Time since which `written_seen_` has not changed while orders wait [ns].
+  std::uint32_t written_seen_ = 0;
+  /// Time since which `written_seen_` is constant while orders wait [ns].
   std::int64_t written_at_ = 0;
-  std::uint32_t withheld_seen_ = 0;  ///< Last value of PluginNews::withheld.
-  /// Longest time from an order until the plug-in wrote it [ns].
+  std::uint32_t withheld_seen_ = 0;
+  /// Longest time from an order to its write by the plug-in [ns].
   std::int64_t longest_ = 0;
   std::int64_t writes_ = 0;
   double given_ = 1.0;
-  double most_carried_ = 0.0;  ///< Largest share of the weight that the motors may carry.
-  bool carries_ = false;       ///< carry() permits the motors to carry the weight.
-  bool upright_ = false;       ///< The last reading permits the motors to carry the weight.
+  double most_carried_ = 0.0;
+  bool carries_ = false;  ///< carry() permits the motors to carry the weight.
+  bool upright_ = false;  ///< The last reading permits the motors to carry the weight.
 };
 
 }  // namespace palpate

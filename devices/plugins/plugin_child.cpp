@@ -50,8 +50,7 @@ PluginChild::PluginChild(const std::filesystem::path& program,
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
   posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  // Sends the output of the maker's library to standard error, so that it does not mix with the
-  // program's output.
+  // Keeps the output of the maker's library out of the program's output.
   posix_spawn_file_actions_adddup2(&files, STDERR_FILENO, STDOUT_FILENO);
   int next = kPluginControl;
   for (const int own : given) posix_spawn_file_actions_adddup2(&files, own, next++);
@@ -84,12 +83,11 @@ PluginChild::PluginChild(const std::filesystem::path& program,
 }
 
 bool PluginChild::lives() {
-  // If the program ignores SIGCHLD, the kernel may already have given this child's number to
-  // another process.
+  // If the program ignores SIGCHLD, this number may already be another process's.
   int what = 0;
   const pid_t changed = process_ > 0 ? waitpid(process_, &what, WNOHANG | WUNTRACED) : 0;
   if (changed > 0 && WIFSTOPPED(what)) {
-    // Lets a stopped process continue, because it would leave its last force on the arm.
+    // A stopped process would leave its last force on the arm.
     stopped_ = kill(process_, SIGCONT) == 0;
   } else if (changed != 0) {
     process_ = -1;
@@ -147,7 +145,7 @@ PluginAnswer receivePluginMessages(int control, PluginChild& child, double patie
     (void)poll(&waits, 1, kPluginPoll);
     std::optional<PluginMessage> message;
     const PluginReceived took = receivePluginMessage(control, message);
-    // A process that the child has started may keep the socket open. So the answer ends when the
+    // A process that the child has started may keep the socket open, so the answer ends when the
     // child has ended and no message waits.
     const bool silent = took == PluginReceived::kNothing;
     if (took == PluginReceived::kEnd || (silent && !lives)) return PluginAnswer::kEnded;

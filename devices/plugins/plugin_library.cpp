@@ -21,8 +21,7 @@ namespace {
 constexpr std::size_t kErrorRoom = 1024;
 constexpr const char* kEnding = ".so";
 
-/// The host for the C functions below. If several plug-ins are loaded, they share the host of the
-/// newest one.
+/// The host for the C functions below: that of the newest plug-in.
 PluginHost& hostNow() {
   static PluginHost host;
   return host;
@@ -44,10 +43,8 @@ extern "C" const void* tellExtension(const char* /*name*/) {
 constexpr palpate_plugin_host kHost{sizeof(palpate_plugin_host), sayToUser, askWhetherEnds,
                                     tellTime, tellExtension};
 
-/// The loaded plug-ins; each file is loaded at most once.
 class Loaded {
  public:
-  /// Adds a plug-in. Returns false if it is loaded already.
   static bool add(const std::string& name) {
     const std::lock_guard lock(mutex());
     return names().insert(name).second;
@@ -80,7 +77,7 @@ std::string orNone(const char* text) {
   return text != nullptr ? text : "";
 }
 
-/// Returns true if a name can be that of a plug-in's file: it is not a path or an option.
+/// Returns true if `name` is not a path or an option.
 bool plain(const std::string& name) {
   return !name.empty() && name.size() <= 64 && name[0] != '-' &&
          std::all_of(name.begin(), name.end(),
@@ -232,7 +229,7 @@ std::string PluginLibrary::only(const std::string& serial) const {
     if (!serial.empty() && serial == one.serial) return serial;
     which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
   }
-  // A name that find() does not list is not a serial number, but the plug-in's open() may know it.
+  // A name that find() does not list may still be known to the plug-in's open().
   if (!serial.empty()) return {};
   if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
   if (found.size() > 1) throw DeviceError(name_, "several arms match", "name one of " + which);
@@ -247,12 +244,21 @@ PluginDevice PluginLibrary::open(const std::string& serial) const {
     throw DeviceError(arm, error[0] != '\0' ? error.data() : "it does not open",
                       "check the plug-in's requirements");
   }
-  const bool whole = PALPATE_REACHES(device, palpate_plugin_device, extension) &&
-                     device->facts != nullptr && device->prepare != nullptr &&
-                     device->read != nullptr && device->write != nullptr &&
-                     device->stop != nullptr && device->close != nullptr;
-  if (!whole) {
-    throw DeviceError(arm, "a function of its device is missing", "add it to the plug-in");
+  if (!PALPATE_REACHES(device, palpate_plugin_device, extension)) {
+    throw DeviceError(arm,
+                      "the size in its palpate_plugin_device is " + std::to_string(device->size) +
+                          " bytes, which is too small",
+                      "set size to sizeof(palpate_plugin_device)");
+  }
+  const std::pair<const char*, bool> functions[] = {
+      {"facts", device->facts != nullptr}, {"prepare", device->prepare != nullptr},
+      {"read", device->read != nullptr},   {"write", device->write != nullptr},
+      {"stop", device->stop != nullptr},   {"close", device->close != nullptr}};
+  for (const auto& [function, given] : functions) {
+    if (given) continue;
+    throw DeviceError(
+        arm, "the function " + std::string(function) + " of its palpate_plugin_device is missing",
+        "set this function in the plug-in");
   }
   return PluginDevice(device, arm);
 }

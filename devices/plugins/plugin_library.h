@@ -1,5 +1,4 @@
-/// Private to devices: a loaded plug-in library, that is, the host's side of
-/// devices/plugins/plugin.h.
+/// Private to devices: the host's side of devices/plugins/plugin.h.
 #pragma once
 
 #include <cstddef>
@@ -17,14 +16,13 @@ namespace palpate {
 /// colons), the user's own ($XDG_DATA_HOME/palpate/plugins or ~/.local/share/palpate/plugins), and
 /// ../lib/palpate/plugins of the program.
 [[nodiscard]] std::vector<std::filesystem::path> pluginFolders();
-/// Returns the sorted names of the plug-ins in these folders. If a name occurs in two folders, the
-/// file in the first of them is used.
+/// Returns the sorted names of the plug-ins. If a name occurs in several folders, the first is
+/// used.
 [[nodiscard]] std::vector<std::string> pluginNames();
-/// Returns the file of a plug-in by its name. Throws DeviceError if the file does not exist or if
-/// other users may write it. For a missing file, the error lists the existing plug-ins.
+/// Throws DeviceError if the file does not exist, or if other users may write it. For a missing
+/// file, the error lists the existing plug-ins.
 [[nodiscard]] std::filesystem::path pluginFile(const std::string& name);
 
-/// Functions of the host that a plug-in may call.
 struct PluginHost {
   /// Prints a line for the user. May be empty.
   std::function<void(const std::string&)> say = nullptr;
@@ -34,29 +32,24 @@ struct PluginHost {
 
 class PluginDevice;
 
-/// A plug-in in this process. Use each object on one thread only. A file can be loaded only once at
-/// a time.
+/// A plug-in in this process. Use each object on one thread; load a file only once at a time.
 class PluginLibrary {
  public:
-  /// Loads the library and calls its init. Throws DeviceError if the file is not a plug-in, or is
-  /// one of another version.
+  /// Throws DeviceError if the file is not a plug-in, or one of another version.
   PluginLibrary(const std::filesystem::path& file, PluginHost host);
   ~PluginLibrary();
   PluginLibrary(const PluginLibrary&) = delete;
   PluginLibrary& operator=(const PluginLibrary&) = delete;
 
-  [[nodiscard]] std::string what() const;     ///< Returns palpate_plugin_entry::name.
-  [[nodiscard]] std::string version() const;  ///< Returns the version of the plug-in.
-  [[nodiscard]] std::string licence() const;  ///< Returns the licence; may be empty.
-  /// Returns the arms that are plugged in, at most kMostFound. Throws DeviceError if the plug-in
-  /// cannot list them.
+  [[nodiscard]] std::string what() const;  ///< Returns palpate_plugin_entry::name.
+  [[nodiscard]] std::string version() const;
+  [[nodiscard]] std::string licence() const;
+  /// Returns the plugged-in arms, at most kMostFound. Throws DeviceError if it cannot list them.
   [[nodiscard]] std::vector<palpate_plugin_found> find() const;
   static constexpr std::size_t kMostFound = 32;
-  /// If `serial` is empty, returns the serial number of the only arm that is plugged in. Otherwise
-  /// returns `serial` if find() lists it, else an empty text. If `serial` is empty and find() gives
-  /// no arm or several, throws DeviceError that names the arms.
+  /// Returns `serial` if find() lists it, else an empty text. For an empty `serial` returns the
+  /// serial number of the only arm; throws DeviceError for several arms, or without an arm.
   [[nodiscard]] std::string only(const std::string& serial) const;
-  /// Opens an arm. On failure throws DeviceError with the plug-in's message.
   [[nodiscard]] PluginDevice open(const std::string& serial) const;
 
  private:
@@ -76,11 +69,9 @@ class PluginDevice {
   PluginDevice& operator=(PluginDevice&&) = delete;
   ~PluginDevice();
 
-  /// Returns the arm's facts. Throws DeviceError if the plug-in does not give them.
   [[nodiscard]] palpate_plugin_facts facts() const;
-  /// Makes the arm ready. On failure throws DeviceError with the plug-in's message.
   void prepare() const;
-  /// Returns the largest weight that the arm's motors can carry [N]; 0: they carry no weight.
+  /// Returns the largest weight that the motors can carry [N], or 0.
   [[nodiscard]] double carries() const noexcept { return weight_ != nullptr ? weight_->most : 0.0; }
 
   // RT, if the plug-in's function is.

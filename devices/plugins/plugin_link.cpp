@@ -28,8 +28,7 @@ bool sendPluginMessage(int socket, PluginMessage::Kind kind, std::span<const std
       static_cast<std::uint32_t>(std::min<std::size_t>(bytes.size(), PluginMessage::kMostBytes));
   std::memcpy(message.bytes.data(), bytes.data(), message.size);
   const std::size_t size = PluginMessage::kHead + message.size;
-  // A line for the user is dropped if the program does not read, so that the plug-in does not
-  // block.
+  // Drops a line for the user if the program does not read, so that the plug-in does not block.
   const int how = MSG_NOSIGNAL | (kind == PluginMessage::kSay ? MSG_DONTWAIT : 0);
   return send(socket, &message, size, how) == static_cast<ssize_t>(size);
 }
@@ -50,8 +49,7 @@ std::optional<PluginMessage> pluginMessageOf(std::span<const std::byte> bytes) {
 void waitForWord(std::atomic<std::uint32_t>& word, std::uint32_t seen,
                  std::int64_t until) noexcept {
   constexpr std::int64_t kSecond = 1000000000;
-  // Uses a relative time, because the kernel's clock for this call differs from the clock of
-  // `until`.
+  // The time is relative, because the kernel's clock for this call differs from nowNs().
   const std::int64_t wait = until - nowNs();
   if (wait <= 0) return;
   timespec time{};

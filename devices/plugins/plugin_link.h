@@ -1,5 +1,4 @@
-/// Private to devices: the memory that palpate and palpate-plugin share, and the messages that they
-/// exchange while an arm is opened.
+/// Private to devices: shared memory and messages between palpate and palpate-plugin.
 #pragma once
 
 #include <array>
@@ -15,9 +14,9 @@
 
 namespace palpate {
 
-/// Memory that the program and the plug-in's process share. It has two parts, each with one writer
-/// and with its own memory pages and cache lines. The program's pages are read-only in the
-/// plug-in's process. From the other part, the program reads only numbers.
+/// Memory that the program and the plug-in's process share: two parts, each with one writer and
+/// with its own memory pages and cache lines. The program's pages are read-only in the plug-in's
+/// process. The program reads only numbers from the other part.
 struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   static constexpr std::uint32_t kMagic = 0x70616C70;
   std::uint32_t magic = kMagic;
@@ -39,14 +38,13 @@ struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::atomic<std::uint64_t> heart{0};
 };
 
-/// File descriptors of a plug-in's process.
 enum : int {
   kPluginControl = 3,  ///< Socket for messages in both directions.
   kPluginMemory = 4,   ///< Memory of a PluginLink.
   kPluginZero = 5,     ///< Socket of the guardian: any message means zero force.
 };
 
-/// A message that is sent while an arm is opened. The socket preserves message boundaries.
+/// A message while an arm is opened. The socket preserves message boundaries.
 struct PluginMessage {
   enum Kind : std::uint32_t {
     kSay,     ///< A line for the user.

@@ -1,5 +1,4 @@
-/// The interface through which PluginArm uses a plug-in's arm, in this process or in the plug-in's
-/// own process.
+/// The interface of a plug-in's arm, in this process or in the plug-in's own process.
 #pragma once
 
 #include <cstdint>
@@ -45,19 +44,17 @@ class PluginPort {
   /// Returns the facts as the plug-in reported them, not yet checked. Missing fields are zero.
   [[nodiscard]] virtual const palpate_plugin_facts& facts() const noexcept = 0;
   [[nodiscard]] virtual std::string version() const = 0;  ///< Returns the version of the plug-in.
-  /// Returns the serial number of the open arm; empty if it has none.
+  /// Returns the serial number of the open arm; may be empty.
   [[nodiscard]] virtual std::string serial() const = 0;
   /// Returns the largest weight that the arm's motors can carry [N], by the weight extension; 0:
   /// they carry no weight. Not yet checked.
   [[nodiscard]] virtual double carries() const noexcept = 0;
 
-  /// Gets the newest news. Returns false, and leaves `news` unchanged, if the arm is gone. RT: no
-  /// allocation.
+  /// Returns false, and leaves `news` unchanged, if the arm is gone. RT: no allocation.
   [[nodiscard]] virtual bool read(PluginNews& news) noexcept PALPATE_NONBLOCKING = 0;
   /// Passes on an order. RT: no allocation.
   virtual void write(const PluginOrder& order) noexcept PALPATE_NONBLOCKING = 0;
-  /// Returns the zero force for a guardian. Empty: no other process can reach the arm after this
-  /// process has died.
+  /// Returns the zero force for a guardian; empty if another process cannot reach the arm.
   [[nodiscard]] virtual ZeroForce zeroForce() const noexcept { return {}; }
   /// Returns how often the arm has been opened; the first time counts.
   [[nodiscard]] virtual std::uint32_t openings() const noexcept { return 1; }

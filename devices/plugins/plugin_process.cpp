@@ -27,18 +27,16 @@ namespace palpate {
 namespace {
 
 constexpr double kEnds = 1.0;  // [s] for a process to end after a request
-// [s]: a process whose haptic thread makes no turn for this time hangs.
+// [s]: a process hangs if its haptic thread makes no turn for this time.
 constexpr double kHung = 0.5;
 constexpr int kTriesAgain = 500;             // [ms] between two attempts to start a process
-constexpr std::array<std::byte, 4> kZero{};  // what a guardian writes; any message means zero force
+constexpr std::array<std::byte, 4> kZero{};  // message of a guardian; any message means zero force
 
-/// Memory of a PluginLink, shared with a child.
 class SharedLink {
  public:
   SharedLink() : file_(memfd_create("palpate-plugin", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
     void* at = MAP_FAILED;
-    // Seals the file's size. Without the seal, a plug-in that shortened the file would end the
-    // program with SIGBUS.
+    // Seals the file's size: a plug-in that shortened the file would end the program with SIGBUS.
     if (ftruncate(file_.get(), sizeof(PluginLink)) == 0 &&
         fcntl(file_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
       at = mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, file_.get(), 0);
@@ -67,7 +65,7 @@ struct Life {
   std::unique_ptr<PluginChild> child;
   SentPluginFacts facts{};
   std::string version;
-  std::string own;  ///< Serial number.
+  std::string own;
 
   Life(const std::filesystem::path& program, const std::filesystem::path& file,
        const std::string& serial, const std::function<void(const std::string&)>& say,
@@ -117,7 +115,6 @@ struct Life {
   }
 };
 
-/// A plug-in in a process of its own.
 class ProcessPort final : public PluginPort {
  public:
   ProcessPort(std::filesystem::path program, std::filesystem::path file, std::string serial,
@@ -152,7 +149,7 @@ class ProcessPort final : public PluginPort {
     if (life.life() == nullptr) return false;
     PluginLink& link = *life.life()->link;
     link.ticked_at.store(nowNs(), std::memory_order_relaxed);
-    // Keeps the old news if the process is writing at this time; the next tick reads the new ones.
+    // If the process is writing at this time, keeps the old news until the next tick.
     (void)link.news.load(news);
     return true;
   }
@@ -190,10 +187,9 @@ class ProcessPort final : public PluginPort {
 
   [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
 
-  /// Prints a line for the user. Ignores exceptions of the user's callback.
+  /// Ignores exceptions of the user's callback.
   void tell(const std::string& words) noexcept {
     try {
-      // Prints a repeated message only once.
       if (host_.say && words != told_) host_.say("plugin:" + file_.stem().string() + ": " + words);
       told_ = words;
     } catch (const std::exception&) {
@@ -201,7 +197,6 @@ class ProcessPort final : public PluginPort {
     }
   }
 
-  /// Watches the process, and starts it again after it has ended.
   void mendLoop() noexcept {
     std::uint64_t heart = 0;
     std::int64_t beat_at = nowNs();
@@ -214,7 +209,6 @@ class ProcessPort final : public PluginPort {
       if (life_->child->wasStopped()) tell("its process was stopped: palpate lets it continue");
       if (message && message->kind == PluginMessage::kSay) {
         tell(message->text());
-        // Limits the number of lines per second.
         constexpr int kReads = 5;  // checks of the process between two lines
         for (int i = 0; i < kReads && life_->child->lives(); ++i) {
           std::this_thread::sleep_for(std::chrono::milliseconds(kPluginPoll));
@@ -233,13 +227,11 @@ class ProcessPort final : public PluginPort {
         tell(hangs ? "its process hung: palpate starts it again"
                    : "its process has ended: palpate starts it again");
       }
-      // Starts the new process without a pause, because it takes off the force that the old process
-      // has left.
+      // Starts the new process at once, because it takes off the force that the old one has left.
       while (!quit_ && !mend()) std::this_thread::sleep_for(std::chrono::milliseconds(kTriesAgain));
       beat_at = nowNs();
     }
   }
-  /// Returns a fingerprint of all properties that identify the arm.
   [[nodiscard]] static std::uint64_t printOf(const Life& life) {
     const SentPluginFacts& sent = life.facts;
     return identityOf(sent.facts, sent.carries, "", life.version, "").fingerprint;
@@ -268,7 +260,7 @@ class ProcessPort final : public PluginPort {
   ArmHost host_;
   std::unique_ptr<Life> life_;  ///< Only the thread that restarts the process changes it.
   std::string version_;
-  std::string own_;  ///< The arm's serial number.
+  std::string own_;
   /// The line that was printed last; used by the thread that restarts the process.
   std::string told_;
   SentPluginFacts facts_;

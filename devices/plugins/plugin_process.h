@@ -1,4 +1,4 @@
-/// Opens plug-ins, in a process of their own or in this process.
+/// Opens plug-ins, in their own process or in this one.
 #pragma once
 
 #include <filesystem>
@@ -12,8 +12,7 @@
 
 namespace palpate {
 
-/// The parts of `plugin:NAME`, `plugin:NAME@SERIAL`, `plugin-inside:NAME` or
-/// `plugin-inside:NAME@SERIAL`.
+/// The parts of `plugin:NAME`, `plugin-inside:NAME`, and of both with `@SERIAL`.
 struct PluginName {
   std::string name;     ///< NAME; the plug-in's file is NAME.so.
   std::string serial;   ///< Empty: any arm.
@@ -41,29 +40,25 @@ struct FoundPlugin {
   /// Why the plug-in cannot be used, in one line; empty if it can.
   std::string trouble;
 };
-/// Queries all installed plug-ins, each in its own process and for at most `patience` [s]. Skips
-/// arms that a program has already opened.
+/// Queries all plug-ins, each in its own process for at most `patience` [s]. Skips open arms.
 [[nodiscard]] std::vector<FoundPlugin> findPlugins(double patience = 5.0);
 
-/// Opens an arm of a plug-in. palpate-plugin loads the plug-in in its own process. If the plug-in
-/// crashes or hangs, the force is taken off and the process is restarted. Throws DeviceError with
-/// the cause in one line. May take minutes, because an arm may home itself.
-///
-/// @param program  Path of palpate-plugin; empty: the file in this program's folder.
+/// Opens an arm of a plug-in, in a process of palpate-plugin. If the plug-in crashes or hangs, the
+/// force is taken off and the process is restarted. Throws DeviceError. May take minutes, because
+/// an arm may home itself. If `program` is empty, uses the file in this program's folder.
 [[nodiscard]] std::unique_ptr<PluginPort> openPluginProcess(
     const std::filesystem::path& file, const std::string& serial, const ArmHost& host,
     const std::filesystem::path& program = {});
 
-/// Opens an arm in this process. An error of the plug-in is then an error of the program, and no
-/// other process takes the force off if the program dies. Throws DeviceError. Also throws it if the
-/// arm has motors but no watchdog of its own that takes the force off within kLongestWatchdog.
+/// Opens an arm in this process. If the plug-in fails, the program fails, and no other process
+/// takes the force off. Throws DeviceError, also for an arm with motors but without a watchdog of
+/// at most kLongestWatchdog.
 [[nodiscard]] std::unique_ptr<PluginPort> openPluginInside(const std::filesystem::path& file,
                                                            const std::string& serial,
                                                            const ArmHost& host);
 inline constexpr double kLongestWatchdog = 0.05;  ///< [s]
 
-/// Opens an arm by its name, whether it has passed its test or not, like openArm. Throws
-/// DeviceError.
+/// Opens an arm by its name, like openArm. Throws DeviceError.
 [[nodiscard]] OpenedArm openPluginArm(const std::string& name, const ArmHost& host);
 
 }  // namespace palpate

@@ -79,18 +79,15 @@ void PluginServer::give(std::int64_t now) noexcept {
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
     device_.carry(stopped ? 0.0 : order_.carry);
     news_.wrote = device_.write(stopped ? none : order_.force);
-    // A result below 0 reports kWrite instead of kLate. It is for an order that no gate can have
-    // let through, and for a plug-in that hung.
+    // A result below 0 reports kWrite, not kLate: for an unsound order, or a plug-in that hung.
     if (!sound || (stopped && blamed_)) news_.wrote = -1;
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
     drives_ = !stopped && !zero;
-    // A stop() that came during the write may have preceded the force, so the force is taken off
-    // again.
+    // A stop() during the write may have preceded the force, so the force is taken off again.
     if (!stopped && stopped_) takeOff();
     link_.news.store(news_);
   } else if (drives_ && now - ordered_at_ > nsOf(kSilent)) {
-    // No order has come for kSilent.
     drives_ = false;
     stopped_ = true;
     takeOff();
@@ -156,12 +153,10 @@ PluginServer::Look PluginServer::look(std::int64_t now) noexcept {
 
 namespace {
 
-/// The device for signal handlers: if the plug-in crashes, the handler takes its force off before
-/// the process ends.
+/// For signal handlers: a crash handler takes the force off before the process ends.
 std::atomic<const PluginDevice*> the_device{nullptr};
 
-/// Time after which the process is ended if the following code hangs. Then the next process takes
-/// the force off.
+/// Longest time for stop(). If it hangs, this process ends, and the next one takes the force off.
 constexpr long kStopTime = 30000;  // [us]
 void endIn(long us) noexcept {
   const itimerval time{{0, 0}, {us / 1000000, us % 1000000}};
@@ -186,7 +181,7 @@ extern "C" void stopAtExit() {
   }
 }
 
-/// A separate stack for signal handlers on this thread, because a stack overflow is also a crash.
+/// A stack overflow is also a crash, so signal handlers need a separate stack.
 class HandlerStack {
  public:
   HandlerStack() : memory_(65536) {
@@ -207,8 +202,7 @@ class HandlerStack {
   std::vector<std::byte> memory_;
 };
 
-/// Handles the signals of crashes. Ignores SIGPIPE, which a write to a closed socket or pipe
-/// causes.
+/// Ignores SIGPIPE, which a write to a closed socket or pipe causes.
 void catchCrashes() {
   struct sigaction action {};
   action.sa_handler = stopThenEnd;
@@ -223,14 +217,12 @@ void catchCrashes() {
   std::atexit(stopAtExit);
 }
 
-/// Returns true if the program has closed its end of the socket.
 bool programEnded() {
   pollfd control{kPluginControl, POLLIN, 0};
   return poll(&control, 1, 0) > 0 && (control.revents & (POLLHUP | POLLERR)) != 0;
 }
 
-/// Starts a thread that ends this process shortly after the program has ended, even if the plug-in
-/// hangs.
+/// Ends this process shortly after the program has ended, even if the plug-in hangs.
 void endWithProgram() {
   std::thread([] {
     pollfd control{kPluginControl, 0, 0};
@@ -242,18 +234,16 @@ void endWithProgram() {
   }).detach();
 }
 
-/// Prevents processes that the plug-in starts from inheriting the descriptors.
+/// Processes that the plug-in starts must not inherit the descriptors.
 void keepDescriptors() {
   for (const int own : {kPluginControl, kPluginMemory, kPluginZero}) {
     (void)fcntl(own, F_SETFD, FD_CLOEXEC);
   }
 }
 
-/// Claims an arm for this process during the object's life, by a name in the kernel that vanishes
-/// with the process.
+/// Claims an arm by a name in the kernel that vanishes with the process.
 class Claim {
  public:
-  /// Throws DeviceError if another program has claimed the arm.
   Claim(const std::string& plugin, const std::string& serial) {
     const std::string arm = "plugin:" + plugin + (serial.empty() ? "" : "@" + serial);
     const std::string name = "palpate-" + arm;
@@ -294,7 +284,6 @@ void introduce(const PluginLibrary& plugin) {
                           plugin.what() + "\n" + plugin.version() + "\n" + plugin.licence());
 }
 
-/// Sends the arm's facts to the program and returns them.
 palpate_plugin_facts sendFacts(const PluginDevice& device) {
   const palpate_plugin_facts facts = device.facts();
   const double carries = device.carries();
@@ -305,8 +294,7 @@ palpate_plugin_facts sendFacts(const PluginDevice& device) {
   return facts;
 }
 
-/// Maps the memory that the program shares, and write-protects the program's part. Throws
-/// DeviceError.
+/// Write-protects the program's part of the memory. Throws DeviceError.
 PluginLink& mapLink() {
   void* memory =
       mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
@@ -339,8 +327,7 @@ void sendFound(const palpate_plugin_found& found) {
                           std::as_bytes(std::span(&found, 1)));
 }
 
-/// Chooses the arm to open and reports it to the program. Returns its serial number. The caller may
-/// ignore the result.
+/// Reports the arm to the program and returns its serial number.
 std::string chooseArm(const PluginLibrary& plugin, const std::string& serial) {
   palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};
   const std::string own = plugin.only(serial);
@@ -356,11 +343,9 @@ void stopInTime(PluginServer& server) {
   endIn(0);
 }
 
-/// Watches the haptic thread until the program ends. Stops the arm if the program requests zero
-/// force, or if the thread hangs.
+/// Watches the haptic thread. Stops the arm at a request of zero force, or if the thread hangs.
 void watchServer(PluginServer& server) {
-  // This thread needs a priority above that of the haptic thread, because a hung thread keeps its
-  // core.
+  // Needs a priority above the haptic thread's, because a hung thread keeps its core.
   RealtimeRequest above;
   above.priority = kMostPriority;
   above.lock_memory = false;
@@ -436,8 +421,7 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     (void)becomeRealtime({}, StayAwake(false));
     server.loop();
   });
-  // Reports the arm ready when the loop makes its first turn, because locking its memory may take a
-  // while.
+  // Waits for the first turn, because locking the memory may take a while.
   while (link.heart == 0 && !programEnded()) std::this_thread::yield();
   (void)sendPluginMessage(kPluginControl, PluginMessage::kDone, std::string());
   watchServer(server);

@@ -1,4 +1,4 @@
-/// Private to devices: the work of a plug-in's process: the loop between a PluginLink and an arm.
+/// Private to devices: the loop of a plug-in's process, between a PluginLink and an arm.
 #pragma once
 
 #include <atomic>
@@ -11,31 +11,28 @@
 namespace palpate {
 
 /// Checks that a magnitude grows no faster than its slew limit. A tick may be late by
-/// WatchLimits::late without a fault, so the growth of a late tick may come at once.
+/// WatchLimits::late; its growth may then come at once.
 class GrowthCheck {
  public:
   /// @param slew  Largest growth per second, > 0.
   explicit GrowthCheck(double slew) noexcept : slew_(slew) {}
 
-  /// Returns true if `size` may follow the previous size `dt` [s] later; before the first call that
-  /// size is zero. RT: no allocation.
+  /// Returns true if `size` may follow the previous size `dt` [s] later. RT: no allocation.
   [[nodiscard]] bool look(double size, double dt) noexcept;
-  /// Forgets the previous size and sets it to zero.
   void forget() noexcept { *this = GrowthCheck(slew_); }
 
  private:
   static constexpr double kLate = 0.005;  ///< [s], as WatchLimits::late
 
   double slew_;
-  double size_ = 0.0;  ///< Size in the previous call.
-  /// Growth that is allowed now: what earlier calls have left unused.
+  double size_ = 0.0;
+  /// Growth that is allowed now.
   double room_ = slew_ * kLate;
 };
 
 /// Passes orders to an arm and returns its news, on its own thread. Takes the force off if no more
-/// orders come. Sends an order as soon as it has come. Reads the arm kLead before the program's
-/// next read is expected, one period after its last. So the position is as fresh as if the tick had
-/// read the arm itself, and the tick never waits.
+/// orders come. Reads the arm kLead before the program's next expected read, so the position is
+/// fresh and the tick never waits.
 class PluginServer {
  public:
   static constexpr std::int64_t kLead = 100'000;  ///< [ns]
@@ -44,7 +41,7 @@ class PluginServer {
 
   /// @param period  Period of the readings until the program's period is known [s].
   /// @param peak    Largest force that is passed on [N].
-  /// @param slew    Largest growth of that force [N/s].
+  /// @param slew    Largest growth of the force [N/s].
   PluginServer(PluginLink& link, const PluginDevice& device, double period, double peak,
                double slew) noexcept
       : link_(link),
@@ -55,7 +52,6 @@ class PluginServer {
 
   /// Runs until end(). Waits between turns. RT, if the plug-in's functions are.
   void loop() noexcept;
-  /// Returns true after loop() has returned.
   [[nodiscard]] bool done() const noexcept { return done_; }
   /// Ends loop(). Callable from any thread.
   void end() noexcept { ended_ = true; }
@@ -66,62 +62,55 @@ class PluginServer {
     kEnd,    ///< End this process, because loop() has made no turn for kHung.
   };
   /// Checks loop(). Call it about every millisecond, on another thread. If loop() makes no turns
-  /// while these calls come in time, the plug-in hangs: the program then reports Fault::kWrite and
-  /// its force stays off. If the calls are late too, the machine was late, and the program reports
-  /// Fault::kLate.
+  /// while these calls are punctual, the plug-in hangs: the program reports Fault::kWrite and its
+  /// force stays off. If the calls are late too, the program reports Fault::kLate.
   [[nodiscard]] Look look(std::int64_t now) noexcept;
   static constexpr double kHung = 0.2;  ///< [s]
-  /// Keeps the force at zero until the program sends an order of zero force. Callable from any
-  /// thread.
+  /// Keeps the force at zero until an order of zero force comes. Callable from any thread.
   void stop() noexcept;
 
  private:
-  /// Passes the newest order to the arm; if the force is off, passes zero force.
   void give(std::int64_t now) noexcept;
-  /// Returns false for an order that the program's last gate cannot have let through. The plug-in's
-  /// own code runs between that gate and the arm, and may have changed the order. Call it once for
-  /// each order.
+  /// Returns false for an order that the program's last gate cannot have let through: the plug-in's
+  /// code may have changed it. Call it once for each order.
   [[nodiscard]] bool isSound(const PluginOrder& order, std::int64_t now) noexcept;
   void read() noexcept;
-  /// Removes gravity compensation and force, and stops the device. Called on the haptic thread, so
-  /// it comes after any order in progress.
+  /// Takes off force and carried weight, on the haptic thread, so after any order in progress.
   void takeOff() noexcept;
   [[nodiscard]] std::int64_t nextReading(std::int64_t now) noexcept;
 
   PluginLink& link_;
   const PluginDevice& device_;
   double peak_;
-  GrowthCheck force_growth_;                 ///< Checks the force [N].
-  GrowthCheck carry_growth_{1.0 / kEngage};  ///< Checks PluginOrder::carry.
+  GrowthCheck force_growth_;
+  GrowthCheck carry_growth_{1.0 / kEngage};
   std::atomic<std::int64_t> period_;
   std::atomic<bool> ended_{false};
   std::atomic<bool> done_{false};
-  /// Orders are not passed on until the program sends a zero order.
+  /// Orders are not passed on until a zero order comes.
   std::atomic<bool> stopped_{false};
-  std::atomic<bool> blamed_{false};  ///< The plug-in hung, so its stop is not reported as late.
+  std::atomic<bool> blamed_{false};  ///< The plug-in hung.
 
   PluginOrder order_;
   PluginNews news_;
-  std::uint32_t seen_ = 0;       ///< Last value of PluginLink::orders.
+  std::uint32_t seen_ = 0;
   bool drives_ = false;          ///< The last force that was passed on was not zero.
   std::int64_t ordered_at_ = 0;  ///< [ns]
-  std::int64_t ticked_at_ = 0;   ///< Last value of PluginLink::ticked_at.
+  std::int64_t ticked_at_ = 0;
 
   // Used by look() only.
   static constexpr double kPunctual = 0.005;  ///< Longest pause between two punctual calls [s].
   std::uint64_t beat_ = 0;
   std::int64_t beat_at_ = 0;    ///< [ns]
   std::int64_t looked_at_ = 0;  ///< [ns]
-  /// Time since `beat_at_` during which calls of look() were late [ns].
+  /// Time since `beat_at_` in which look() was called late [ns].
   std::int64_t held_up_ = 0;
   bool hung_ = false;
 };
 
-/// Runs palpate-plugin: loads `file`, opens the arm with this serial number and serves it through
-/// the descriptors of plugin_link.h. listPlugin() lists the arms instead (kPluginControl only).
-/// Both return the process' exit status.
+/// Runs palpate-plugin: opens an arm and serves it. Returns the exit status.
 [[nodiscard]] int servePlugin(const std::filesystem::path& file, const std::string& serial);
-/// @see servePlugin
+/// Lists the arms through kPluginControl. Returns the exit status.
 [[nodiscard]] int listPlugin(const std::filesystem::path& file);
 
 }  // namespace palpate

@@ -1,9 +1,8 @@
-/* The sample of a plug-in: a simulated arm, to be read, copied and changed (docs/plugins.md).
+/* A sample plug-in: a simulated arm, to be read, copied and changed (docs/plugins.md). C99 with the
+ * compiler's own atomics; needs libc and libm.
  *
- * The tip is a mass on a spring and a damper about a path that a slow hand takes; the force moves
- * the tip. Time is the host's clock: the simulation advances only when the host reads.
- *
- * C99 with the compiler's own atomics; needs libc and libm.
+ * The tip is a mass on a spring and a damper about the slow path of a hand; the force moves the
+ * tip. The simulation advances by the host's clock, and only when the host reads.
  */
 #include <math.h>
 #include <stddef.h>
@@ -18,14 +17,14 @@ static const double kSpring = 30.0;             /* [N/m] */
 static const double kDamper = 2.0;              /* [N s/m] */
 static const double kWeight = 0.3;              /* [N] */
 static const double kPeak = 4.0;                /* [N] */
-static const double kContinuous = 1.5;          /* Force that the motors hold for ever [N]. */
+static const double kContinuous = 1.5;          /* Force that the motors can hold forever [N]. */
 static const double kHeating = 20.0;            /* Time constant of their heat [s]. */
 static const int64_t kPeriod = 1000000;         /* Period of the positions [ns]. */
 static const int64_t kWatchdog = 50000000;      /* [ns] */
 static const int64_t kLongest = 200 * 1000000L; /* Longest time that one read simulates [ns]. */
 
-/* The device comes first: a pointer to it is also a pointer to the arm. All members but `stopped`
- * belong to the haptic thread, and to the main thread before and after that thread runs. */
+/* The device comes first, so a pointer to it is also a pointer to the arm. The haptic thread uses
+ * all members but `stopped`; before and after its run, the main thread uses them. */
 typedef struct arm {
   palpate_plugin_device device;
   palpate_plugin_weight weight;
@@ -37,7 +36,7 @@ typedef struct arm {
   int64_t at; /* Time of the newest sample [ns]. */
   int64_t written;
   double force[3];
-  double share, next_share; /* Share of the weight that is carried now; from the next write on. */
+  double share, next_share; /* Share of the weight carried now, and from the next write on. */
   double hot;               /* Heat; 1: the limit. */
   double given;             /* Share of the force that the motors give. */
   double offset[3], speed[3];
@@ -51,8 +50,8 @@ static size_t least(size_t a, size_t b) {
   return a < b ? a : b;
 }
 
-/* Fills in the fields for which the caller's struct has room, and leaves its size as it is: the
- * struct of an older host is smaller, that of a newer host is larger. */
+/* Fills in the fields for which the host's struct has room, except `size`. An older host has a
+ * smaller struct, a newer host a larger one. */
 static void give(void* theirs, const void* ours, size_t ours_size) {
   uint32_t size;
   memcpy(&size, theirs, sizeof size);
@@ -103,11 +102,10 @@ static void measure(const arm* a, palpate_plugin_reading* r) {
   r->velocity[0] = a->speed[0] + 0.02 * w * cos(w * t);
   r->velocity[1] = a->speed[1] - 0.02 * w * sin(w * t);
   r->velocity[2] = a->speed[2];
-  /* The handle turns about z. */
   r->orientation[0] = cos(0.1 * t);
   r->orientation[3] = sin(0.1 * t);
   r->gripper = 0.25 * (1.0 - cos(w * t));
-  /* Button 1 is pressed for one second out of ten, button 2 for the one after it. */
+  /* Button 1 is pressed for one second in ten, button 2 for the next second. */
   const double second = fmod(t, 10.0);
   r->buttons = (uint32_t)(second >= 1.0 && second < 2.0) | (uint32_t)(second >= 2.0 && second < 3.0)
                                                                << 1;
@@ -153,7 +151,7 @@ static int readArm(palpate_plugin_device* device, palpate_plugin_reading* theirs
   arm* a = (arm*)device;
   const int64_t now = host.now();
   if (now - a->at < kPeriod) return PALPATE_PLUGIN_NOTHING;
-  /* After a long pause, skips time: the number of steps is bounded. */
+  /* Skips time after a long pause, to bound the number of steps. */
   if (now - a->at > kLongest) a->at += (now - a->at - kLongest) / kPeriod * kPeriod;
   while (now - a->at >= kPeriod) step(a);
   palpate_plugin_reading r;
@@ -172,7 +170,7 @@ static int writeArm(palpate_plugin_device* device, const palpate_plugin_force* t
   memcpy(a->force, f.force, sizeof a->force);
   a->share = a->next_share;
   a->written = host.now();
-  /* Clears the stop after the zero is stored: only a zero force ends a stop. */
+  /* Only a zero force ends a stop, so clears the stop after the zero is stored. */
   if (zero) __atomic_store_n(&a->stopped, 0, __ATOMIC_RELEASE);
   return PALPATE_PLUGIN_OK;
 }
@@ -208,7 +206,7 @@ static int find(palpate_plugin_found* found, int room) {
     strcpy(f.serial, kSerials[i]);
     strcpy(f.model, "an arm made of numbers");
     give(at, &f, sizeof f);
-    /* The next entry is where the host's compiler has put it. */
+    /* The entries have the size that the host's version knows. */
     at += ((palpate_plugin_found*)at)->size;
   }
   return 2;
@@ -245,7 +243,6 @@ static palpate_plugin_device* openArm(const char* serial, char* error, size_t ro
 static int init(const palpate_plugin_host* theirs) {
   memset(&host, 0, sizeof host);
   memcpy(&host, theirs, least(theirs->size, sizeof host));
-  /* Every host must have these functions. */
   if (!host.ends || !host.now) {
     if (host.say) host.say("sample: this palpate is too old for this plug-in; use a newer one");
     return -1;

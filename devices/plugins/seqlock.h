@@ -1,5 +1,4 @@
-/// Private to devices: passes the newest value from one writer to readers in another, untrusted
-/// process.
+/// Private to devices: passes the newest value from one writer to an untrusted process.
 #pragma once
 
 #include <array>
@@ -12,9 +11,8 @@
 namespace palpate {
 
 /// A value in memory that two processes share. If the writer dies during a write, readers reject
-/// the value. Whatever this memory contains, a reader takes bounded time and reads only this
-/// object. Mailbox does not guarantee this, because it takes a slot's number from the shared
-/// memory.
+/// the value. For any content of this memory, a reader takes bounded time and reads only this
+/// object. Mailbox does not guarantee this: it takes a slot's number from the shared memory.
 template <class T>
 class Seqlock {
   static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % 8 == 0);
@@ -32,8 +30,8 @@ class Seqlock {
     }
     count_.store(begun + 1U, std::memory_order_release);
   }
-  /// Copies the newest complete value into `to`. Returns false, and leaves `to` unchanged, if a
-  /// write was in progress at each of a few attempts. Callable from any thread. RT: bounded time.
+  /// Returns false, and leaves `to` unchanged, if a write was in progress at each of a few
+  /// attempts. Callable from any thread. RT: bounded time.
   [[nodiscard]] bool load(T& to) const noexcept {
     constexpr int kTries = 8;
     for (int i = 0; i < kTries; ++i) {

@@ -7,8 +7,7 @@
 
 namespace palpate {
 
-/// Returns the checksum of `bytes`, continued from the checksum `before` of earlier bytes; 0: there
-/// are no earlier bytes.
+/// Returns the checksum of `bytes`, continued from the checksum `before` of earlier bytes.
 [[nodiscard]] std::uint32_t crc32c(std::span<const std::byte> bytes,
                                    std::uint32_t before = 0) noexcept;
 

@@ -10,9 +10,8 @@
 namespace palpate {
 
 /// Opens a file, or standard input for "-". Errors of standard input are visible only after
-/// std::ios::sync_with_stdio(false). Throws Error if the file cannot be read.
-///
-/// @param holder  Owns the file; must outlive the returned stream.
+/// std::ios::sync_with_stdio(false). Throws Error. `holder` owns the file and must outlive the
+/// stream.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 
 /// A row of a table read by readCsv.
@@ -21,9 +20,8 @@ struct CsvRow {
   std::vector<double> values;  ///< One number per column, in the header's order; finite.
 };
 
-/// Reads a table whose header is exactly `columns` and whose fields are all finite numbers. Skips
-/// blank lines; accepts CRLF and blanks around a field. Throws DeviceError that names `name` and
-/// the line.
+/// Reads a table with exactly the header `columns` and with finite numbers only. Skips blank lines;
+/// accepts CRLF and blanks around a field. Throws DeviceError with `name` and the line.
 [[nodiscard]] std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
                                           const std::string& name);
 

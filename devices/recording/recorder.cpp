@@ -16,7 +16,6 @@
 namespace palpate {
 
 struct Recorder::Ring {
-  /// A tick, constructed in place.
   struct Slot {
     RecordedTick row;
     Slot() = default;
@@ -110,7 +109,7 @@ void Recorder::run() {
       if (::fdatasync(descriptor_) != 0 && errno != EINVAL) fail(std::strerror(errno));
       synced = now;
     }
-    // In virtual time the ring fills fast, so the thread continues without a pause.
+    // In virtual time the ring fills fast, so the thread does not pause.
     if (!last && ring_->slots.size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
   }
 }
@@ -120,8 +119,7 @@ void Recorder::writeNew() {
   Ring::Slot slot;
   while (rows_.size() < rows_.capacity() && ring_->slots.try_dequeue(slot))
     rows_.push_back(slot.row);
-  // expect() is called before a scene is published, so all scenes of these ticks are in scenes_
-  // already.
+  // expect() precedes the publishing of a scene, so scenes_ has all scenes of the ticks.
   std::vector<RecordedScene> scenes;
   {
     const std::lock_guard lock(mutex_);

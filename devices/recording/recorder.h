@@ -14,14 +14,11 @@
 
 namespace palpate {
 
-/// A ring buffer and a thread that writes its content to the file. If the program is killed, at
-/// most the last kWritten are lost; if the machine loses power, the last kSynced.
-///
-/// Two other threads use it: the haptic thread and the scene thread.
+/// Passes ticks through a ring buffer to a thread that writes the file. At most the ticks
+/// of the last kWritten are lost if the program is killed, of the last kSynced if the power fails.
 class Recorder {
  public:
-  static constexpr double kWritten = 0.05;  ///< Longest time until a tick is in the file, visible
-                                            ///< to other programs [s].
+  static constexpr double kWritten = 0.05;  ///< Longest time until a tick is in the file [s].
   static constexpr double kSynced = 1.0;    ///< Longest time until a tick is on the disk [s].
 
   /// Creates a temporary file beside `file`, with its header. Throws Error if it cannot be written.
@@ -31,8 +28,8 @@ class Recorder {
   ~Recorder();
 
   /// Moves the file to its final place, where it replaces an existing file. Call it before the
-  /// first tick. A recorder that never begins leaves an existing file unchanged. Throws Error if
-  /// the move fails.
+  /// first tick. Without this call an existing file stays unchanged. Throws Error if the move
+  /// fails.
   void begin();
 
   // Called by the haptic thread.
@@ -44,12 +41,12 @@ class Recorder {
   // Called by the scene thread.
   /// Adds a scene. Call it before the scene is published.
   void expect(RecordedScene scene);
-  /// Waits until there is room for many more ticks. For virtual time.
+  /// For virtual time: waits until the ring has room for many more ticks.
   void wait() const;
   /// Returns the number of ticks that were lost because the ring was full.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
-  /// Returns why writing has stopped, such as a full disk; empty if it continues. Data that were
-  /// written earlier are complete.
+  /// Returns why writing has stopped, such as a full disk; empty while writing continues. Data that
+  /// were written earlier are complete.
   [[nodiscard]] std::string trouble() const;
   /// Writes the remaining ticks and closes the file.
   void end();

@@ -38,20 +38,19 @@ enum class ChunkKind : std::uint64_t { kTicks, kScene };
 
 /// The record that precedes each chunk.
 struct ChunkMark {
-  std::int64_t tick;          ///< kChunk.
-  std::array<char, 8> magic;  ///< kMagic.
-  std::uint64_t kind;         ///< A ChunkKind.
-  std::uint64_t count;        ///< Number of records that follow.
-  std::int64_t first;         ///< For ticks: number of the first tick.
-  std::uint64_t scene;        ///< For a scene: its id.
-  std::uint64_t bytes;        ///< For a scene: length of its text.
-  /// CRC-32C of this record, with 0 in this place, and of the records that follow.
+  std::int64_t tick;
+  std::array<char, 8> magic;
+  std::uint64_t kind;
+  std::uint64_t count;  ///< Number of records that follow.
+  std::int64_t first;   ///< For ticks: number of the first tick.
+  std::uint64_t scene;  ///< For a scene: its id.
+  std::uint64_t bytes;  ///< For a scene: length of its text.
+  /// CRC-32C of this record with crc = 0, and of the records that follow.
   std::uint64_t crc;
   std::array<char, sizeof(RecordedTick) - 64> zero;
 };
 static_assert(sizeof(ChunkMark) == sizeof(RecordedTick));
 
-/// A piece of a text.
 struct TextPiece {
   std::int64_t tick;  ///< kText.
   std::array<char, sizeof(RecordedTick) - 8> text;
@@ -138,7 +137,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(fault, fault, "", true)
 // clang-format on
 
-// Converts a value of Telemetry to a record's.
+// put(): from Telemetry to a record. take(): back, with valid enum values for any byte.
 template <class T>
 void put(T& to, T from) noexcept {
   to = from;
@@ -156,7 +155,6 @@ requires(Matrix::SizeAtCompileTime == N) void put(std::array<double, N>& to,
                                                   const Matrix& from) noexcept {
   std::copy_n(from.data(), N, to.begin());
 }
-// Converts a record's value back. For any byte of a file, the enum value is valid.
 template <class T>
 void take(T& to, T from) noexcept {
   to = from;
@@ -309,7 +307,7 @@ DeviceInfo deviceOf(const OrderedJson& json) {
   return d;
 }
 
-/// Parses a header's JSON. Rejects JSON that is nested deeper than a written header.
+/// Rejects JSON that is nested deeper than any header that palpate writes.
 OrderedJson parsed(const std::string& line) {
   constexpr int kDeepest = 16;
   return OrderedJson::parse(line, [](int depth, auto, OrderedJson&) {
@@ -318,9 +316,8 @@ OrderedJson parsed(const std::string& line) {
   });
 }
 
-/// Copies a file to memory. A mapped file would be dangerous: if another program truncates it, the
-/// next access ends this program with SIGBUS. A recording that is truncated during the copy counts
-/// as torn.
+/// Copies a file to memory. If another program truncated a mapped file, the next access would raise
+/// SIGBUS. A recording that is truncated during the copy counts as torn.
 std::span<const std::byte> copied(const std::filesystem::path& file) {
   const auto fail = [&](const std::string& why) {
     throw Error(file.string(), why, "give a file of palpate feel --record");
@@ -367,7 +364,7 @@ T at(std::span<const std::byte> bytes, std::size_t offset) noexcept {
 
 /// Returns true if the ticks' numbers rise and all exceed `last`.
 bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept {
-  constexpr std::int64_t kMost = std::int64_t{1} << 53U;  // some 30,000 years at 10 kHz
+  constexpr std::int64_t kMost = std::int64_t{1} << 53U;  // about 30,000 years at 10 kHz
   for (std::size_t from = 0; from < records.size(); from += sizeof(RecordedTick)) {
     const auto tick = at<std::int64_t>(records, from);
     if (tick <= last || tick > kMost) return false;
@@ -376,8 +373,7 @@ bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept 
   return !records.empty();
 }
 
-/// Returns the header's line without its line end. Throws Error if the file does not begin with a
-/// header.
+/// Returns the header without its line end. Throws Error if the file has no header.
 std::string headerLine(std::span<const std::byte> bytes, const std::string& file) {
   const auto* begin = reinterpret_cast<const char*>(bytes.data());
   const std::size_t start = sizeof(kBegins) - 1;
@@ -528,7 +524,7 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
                       (mark.kind != static_cast<std::uint64_t>(ChunkKind::kTicks) ||
                        comesAfter(records, last_tick));
     if (!good) {
-      // The chunk is damaged; the next chunk begins at one of the following records.
+      // The chunk is damaged. Searches the next chunk record by record.
       offset += kRecord;
       patience -= std::min(patience, records.size());
       if (patience == 0) break;

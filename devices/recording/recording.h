@@ -1,13 +1,13 @@
-/// A recording: the inputs and results of a hand's ticks, in a file that stays readable if the
-/// program is killed.
+/// A recording: the inputs and results of a hand's ticks. The file stays readable if the program is
+/// killed.
 ///
-/// The file is a sequence of little-endian records of one size. First comes a header: one line of
-/// JSON, padded with blanks to whole records. The header describes the fields of a record (`dtype`,
-/// as in numpy), their units, and the program, device and machine.
+/// The file is a sequence of little-endian records of one size. The header is one line of JSON,
+/// padded with blanks to whole records. It describes the fields of a record (`dtype`, as in numpy),
+/// their units, and the program, device and machine.
 ///
 /// Then come chunks. Each chunk is a mark (ChunkMark), which is itself a record, and the records
 /// that the mark announces: ticks, or a scene as text. A record that is not a tick has a `tick`
-/// below zero. Files only grow. In a truncated or damaged file, the complete chunks are valid.
+/// below zero. In a truncated or damaged file, the complete chunks are valid.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@
 
 namespace palpate {
 
-/// One tick. Its fields cover every byte.
+/// One tick; its fields cover every byte.
 struct RecordedTick {
   std::int64_t tick;               ///< Telemetry::tick.
   std::uint64_t scene;             ///< Telemetry::scene.
@@ -41,7 +41,7 @@ struct RecordedTick {
   double age;                      ///< HandState::age [s].
   double still;                    ///< HandState::still [s].
   double max_speed;                ///< HandState::max_speed [m/s].
-  /// Handle::orientation. The next three are from Handle too.
+  /// Handle::orientation; the next three fields are from Handle too.
   std::array<double, 4> orientation;
   std::array<double, 3> measured_velocity;  ///< Measured by the arm [m/s].
   double gripper;                           ///< [rad]
@@ -59,8 +59,8 @@ struct RecordedTick {
   double share;                             ///< StepReport::share.
   double energy;                            ///< StepReport::energy [J].
   double left;                              ///< StepReport::left.
-  std::int32_t iterations;                  ///< From StepReport, as are the next seven.
-  /// Number of readings of properties, each followed by a balance.
+  std::int32_t iterations;  ///< StepReport::iterations; the next seven are from StepReport too.
+  /// Number of readings of properties; a balance follows each.
   std::int32_t substeps;
   std::int32_t samples;              ///< Number of field reads.
   std::int32_t traced;               ///< Number of reads along streams.
@@ -109,7 +109,7 @@ struct RecordedField {
 /// A scene that the hand received.
 struct RecordedScene {
   std::uint64_t id = 0;  ///< RecordedTick::scene.
-  /// JSON that describes where the scene came from; see scenes/apps/cli/recorded.h.
+  /// JSON that describes its origin; see scenes/apps/cli/recorded.h.
   std::string text;
 };
 
@@ -117,7 +117,7 @@ struct RecordedScene {
 struct RecordedSetting {
   DeviceInfo device;     ///< Device of the hand, with the `limits` that the loop used.
   double rate = 1000.0;  ///< [Hz]
-  /// JSON object with data about program, machine and run. This class does not interpret it.
+  /// JSON object about program, machine and run; not interpreted here.
   std::string about;
 };
 
@@ -148,8 +148,8 @@ class Recording {
 
  private:
   struct Chunk {
-    std::int64_t first = 0;  ///< Index of the chunk's first tick.
-    std::size_t at = 0;      ///< Offset of the chunk's first record in the file [bytes].
+    std::int64_t first = 0;
+    std::size_t at = 0;  ///< Offset of the chunk's first record in the file [bytes].
   };
 
   std::span<const std::byte> bytes_;
@@ -167,8 +167,7 @@ class Recording {
 
 /// Returns the header with which a writer begins a recording.
 [[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
-/// Returns the bytes of chunks of at most 1,024 ticks each. `ticks` is not empty, and the ticks'
-/// numbers rise.
+/// Returns the chunks of at most 1,024 ticks each. `ticks`: not empty, with rising numbers.
 [[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
 /// Returns the bytes of the chunk of a scene.
 [[nodiscard]] std::string recordingChunk(const RecordedScene& scene);

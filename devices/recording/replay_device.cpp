@@ -16,7 +16,7 @@ namespace {
 
 /// Returns the index of the first tick at `seconds` or later.
 std::int64_t tickAt(const Recording& recording, double seconds) noexcept {
-  // A binary search written by hand, because clang 14 does not support the library's views.
+  // A binary search by hand, because clang 14 does not support the library's views.
   std::int64_t low = 0;
   std::int64_t high = recording.size();
   while (low < high) {
@@ -74,8 +74,9 @@ std::unique_ptr<ReplayDevice> openReplay(const std::string& name) {
     const std::int64_t ticks = recording->size();
     throw Error(file,
                 ticks == 0 ? "it has no ticks"
-                           : fmt::format("it ends at {} s", recording->tick(ticks - 1).time),
-                ticks == 0 ? "record again" : "begin earlier");
+                           : fmt::format("it ends at {} s, before the given start",
+                                         recording->tick(ticks - 1).time),
+                ticks == 0 ? "record again" : "give an earlier start");
   }
   return std::make_unique<ReplayDevice>(std::move(recording), first);
 }

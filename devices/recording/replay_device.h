@@ -11,8 +11,7 @@
 namespace palpate {
 
 /// Replays a recorded hand, one tick per write, independent of the force. Has the properties of the
-/// recorded arm, but no force reaches a hand. Does not replay commands and lateness; HandTick
-/// replays these too.
+/// recorded arm. Does not replay commands and lateness; HandTick does.
 class ReplayDevice final : public Device {
  public:
   /// Begins at the tick with index `begin`, which is less than the recording's size.

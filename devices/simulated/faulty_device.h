@@ -1,5 +1,4 @@
-/// A device with a simulated defect (a trouble), to test how a loop reacts without risk to a real
-/// arm.
+/// A device with a simulated defect (a trouble), to test a loop without risk to a real arm.
 #pragma once
 
 #include <limits>
@@ -19,7 +18,7 @@ enum class Trouble : std::uint8_t {
   kFrozen,     ///< The last position repeats as if it were new; no counter moves.
   kJumping,    ///< A count was lost: all positions are shifted by kJump.
   kNotFinite,  ///< Positions that are not finite.
-  kRunaway,    ///< The position moves away with speed kRun, whatever the hand does.
+  kRunaway,    ///< The position moves away with speed kRun, independent of the hand.
   kUnwritten,  ///< Writes fail: the motors keep their force.
   kBlocked,    ///< Writes take kHang.
   kHung,       ///< Reads take kHang.
@@ -42,8 +41,7 @@ inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 class FaultyDevice final : public Device {
  public:
   static constexpr double kJump = 0.02;  ///< [m]
-  static constexpr double kRun = 4.5;    ///< [m/s]: faster than WatchLimits::max_speed, but not a
-                                         ///< jump.
+  static constexpr double kRun = 4.5;    ///< [m/s]: above WatchLimits::max_speed, but not a jump.
   static constexpr double kHang = 0.03;  ///< [s]: longer than every limit of the loop.
 
   /// Has the trouble from `begin` until `end` [s], counted in ticks of `rate` [Hz]. Throws
@@ -61,7 +59,6 @@ class FaultyDevice final : public Device {
 
  private:
   [[nodiscard]] bool troubled() const noexcept;
-  /// Gives `hand` the last good position, which is `old` ticks old.
   void hold(HandState& hand, std::int64_t old) const noexcept;
 
   std::unique_ptr<Device> device_;
@@ -70,8 +67,8 @@ class FaultyDevice final : public Device {
   double begin_;
   double end_;
   std::int64_t tick_ = 0;
-  std::int64_t since_ = 0;     ///< Number of readings since the trouble began.
-  Vec3 force_ = Vec3::Zero();  ///< The last force sent.
+  std::int64_t since_ = 0;  ///< Number of readings since the trouble began.
+  Vec3 force_ = Vec3::Zero();
   /// The last reading before the trouble; for repeated positions, the last that was reported.
   HandState whole_;
 };

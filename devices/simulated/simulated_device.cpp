@@ -17,8 +17,7 @@ void require(bool good, const char* what, const char* remedy) {
   if (!good) throw DeviceError("simulated device", what, remedy);
 }
 
-/// Distance from the centre at which a visit of a side begins and ends, relative to the ellipsoid's
-/// radius.
+/// Distance from the centre at the start and end of a visit, relative to the ellipsoid's radius.
 constexpr double kOutside = 1.25;
 
 /// Position of the hand during a visit of one side: its distance from the centre, relative to the
@@ -27,7 +26,6 @@ struct Visit {
   double distance, circle;
 };
 
-/// Returns the position at a share u of the visit's time.
 Visit visitAt(double u) {
   struct Key {
     double t;
@@ -166,8 +164,7 @@ void SimulatedDevice::advance(const Propagator& step, const Vec3& order,
     amplifier_ = step.aa * amplifier_ + step.au * order;
   }
   position_ = x;
-  // Coulomb friction opposes the motion. A force that is smaller than the friction does not move
-  // the arm.
+  // Coulomb friction opposes the motion, and at most stops the arm.
   const double speed = velocity_.norm();
   if (speed <= 0.0) return;
   const Vec3 direction = velocity_ / speed;
@@ -183,8 +180,7 @@ HandState SimulatedDevice::read() noexcept {
 }
 
 void SimulatedDevice::write(const Vec3& force) noexcept {
-  // The hand's force. The propagator contains the part that depends on the arm's position; this is
-  // the part of the target, which moves in each tick.
+  // The hand's force from its target. The propagator contains the part from the arm's position.
   const double t = static_cast<double>(tick_) / rate_;
   const Vec3 before = std::exchange(aim_, target_.at(t));
   const Vec3 pull = grip_.stiffness * aim_ + grip_.damping * rate_ * (aim_ - before);

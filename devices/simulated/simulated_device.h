@@ -14,13 +14,13 @@ struct ArmParams {
   double mass = 0.1;      ///< [kg], > 0.
   double viscous = 0.5;   ///< b [N s/m], >= 0.
   double coulomb = 0.02;  ///< c [N], >= 0.
-  double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: none.
+  double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: exact.
   double delay = 1e-3;    ///< Delay from a reading to its force [s], >= 0.
   double lag = 0.0;       ///< Time constant of the amplifiers, first order [s], >= 0.
   /// Use of the energy tank, which relies on the friction and delay given here.
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
-  /// True: the arm is treated as one whose force could hurt (DeviceInfo::hand).
+  /// DeviceInfo::hand: the loop treats the arm as one that could hurt a hand.
   bool hand = false;
   double late = WatchLimits{}.late;  ///< WatchLimits::late, the longest delay of a tick [s].
 };
@@ -41,21 +41,19 @@ struct HandTarget {
 };
 
 /// Simulates m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, in ticks of
-/// 1/rate.
+/// 1/rate. Deterministic. The device ends with its target.
 ///
 /// f is the written force: held for a tick, delayed by `delay` (whole and fractional ticks), and
-/// filtered with the time constant `lag`. The target of the hand and the target's velocity are held
-/// for a tick as well. The linear part is solved exactly for each piece of a tick in which f is
-/// constant. Coulomb friction is a constant force over each piece. It is at most the force that
-/// stops the arm, so it never drives the arm. The probe is the arm's position rounded to the
-/// encoder's step. Deterministic. The device ends with its target.
+/// filtered with the time constant `lag`. The target and its velocity are held for a tick as well.
+/// The linear part is solved exactly for each piece of a tick in which f is constant. Coulomb
+/// friction is constant over a piece, and at most stops the arm. The probe is the arm's position
+/// rounded to the encoder's step.
 class SimulatedDevice final : public Device {
  public:
   /// Throws DeviceError for parameters out of range.
   SimulatedDevice(const ArmParams& arm, const GripParams& grip, HandTarget target, double rate);
 
-  /// Returns the limits of a Phantom Desktop, 7.9 N and 1000 N/m. Mass, `hand` and tank are those
-  /// of ArmParams.
+  /// Returns the limits of a Phantom Desktop (7.9 N, 1000 N/m); mass, `hand` and tank of ArmParams.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
@@ -83,11 +81,11 @@ class SimulatedDevice final : public Device {
   HandTarget target_;
   double rate_;
   std::int64_t tick_ = 0;
-  Vec3 aim_;  ///< The hand's target in the last tick [m].
+  Vec3 aim_;
   Vec3 position_;
   Vec3 velocity_ = Vec3::Zero();
-  Vec3 amplifier_ = Vec3::Zero();  ///< The amplifiers' force [N].
-  std::vector<Vec3> queue_;        ///< Pending forces; the oldest is at next_.
+  Vec3 amplifier_ = Vec3::Zero();
+  std::vector<Vec3> queue_;  ///< Pending forces; the oldest is at next_.
   std::size_t next_ = 0;
   Propagator early_;  ///< Step of the part of a tick in which the older force still acts.
   Propagator late_;   ///< Step of the rest of the tick, in which the newer force acts.

@@ -43,8 +43,7 @@ Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double 
   const DelayInPeriods delay = inPeriods(arm.delay, rate);
   const AxisStep early = axisStep(arm, grip, delay.part / rate);
   const AxisStep late = axisStep(arm, grip, (1.0 - delay.part) / rate);
-  // The state: x, v, f, then the readings x_{k-1}, x_{k-2}, ... on which the pending commands
-  // depend.
+  // State: x, v, f, then the earlier readings on which the pending commands depend.
   const int readings = delay.whole + 1 + span;
   Eigen::MatrixXd loop = Eigen::MatrixXd::Zero(3 + readings, 3 + readings);
   loop.topLeftCorner<3, 3>() = late.leftCols<3>() * early.leftCols<3>();
@@ -122,8 +121,7 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
   room.passive = passiveStiffness(arm, rate, damping);
   room.stable = stableStiffness(arm, grip, rate, damping);
   room.amplitude = holdingAmplitude(arm, rate, stiffness);
-  // Searches, because a delay is constant in seconds, but its fraction of a period depends on the
-  // rate.
+  // Searches, because the delay's fraction of a period depends on the rate.
   constexpr double kFastest = 1e5;  // [Hz]
   double faster = rate;
   while (faster <= kFastest && passiveStiffness(arm, faster, damping) < stiffness) faster *= 1.01;

@@ -11,8 +11,7 @@ namespace palpate {
 
 /// A delay as whole periods of 1/rate and a remainder of 0 to 1 period.
 struct DelayInPeriods {
-  /// Number of whole periods. A delay that is short of a whole period by less than 1e-9 counts as
-  /// whole.
+  /// Number of whole periods; a remainder above 1 - 1e-9 counts as a whole period.
   int whole = 0;
   double part = 0.0;  ///< Remainder, as a share of a period.
 };
@@ -23,8 +22,7 @@ struct DelayInPeriods {
 /// v, f), exactly. f is the amplifier's force, u its command; without lag f = u. Does not include
 /// Coulomb friction or the motion of the hand's target.
 using AxisStep = Eigen::Matrix<double, 3, 4>;
-/// Returns the step of an arm in a hand over `time` [s], by the matrix exponential of the axis's
-/// equations.
+/// Returns the step of an arm in a hand over `time` [s], by a matrix exponential.
 [[nodiscard]] AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time);
 
 /// Returns the number of periods of 1/rate nearest to a time [s], at least one. The damper computes
@@ -33,8 +31,7 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 
 /// Returns the matrix that maps one sample of an axis to the next, with all delayed forces. The
 /// wall is R = stiffness x_k + damping (x_k - x_{k-n}) / (n T), with T = 1/rate and n =
-/// rateSpan(rate, rate_time). The axis never leaves the wall. Encoder steps and Coulomb friction
-/// are not included. The arm's delay may be a fraction of a period.
+/// rateSpan(rate, rate_time); the axis never leaves it. Ignores encoder steps and Coulomb friction.
 [[nodiscard]] Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
                                          double stiffness, double damping,
                                          double rate_time = kRateTime);
@@ -43,17 +40,16 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
                             double stiffness, double damping, double rate_time = kRateTime);
 
 /// Returns the smallest stiffness at which the closed loop does not settle [N/m], with a relative
-/// error of 1e-9. 0: it settles at no stiffness. Infinite: it settles at every stiffness that was
-/// tried. The search ends at a thousand times the sum of the stiffnesses that mass, friction and
-/// hand amount to in a tick. Takes a few milliseconds, or seconds if the delay has many periods.
+/// error of 1e-9. 0: it settles at no stiffness. Infinite: it settles up to the end of the search,
+/// 1000 (4 m / T^2 + (b + b_h) / T + k_h). Takes a few milliseconds, or seconds if the delay has
+/// many periods.
 [[nodiscard]] double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate,
                                      double damping = 0.0, double rate_time = kRateTime);
 
-/// Returns the stiffness up to which no hand, whether a spring and damper or a machine, can extract
-/// energy from the wall [N/m]; 0: at no stiffness. Exact without damping, and, if the damper's
-/// velocity is taken over one period, for damping < 0 and for no delay (Colgate and Schenkel). In
-/// all other cases the result is a lower bound. Amplifier lag counts as an equal delay, which also
-/// gives a lower bound. For encoder steps see quietStiffness.
+/// Returns the stiffness up to which no hand can extract energy from the wall [N/m]; 0: at no
+/// stiffness. Exact without damping. Also exact for damping < 0 and for no delay, if the damper's
+/// velocity is taken over one period (Colgate and Schenkel). Otherwise a lower bound; amplifier lag
+/// counts as an equal delay. For encoder steps see quietStiffness.
 [[nodiscard]] double passiveStiffness(const ArmParams& arm, double rate, double damping = 0.0);
 
 /// Returns the stiffness up to which Coulomb friction absorbs the encoder's steps [N/m]: 2 c / D,
@@ -61,13 +57,12 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
 [[nodiscard]] double quietStiffness(const ArmParams& arm, double rate, double damping = 0.0,
                                     double rate_time = kRateTime);
 
-/// Returns the amplitude up to which the swing of a released arm against the wall decays [m]. Up to
-/// this amplitude, Coulomb friction suffices although viscous friction alone does not. Infinite if
-/// viscous friction suffices alone; 0 without Coulomb friction.
+/// Returns the amplitude up to which Coulomb friction damps the swing of a released arm against the
+/// wall [m]. Infinite if viscous friction suffices alone; 0 without Coulomb friction.
 [[nodiscard]] double holdingAmplitude(const ArmParams& arm, double rate, double stiffness);
 
-/// Stability margins of a coupling on an arm. Always show all of them: a user who sees `passive`
-/// alone would choose a coupling that is softer than necessary.
+/// Stability margins of a coupling on an arm. Show them together: `passive` alone suggests a softer
+/// coupling than necessary.
 struct CouplingRoom {
   double passive = 0.0;    ///< passiveStiffness [N/m]
   double stable = 0.0;     ///< stableStiffness of the arm in a hand [N/m]
@@ -75,8 +70,7 @@ struct CouplingRoom {
   double rate = 0.0;       ///< Rate at which the coupling would be passive [Hz]; 0: at no rate.
   double viscous = 0.0;    ///< Viscous friction at which the coupling would be passive [N s/m].
 };
-/// Returns the margins of a coupling with `stiffness` [N/m], > 0, and `damping` [N s/m], in a loop
-/// of `rate` [Hz]. Takes milliseconds.
+/// Returns the margins. `stiffness` [N/m], > 0; `damping` [N s/m]; `rate` [Hz]. Takes milliseconds.
 [[nodiscard]] CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate,
                                    double stiffness, double damping);
 

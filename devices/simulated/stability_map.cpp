@@ -25,7 +25,6 @@ constexpr double kLastly = 0.75;    // share of the time after which the final b
 // the third quarter.
 constexpr double kDying = 0.8;
 
-/// Returns a plane through the origin, which pushes a proxy behind it along its normal.
 Primitive plane(const Vec3& normal, double strength) {
   return {PrimitiveKind::kPlane, Vec3::Zero(), normal, strength};
 }
@@ -125,7 +124,7 @@ MapCell tryCoupling(const MapSetting& setting, const MapContact& contact, const 
         -acted.dot(moved) + arm.viscous * moved.squaredNorm() / dt + arm.coulomb * moved.norm();
     least = std::min(least, energy);
     const auto share = static_cast<double>(i) / static_cast<double>(ticks);
-    // By half of the time, the effects of the first contact are over.
+    // After half of the time, the effects of the first contact are over.
     if (share > 0.5 && share <= kLastly) early.extend(device.position());
     if (share > kLastly) {
       lastly.extend(device.position());
@@ -188,8 +187,7 @@ StabilityMap drawMap(const MapSetting& setting, const MapContact& contact, const
     for (std::size_t row = 0; row < n; row += half) {
       for (std::size_t column = 0; column < n; column += half) {
         if (cells[row * n + column]) continue;
-        // Compares the coarse cells around this cell. If it lies between two of them, these are the
-        // two.
+        // Compares the coarse cells around this cell, or the two between which it lies.
         const MapCell& one = *cells[row / step * step * n + column / step * step];
         bool all = true;
         for (const std::size_t r : {row / step * step, (row + step - 1) / step * step}) {

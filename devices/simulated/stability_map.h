@@ -1,5 +1,4 @@
-/// Private to the program: maps over stiffness and damping, one per method, that show which
-/// couplings settle, swing or run away.
+/// Private to the program: maps of the couplings that settle, swing or run away, per method.
 #pragma once
 
 #include <cstdint>
@@ -15,21 +14,20 @@
 
 namespace palpate {
 
-/// Returns the force on a hand for a reading of its position [N]. Keeps its proxy from call to
-/// call.
+/// Returns the force on a hand at `probe` [N]. Keeps its proxy from call to call.
 using MapFeel = std::function<Vec3(const Vec3& probe)>;
 
 /// The contact that a hand presses on.
 struct MapContact {
   Vec3 place = Vec3::Zero();      ///< Contact point [m].
   Vec3 outwards = Vec3::UnitZ();  ///< Direction in which the contact pushes the hand.
-  /// Primitives at rest at the contact. A whole scene fills them too.
+  /// Primitives at rest at the contact; for a scene, those of one of its contacts.
   std::vector<Primitive> primitives;
 };
 
 /// Returns a wall of `strength` [N] through the origin.
 [[nodiscard]] MapContact wallContact(double strength = 5.0);
-/// Returns a trough: two planes whose normals are `degrees` apart. The hand presses into it.
+/// Returns a trough: two planes with `degrees` between their normals. The hand presses into it.
 [[nodiscard]] MapContact troughContact(double degrees, double strength = 5.0);
 
 /// A method for which maps are drawn.
@@ -40,8 +38,7 @@ struct MapMethod {
   std::function<MapFeel(double stiffness, double damping, double period)> make;
 };
 
-/// Balances primitives and returns the proxy's offset from the probe [m]. `start` is the proxy of
-/// the previous reading.
+/// Balances primitives; returns the proxy's offset from the probe [m]. `start`: last proxy.
 using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
                                       std::span<const Primitive> primitives, const Vec3& start)>;
 
@@ -50,12 +47,10 @@ using MapBalance = std::function<Vec3(const Vec3& probe, double stiffness,
                                     const MapBalance& balance);
 /// Returns a method that runs the engine's solver on the contact's fixed primitives.
 [[nodiscard]] MapMethod solverOver(const MapContact& contact);
-/// Returns a method that runs the engine's whole tick in a scene, with all limits but without the
-/// tank.
+/// Returns a method that runs the engine's whole tick in a scene: all limits, but no tank.
 [[nodiscard]] MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start);
 
-/// The arm's final behaviour, judged in the last quarter of the time, or as soon as the arm is 0.1
-/// m from the contact.
+/// Final behaviour, judged in the last quarter of the time, or as soon as the arm is 0.1 m away.
 enum class MapOutcome : std::uint8_t {
   kRests,  ///< The arm rests to within some encoder steps, or its swing decays.
   /// Limit cycle: the arm keeps swinging by at most 0.02 m. The swing may still be growing.
