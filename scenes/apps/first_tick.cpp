@@ -1,5 +1,4 @@
-/// The smallest program with palpate: a ball, a hand that presses on the ball, and the force on the
-/// hand.
+/// The smallest program with palpate: the force on a hand that presses on a ball.
 #include <cstdio>
 
 #include "palpate/engine/error.h"

@@ -15,8 +15,7 @@ double backgroundOf(const openvdb::GridBase& grid) {
              : static_cast<const openvdb::FloatGrid&>(grid).background();
 }
 
-/// Returns a sample of the active voxels; leaves out values that are not finite. If `common` has a
-/// value, the voxels with this value are left out as the surroundings of the others.
+/// Samples the finite active voxels, without those of the value `common`.
 std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<float> common) {
   const auto is_common = [common](float value) { return common && value == *common; };
   auto samples =
@@ -46,10 +45,9 @@ std::vector<ScalarSample> sampleScalar(const SuggestInput& input, std::optional<
   return samples;
 }
 
-/// Finds a value that marks missing data, and removes it from the values and the samples. A sample
-/// with such a neighbour along an axis has unknown neighbours along this axis.
+/// Finds and removes a value that marks missing data. A neighbour with this value is unknown.
 void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
-  // fraction of the samples; a value that is less frequent is an outlier
+  // fraction of the samples; a less frequent value is an outlier
   constexpr double kMany = 1e-3;
   const std::optional<float> no_data =
       noDataOf(scalar.values, kMany * static_cast<double>(scalar.values.size()));
@@ -66,8 +64,8 @@ void removeNoData(std::vector<ScalarSample>& samples, ScalarAnalysis& scalar) {
   }
 }
 
-/// Sets the range that contains nearly all values, and the value of an image's surroundings. If a
-/// sample touches the surroundings, the range includes their value.
+/// Sets the range of nearly all values, and the value of the surroundings. The range includes this
+/// value if a sample touches them.
 void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& input,
               ScalarAnalysis& scalar) {
   scalar.low = percentile(scalar.values, 0.2);
@@ -85,10 +83,10 @@ void setRange(const std::vector<ScalarSample>& samples, const SuggestInput& inpu
   }
 }
 
-/// Analyses the samples. `common` is the value of most voxels, if they are not among the samples.
+/// `common` is the value of most voxels, if they are not among the samples.
 ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestInput& input,
                               std::optional<float> common) {
-  constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is due to rounding
+  constexpr double kRounding = 1e-6;  // of the largest value; a smaller range is rounding
   ScalarAnalysis scalar;
   if (samples.empty()) return scalar;
   if (common) scalar.common = *common;
@@ -117,14 +115,11 @@ ScalarAnalysis analyseSamples(std::vector<ScalarSample> samples, const SuggestIn
   return scalar;
 }
 
-/// Returns true if the 5th and the 95th percentile differ after rounding, so that a drag can depend
-/// on the values.
 bool hasSpread(const ScalarAnalysis& scalar) {
   const auto at = [&](double percent) { return scalar.round(percentile(scalar.values, percent)); };
   return at(95.0) > at(5.0);
 }
 
-/// Returns the value of more than half of the samples; no value if there is none.
 std::optional<float> commonOf(const std::vector<float>& sorted) {
   if (sorted.empty()) return std::nullopt;
   const float middle = sorted[sorted.size() / 2];
@@ -147,7 +142,7 @@ bool varies(const ScalarAnalysis& scalar) {
 }
 
 ScalarAnalysis analyseScalar(const SuggestInput& input) {
-  // A body of fewer voxels, four along each edge, has no resolved boundary.
+  // A body with fewer than four voxels along each edge has no resolved boundary.
   constexpr std::size_t kLeast = 64;
   ScalarAnalysis all = analyseSamples(sampleScalar(input, std::nullopt), input, std::nullopt);
   if (all.distance != Distance::kNone || hasSpread(all)) return all;
@@ -157,7 +152,7 @@ ScalarAnalysis analyseScalar(const SuggestInput& input) {
   if (others.size() < kLeast) return all;
   ScalarAnalysis few = analyseSamples(std::move(others), input, common);
   if (!varies(few)) return all;
-  // A scalar that varies in few voxels does not come before others.
+  // A scalar that varies in few voxels must not rank above others.
   few.entropy = all.entropy;
   few.has_object = all.has_object;
   return few;

@@ -9,10 +9,8 @@
 namespace palpate::guess {
 namespace {
 
-/// Number of voxels at which grids are compared.
 constexpr std::size_t kPlaces = 20'000;
 
-/// Returns voxels that are spread evenly over a box.
 std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   const std::uint64_t step = box.volume() / kPlaces + 1;
   std::vector<openvdb::Coord> at;
@@ -22,7 +20,7 @@ std::vector<openvdb::Coord> spreadIn(const openvdb::CoordBBox& box) {
   return at;
 }
 
-/// Statistics of several scalars at the same voxels. One of the scalars can be left out.
+/// Statistics of several scalars at the same voxels. The scalar `without` does not count.
 class Sums {
  public:
   Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<openvdb::Coord>& at) {
@@ -35,8 +33,7 @@ class Sums {
     }
   }
 
-  /// Returns the fraction of voxels where all scalars are within 0 and 1 and their sum is 1. The
-  /// scalar with the index `without` is left out.
+  /// Returns the fraction of voxels where the scalars are within 0 and 1 and add up to 1.
   [[nodiscard]] double ones(std::size_t without) {
     if (totals_.empty()) addUp();
     std::size_t count = 0;
@@ -51,15 +48,13 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the fraction of voxels where all scalars are within 0 and 1 and their sum is at
-  /// most 1.
+  /// Returns the fraction of voxels where all values are within 0 and 1 and their sum is at most 1.
   [[nodiscard]] double atMostOnes() {
     if (totals_.empty()) addUp();
     const auto fits = [](const Total& t) { return t.beyond == 0 && t.sum <= 1.0 + kNear; };
     return share(static_cast<std::size_t>(std::count_if(totals_.begin(), totals_.end(), fits)));
   }
-  /// Returns the fraction of voxels where one of the scalars is nearly 1, or all are nearly 0. The
-  /// scalar with the index `without` is left out.
+  /// Returns the fraction of voxels where one scalar is nearly 1, or all are nearly 0.
   [[nodiscard]] double alone(std::size_t without) const {
     // a material with a greater fraction of a voxel fills it nearly alone
     constexpr double kAlone = 0.95;
@@ -77,7 +72,6 @@ class Sums {
     }
     return share(count);
   }
-  /// Returns the mean of each scalar over all voxels.
   [[nodiscard]] std::vector<double> means() const {
     std::vector<double> means;
     means.reserve(readings_.size());
@@ -92,7 +86,7 @@ class Sums {
  private:
   struct Total {
     double sum = 0.0;
-    int beyond = 0;  ///< Number of values outside 0 to 1.
+    int beyond = 0;
   };
   static constexpr double kNear = 0.01;  // tolerance for the limits 0 and 1, and for the sum
   static bool isFraction(double value) { return value >= -kNear && value <= 1.0 + kNear; }
@@ -165,7 +159,7 @@ SumAnalysis analyseSum(const std::vector<const SuggestInput*>& scalars) {
   constexpr double kNearlyEverywhere = 0.98;  // fraction of the voxels
   constexpr double kMost = 0.5;  // fraction of the voxels; with less, the materials are mixed
   Sums sums(scalars, within);
-  // Of only two scalars, both must belong to the sum.
+  // Two scalars must both belong to the sum.
   const std::size_t most = scalars.size() > 2 ? scalars.size() : 0;
   std::size_t without = scalars.size();
   sum.is_one = sums.ones(without) >= kNearlyEverywhere;

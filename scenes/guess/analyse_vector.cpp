@@ -14,11 +14,10 @@ struct VectorSample {
   float jacobian = 0.0F;
 };
 
-/// Axes of a grid, which are treated as orthogonal. A rotation into this frame leaves the
-/// magnitudes of the curl and the Jacobian unchanged.
+/// A rotation into these orthogonal axes keeps the magnitudes of the curl and the Jacobian.
 struct GridAxes {
-  std::array<double, 3> edges;         ///< [units of the file]
-  std::array<openvdb::Vec3d, 3> axes;  ///< unit vectors
+  std::array<double, 3> edges;  ///< [units of the file]
+  std::array<openvdb::Vec3d, 3> axes;
 };
 
 GridAxes axesOf(const openvdb::GridBase& grid) {
@@ -32,8 +31,7 @@ GridAxes axesOf(const openvdb::GridBase& grid) {
   return out;
 }
 
-/// Returns the vector of a voxel. Also computes its curl and its Jacobian if all neighbours are
-/// known.
+/// Returns the vector of a voxel, with curl and Jacobian if all neighbours are known.
 template <class Reader>
 VectorSample sampleVector(const Reader& reader, const openvdb::Coord& c, const SuggestInput& input,
                           const GridAxes& own) {
@@ -57,7 +55,6 @@ VectorSample sampleVector(const Reader& reader, const openvdb::Coord& c, const S
   return sample;
 }
 
-/// Returns the 99.8th percentile of the magnitudes. Vectors that are not finite do not count.
 double fastestOf(const std::vector<VectorSample>& samples) {
   std::vector<float> speeds;
   for (const VectorSample& s : samples) {
@@ -67,8 +64,7 @@ double fastestOf(const std::vector<VectorSample>& samples) {
   return percentile(speeds, 99.8);
 }
 
-/// Returns |O|^2 / |J|^2 of all vectors that are longer than `still` and have at least the curl
-/// `least`. Returns 0 without such vectors.
+/// Returns VectorAnalysis::turning of the vectors longer than `still` with a curl >= `least`.
 double coreOf(const std::vector<VectorSample>& samples, double still, double least) {
   double turning = 0.0;
   double changing = 0.0;
@@ -83,10 +79,9 @@ double coreOf(const std::vector<VectorSample>& samples, double still, double lea
 }  // namespace
 
 VectorAnalysis analyseVector(const SuggestInput& input) {
-  // Voxels below this fraction of the greatest speed are not part of the flow: a flow is often
-  // surrounded by noise or zeros.
+  // Voxels below this fraction of the greatest speed are noise or zeros about the flow.
   constexpr double kStill = 0.01;
-  // share of the greatest speed; a smaller difference is due to rounding
+  // relative to the greatest speed; a smaller difference is due to rounding
   constexpr double kRounding = 1e-6;
   constexpr float kLengthOne = 2e-3F;  // tolerance for a length of 1
   const GridAxes own = axesOf(*input.grid);

@@ -17,11 +17,11 @@ namespace {
 /// Voxels above a value that follow each other along z.
 struct Run {
   openvdb::Coord first;
-  int end = 0;             ///< z behind the last voxel.
-  std::uint32_t next = 0;  ///< Index of a run of the same body; its own index in one run of each.
+  int end = 0;             ///< z after the last voxel.
+  std::uint32_t next = 0;  ///< Index of a run of the same body.
 };
 
-/// Runs of voxels, joined into bodies. A body is the set of runs that touch by faces.
+/// Runs of voxels, joined into bodies by their faces (union-find).
 class Bodies {
  public:
   Bodies(const openvdb::FloatGrid& grid, double above)
@@ -42,7 +42,6 @@ class Bodies {
   }
 
   [[nodiscard]] const std::vector<Run>& runs() const { return runs_; }
-  /// Returns the run that stands for the body of a run.
   [[nodiscard]] std::uint32_t bodyOf(std::uint32_t run) {
     while (runs_[run].next != run) {
       runs_[run].next = runs_[runs_[run].next].next;
@@ -82,7 +81,6 @@ class Bodies {
   std::vector<Run> runs_;
 };
 
-/// Size and box of a body.
 struct Extent {
   std::uint64_t voxels = 0;
   openvdb::CoordBBox box;
@@ -108,7 +106,7 @@ openvdb::MaskTree dilated(const std::vector<Run>& runs, int voxels, const Keep& 
 }  // namespace
 
 std::optional<LargestBody> findLargestBody(const SuggestInput& image) {
-  // If the bodies beside the largest one have a smaller fraction of its voxels, they are noise.
+  // If the other bodies have a smaller fraction of the largest body's voxels, they are noise.
   constexpr double kNoise = 1e-4;
   constexpr int kReach = 2;  // voxels: a proxy on the surface reads the cell that contains it
   if (!image.isScalar() || !image.grid->isType<openvdb::FloatGrid>()) return std::nullopt;

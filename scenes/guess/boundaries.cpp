@@ -9,7 +9,6 @@
 namespace palpate::guess {
 namespace {
 
-/// Converts bins to values: each bin stands for the value in its middle.
 struct Scale {
   double low = 0.0;
   double width = 0.0;  ///< width of a bin, in units of the values
@@ -21,9 +20,8 @@ struct Scale {
   }
 };
 
-/// Returns true if the bin contains a material without noise. Such a material has no dip of the
-/// mean gradient magnitude. Instead, its bin has at least as many voxels as all bins near it
-/// together.
+/// A material without noise has no dip of the gradient. Instead, its bin has at least as many
+/// voxels as all bins near it together.
 bool isConstantMaterial(const Bins& count, std::size_t bin) {
   constexpr std::size_t kNear = 32;
   double near = 0.0;
@@ -33,7 +31,6 @@ bool isConstantMaterial(const Bins& count, std::size_t bin) {
   return count[bin] > 0.0 && count[bin] >= near;
 }
 
-/// Smoothed integrals over the isosurface of each level, and the mean gradient magnitude on it.
 struct GradientProfile {
   Bins area{};
   Bins gradient{};
@@ -62,7 +59,6 @@ struct Turn {
   bool peak = false;
 };
 
-/// Returns the dips and the peaks in turn, in ascending order of their bins.
 std::vector<Turn> turnsOf(const Bins& mean) {
   // Least ratio of a peak to the dips beside it. Noise alone gives ratios up to 1.5.
   constexpr double kContrast = 1.6;
@@ -89,8 +85,7 @@ std::vector<Turn> turnsOf(const Bins& mean) {
   return turns;
 }
 
-/// Returns the first bin, on the way from a dip to a peak, whose mean gradient magnitude has risen
-/// by the fraction `part` of the difference to `slope`.
+/// Returns the first bin from a dip to a peak at which the mean has risen by the fraction `part`.
 std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double slope, double part) {
   const double level = mean[dip] + part * (slope - mean[dip]);
   std::size_t i = dip;
@@ -98,13 +93,10 @@ std::size_t riseOf(const Bins& mean, std::size_t dip, std::size_t peak, double s
   return i;
 }
 
-/// Sets the value and the foot of a boundary. `from` and `to` are the bins of the dips on its
-/// sides.
 void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_t from,
                    std::size_t peak, std::size_t to) {
-  // If both sides are known, the boundary lies in the middle between the two half heights. If only
-  // one side is known, it lies at two thirds of the height: half the height is within the noise and
-  // texture of the material.
+  // Between two known materials, the boundary is midway between the half heights. Beside one, it is
+  // at two thirds of the height: half the height is within the material's noise.
   constexpr double kHalf = 0.5;
   constexpr double kTwoThirds = 2.0 / 3.0;
   const auto rise = [&](std::size_t dip, double part) {
@@ -118,19 +110,16 @@ void placeBoundary(Boundary& b, const Bins& mean, const Scale& scale, std::size_
   b.foot = b.lower_known ? rise(from, kTwoThirds) : b.value;
 }
 
-/// Returns the boundary at the peak `turns[t]`, with its gradient integral in `share`. Returns no
-/// value if it belongs to a smooth field, or encloses no object.
+/// Sets Boundary::share to the gradient integral. Returns no value for a smooth field, or if the
+/// boundary encloses no object.
 std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::vector<Turn>& turns,
                                    std::size_t t, const ScalarAnalysis& scalar, double edge,
                                    bool image) {
-  // Greatest number of voxels from one material to the other; a thicker boundary belongs to a
-  // smooth field. In an image, boundaries are a few voxels thick, and thicker if the image was
-  // smoothed. A mesh is resampled with voxels that are not larger than its cells, so only sharp
-  // steps count.
+  // Greatest thickness [voxels]; a thicker boundary belongs to a smooth field. Smoothing makes the
+  // boundaries of an image thicker. The voxels of a mesh are at most as large as its cells.
   constexpr double kThickestOfImage = 15.0;
   constexpr double kThickestOfMesh = 6.0;
-  // Least fraction of a mesh's voxels on either side. A surface that encloses fewer voxels lies in
-  // the faint outskirts of a field.
+  // Least fraction of a mesh's voxels on either side. A smaller region is the edge of a field.
   constexpr double kLeastOfMesh = 0.01;
 
   Boundary b;
@@ -159,8 +148,7 @@ std::optional<Boundary> boundaryOf(const GradientProfile& profile, const std::ve
   return b;
 }
 
-/// Keeps the boundaries with the greatest gradient integrals, in ascending order of their values.
-/// Divides `share` by the greatest integral.
+/// Keeps the greatest boundaries, sorted by value. Divides `share` by the greatest integral.
 void keepGreatest(std::vector<Boundary>& found) {
   constexpr std::size_t kMost = 3;
   // A boundary with a smaller fraction of the greatest gradient integral is not an object.

@@ -10,7 +10,7 @@
 
 namespace palpate::guess {
 
-/// Kind of a grid. It decides on the rules that make modes for the grid.
+/// Kind of a grid. It determines the rules that make the grid's modes.
 enum class Kind : std::uint8_t {
   kOther,  ///< No mode can use the grid.
   kConstant,
@@ -19,41 +19,37 @@ enum class Kind : std::uint8_t {
   kMagnetic,  ///< An image of magnetic resonance.
   kLabels,
   kDistance,
-  kScalar,  ///< A scalar of another kind than those above.
+  kScalar,  ///< A scalar of no other kind.
   kDirections,
   kFlow,
   kBody,  ///< The region of the largest body in an image (body.h).
 };
 
-/// A grid that a scene may use.
 struct Candidate {
   const SuggestInput* input = nullptr;
-  std::string grid;  ///< Name in the .vdb.
-  std::string name;  ///< Name in the scene.
+  std::string grid;
+  std::string name;
   ScalarAnalysis scalar;
   VectorAnalysis vector;
-  double score = 0.0;  ///< Score of a scalar. Scalars with higher scores come first.
+  double score = 0.0;  ///< Score of a scalar. Higher scores come first.
   Kind kind = Kind::kOther;
-  std::string seen;  ///< Reason for `kind`, as text.
+  std::string seen;
 
-  /// Returns the grid's name in the .vdb. If it has none, returns its name in the scene.
   [[nodiscard]] const std::string& shownName() const { return grid.empty() ? name : grid; }
-  /// Returns a space and the unit of the values; an empty text if the unit is unknown.
+  /// Returns a space and the unit of the values; "" if the unit is unknown.
   [[nodiscard]] std::string unit() const {
     return input->value_unit.empty() ? "" : " " + input->value_unit;
   }
 };
 
-/// Rounds a number to 4 digits, to be printed. Whole numbers keep all digits.
+/// Rounds a number to 4 digits. Whole numbers keep all digits.
 inline double shown(double value) {
   return value == std::round(value) ? value : rounded(value, std::abs(value));
 }
 
-/// Returns the text with all ASCII letters in lower case.
 [[nodiscard]] std::string lowerCase(std::string text);
 
-/// Analyses a grid and sets its kind, with the reason. The first rule in kind_rules.cpp that
-/// applies decides. `stated` is the value of --for.
+/// Sets the kind and its reason by the first rule that applies. `stated` is the value of --for.
 void classify(Candidate& candidate, GuessFor stated);
 
 }  // namespace palpate::guess

@@ -16,14 +16,12 @@
 namespace palpate::guess {
 namespace {
 
-/// Returns true if a text contains one of the words.
 bool hasWord(const std::string& text, std::initializer_list<const char*> words) {
   return std::any_of(words.begin(), words.end(),
                      [&](const char* word) { return text.find(word) != std::string::npos; });
 }
 
-/// Leaves out scalars that are the three components of a vector. A scene cannot join grids to a
-/// vector. If the grids have suitable names, palpate joins them when it reads the file.
+/// Leaves out scalars that are components of a vector: a scene cannot join grids to a vector.
 void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<std::string> names;
   std::vector<const Candidate*> scalars;
@@ -48,8 +46,7 @@ void leaveComponents(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Leaves out weights of distances: how often, or how surely, a scanner has seen a voxel. They do
-/// not describe matter.
+/// Leaves out weights of distances: they state how surely a scanner has seen a voxel.
 void leaveWeights(const std::vector<Candidate>& candidates, Draft& draft) {
   const auto is_distance = [](const Candidate& c) {
     return c.kind == Kind::kLevelSet || c.kind == Kind::kDistance;
@@ -65,7 +62,6 @@ void leaveWeights(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Adds the level sets, up to the limit for one scene.
 void addLevelSets(const std::vector<Candidate>& candidates, Draft& draft) {
   for (const Candidate& c : candidates) {
     if (!draft.isFree(c, Kind::kLevelSet)) continue;
@@ -78,8 +74,7 @@ void addLevelSets(const std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Returns the anisotropy grid that belongs to directions, by its name: "tensor_anisotropy" or
-/// "tensor_fa" for "tensor_direction". Returns null if there is none.
+/// Returns the anisotropy grid of directions: "tensor_fa" belongs to "tensor_direction".
 const Candidate* anisotropyOf(const std::vector<Candidate>& candidates, const Candidate& fibres) {
   std::string prefix = lowerCase(fibres.input->name());
   const std::string ending = "direction";
@@ -128,14 +123,13 @@ bool isVelocity(const Candidate* c) {
          name.rfind("flow", 0) == 0 || name.rfind("wind", 0) == 0;
 }
 
-/// The vector grids of a file, apart from directions.
 struct Vectors {
-  const Candidate* flow = nullptr;  ///< The flow that the scene uses; null: none.
-  /// Vectors that are the same everywhere, and are left out at first.
+  const Candidate* flow = nullptr;
+  /// Uniform vectors, which are left out at first.
   std::vector<const Candidate*> uniform;
 };
 
-/// Adds the first flow whose name is that of a velocity. If there is none, adds the first flow.
+/// Adds the first flow with the name of a velocity, or else the first flow.
 Vectors addFlow(const std::vector<Candidate>& candidates, Draft& draft) {
   Vectors vectors;
   std::vector<const Candidate*> flows;
@@ -181,8 +175,7 @@ std::vector<Candidate*> fractionsOf(std::vector<Candidate>& candidates, const Dr
   return fractions;
 }
 
-/// Returns the index of the material that surrounds the others. This is a material whose name means
-/// a void. If there is none, it is the material with the highest mean on the faces of the box.
+/// Returns the material that surrounds the others: by its name, or by its mean on the box's faces.
 std::size_t outermostOf(const std::vector<Candidate*>& fractions, const SumAnalysis& sum) {
   const auto is_void = [](const Candidate* c) {
     return hasWord(lowerCase(c->input->name()), {"void", "vacuum", "empty", "background"});
@@ -199,22 +192,20 @@ bool isVolumeFraction(const Candidate* c) {
                   "vfrac", "vof"});
 }
 
-/// Leaves out the masses of materials in each cell, because the fractions of the materials have
-/// their surfaces.
+/// Leaves out masses of materials, because the fractions of the materials have their surfaces.
 void leaveMasses(const std::vector<Candidate>& candidates, Draft& draft) {
   for (const Candidate& c : candidates) {
     const std::string name = lowerCase(c.input->name());
     if (draft.isFree(c, Kind::kScalar) && hasWord(name, {"mass"}) &&
         !hasWord(name, {"fraction", "density", "flux", "flow"})) {
-      draft.leaveOut(c, "a mass; the fractions of the materials have their surfaces");
+      draft.leaveOut(c, "a mass of a material; the material's fraction gives the surface");
     }
   }
 }
 
-/// Adds surfaces of materials. Their fractions add up to 1 everywhere, and the outermost material
-/// gets no surface, because the hand moves in it. If the names are those of volume fractions, they
-/// may also add up to less than 1: the rest is a void. The materials with the largest volumes come
-/// first.
+/// Adds surfaces of materials, the largest volume first. The outermost material gets no surface,
+/// because the hand moves in it. Named volume fractions may add up to less than 1: the rest is a
+/// void.
 void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<Candidate*> fractions = fractionsOf(candidates, draft);
   const bool named = std::count_if(fractions.begin(), fractions.end(), isVolumeFraction) > 1;
@@ -237,7 +228,8 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
     if (i != outermost) materials.emplace_back(sum.throughout[i], fractions[i]);
   }
   if (outermost < fractions.size()) {
-    draft.leaveOut(*fractions[outermost], "the material around the others: the hand moves in it");
+    draft.leaveOut(*fractions[outermost],
+                   "the material around the others: the hand moves in this material");
   }
   leaveMasses(candidates, draft);
   std::stable_sort(materials.begin(), materials.end(),
@@ -255,8 +247,7 @@ void addMaterials(std::vector<Candidate>& candidates, Draft& draft) {
   }
 }
 
-/// Returns the score of a scalar. It is higher if the values are evenly distributed, if the scalar
-/// has boundaries, or if its name is that of a familiar quantity.
+/// The score is higher for evenly distributed values, boundaries and names of familiar quantities.
 double scoreOf(const Candidate& c) {
   constexpr double kObject = 0.3;  // compared with an entropy of 1 for evenly distributed values
   constexpr double kFamiliar = 0.2;
@@ -264,7 +255,6 @@ double scoreOf(const Candidate& c) {
   return c.scalar.entropy + (c.scalar.has_object ? kObject : 0.0) + (familiar ? kFamiliar : 0.0);
 }
 
-/// Returns the scalars that no rule has used yet, in descending order of their scores.
 std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates, Draft& draft) {
   std::vector<const Candidate*> scalars;
   for (Candidate& c : candidates) {
@@ -282,7 +272,6 @@ std::vector<const Candidate*> scalarsByScore(std::vector<Candidate>& candidates,
   return scalars;
 }
 
-/// Adds a note about labels that no isosurface can separate from all other labels.
 void leaveInnerLabels(const Candidate& c, Draft& draft) {
   const std::vector<float>& all = c.scalar.distinct;
   if (c.kind != Kind::kLabels || all.size() <= 3) return;
@@ -293,7 +282,6 @@ void leaveInnerLabels(const Candidate& c, Draft& draft) {
                  "isosurface at 0.5");
 }
 
-/// Returns the region of the largest body in an image. Returns null if the file lacks this region.
 const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidate& image) {
   for (const Candidate& c : candidates) {
     if (c.kind != Kind::kBody) continue;
@@ -303,8 +291,7 @@ const Candidate* bodyIn(const std::vector<Candidate>& candidates, const Candidat
   return nullptr;
 }
 
-/// Adds the modes of a scalar, at most `most`. If the file has the region of its largest body, the
-/// modes act only there.
+/// Adds at most `most` modes of a scalar. In an image with a body region, they act only there.
 void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std::size_t most,
               Draft& draft) {
   const Candidate* body = c.kind == Kind::kHounsfield ? bodyIn(candidates, c) : nullptr;
@@ -314,15 +301,14 @@ void addModes(const std::vector<Candidate>& candidates, const Candidate& c, std:
     draft.addMode(mode);
   }
   if (body == nullptr) return;
-  draft.leaveOut("what does not hang together with the largest body",
-                 fmt::format("such as the table below a patient; to keep it, remove every \"by\": "
+  draft.leaveOut("everything that is not connected to the largest body",
+                 fmt::format("such as the table below a patient; to keep all, remove every \"by\": "
                              "\"{}\" with its factor",
                              body->name),
                  "");
 }
 
-/// Adds at most two scalars, those with the highest scores. Leaves out a scalar that matches the
-/// flow or a scalar that was added before.
+/// Adds the one or two best scalars. Leaves out those that match the flow or an earlier scalar.
 void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft& draft) {
   constexpr std::size_t kMost = 2;
   constexpr std::size_t kMostModes = 4;  // modes of one scalar: three surfaces and a drag
@@ -352,8 +338,7 @@ void addScalars(std::vector<Candidate>& candidates, const Candidate* flow, Draft
   }
 }
 
-/// Adds the first vector that is the same everywhere. The hand can follow it although it does not
-/// vary.
+/// Adds the first uniform vector, which the hand can follow.
 void addUniform(const std::vector<const Candidate*>& uniform, Draft& draft) {
   for (const Candidate* c : uniform) {
     if (c->vector.speed.empty()) continue;

@@ -7,8 +7,7 @@
 
 namespace palpate::guess {
 
-/// Adds volumes and modes for the best candidates to a draft, and notes about the others. Sets the
-/// scores of scalars. For grids that are fractions of materials, replaces the reason of their kind.
+/// Adds volumes and modes for the best candidates to a draft, and notes about the others.
 void chooseGrids(std::vector<Candidate>& candidates, GuessFor stated, Draft& draft);
 
 }  // namespace palpate::guess

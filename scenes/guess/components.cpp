@@ -16,8 +16,7 @@ char lower(char c) {
   return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
 }
 
-/// Returns a name without the letter at position `at`, and without the separator between this
-/// letter and the rest.
+/// Removes the letter at `at`, and the separator between this letter and the rest.
 std::string without(const std::string& name, std::size_t at) {
   std::string before = name.substr(0, at);
   std::string after = name.substr(at + 1);
@@ -28,8 +27,6 @@ std::string without(const std::string& name, std::size_t at) {
   return apart ? before + name[at - 1] + after : before + after;
 }
 
-/// Returns the name of the vector if the letter at position `at` may name a component; otherwise no
-/// value.
 std::optional<std::string> stemOf(const std::string& name, std::size_t at, bool speed) {
   const bool opens = at == 0 || !isWord(name[at - 1]);
   const bool ends = at + 1 == name.size() || !isWord(name[at + 1]);
@@ -39,8 +36,8 @@ std::optional<std::string> stemOf(const std::string& name, std::size_t at, bool 
   return stem;
 }
 
-/// Returns true if the letter at position `at` is one of two letters that name a tensor's
-/// component, as in T_xy. In that case `names` contains a name such as T_yy or T_zy.
+/// Returns true if the letter is one of two that name a tensor's component, as in T_xy. `names`
+/// then has a name such as T_yy or T_zy.
 bool isOfTensor(const std::vector<std::string>& names, const std::string& name, std::size_t at) {
   for (const std::size_t beside : {at - 1, at + 1}) {
     if (beside >= name.size()) continue;

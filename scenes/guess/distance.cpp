@@ -13,7 +13,6 @@ bool isKnown(const ScalarSample& s) {
   return s.known[0] && s.known[1] && s.known[2];
 }
 
-/// Calls f with the value of the sample and those of its neighbours.
 template <class F>
 void forValues(const ScalarSample& s, const F& f) {
   f(s.value);
@@ -34,7 +33,6 @@ struct Plateaus {
   [[nodiscard]] bool contains(float value) const {
     return std::binary_search(values.begin(), values.end(), value);
   }
-  /// Returns true if the values are cut off on both sides of 0.
   [[nodiscard]] bool onBothSides() const {
     return cut_low && cut_high && low < 0.0F && high > 0.0F;
   }
@@ -46,8 +44,8 @@ struct Plateaus {
 };
 
 Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
-  // A value is frequent if a greater fraction of the samples is among equal values, or is beside
-  // inactive voxels with this value.
+  // Fraction of the samples. A value is a plateau if more samples are in constant regions with this
+  // value, or beside inactive voxels with it.
   constexpr double kOften = 0.01;
   Plateaus found;
   std::vector<float> flat;
@@ -92,8 +90,8 @@ Plateaus plateausOf(const std::vector<ScalarSample>& samples) {
 /// Lengths of the gradient where the values are not cut off.
 struct Slopes {
   std::vector<double> lengths;  ///< Ascending [values per unit of the file].
-  double below = 0.0;           ///< Fraction of negative values.
-  double common = 0.0;          ///< Length of the mean direction; 1 in a linear ramp.
+  double below = 0.0;
+  double common = 0.0;  ///< Length of the mean direction; 1 in a linear ramp.
 
   [[nodiscard]] double median() const { return lengths[lengths.size() / 2]; }
   /// Returns the fraction of the lengths that differ from `length` by at most `part` of it.
@@ -141,10 +139,9 @@ Slopes slopesOf(const std::vector<ScalarSample>& samples, const Plateaus& platea
 Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
                     double edge) {
   constexpr std::size_t kLeast = 64;   // samples; with fewer, their fractions are not known to 5 %
-  constexpr double kNearlyAll = 0.8;   // fraction of the voxels; ridges and creases differ
-  constexpr double kTolerance = 0.05;  // of the slope 1
-  // Of the slope of noisy values. Where a step was blurred, by a Gaussian filter or in a phase
-  // field, the slope falls from its maximum to 0, so that nearly all values are beyond.
+  constexpr double kNearlyAll = 0.8;   // fraction of the voxels; the slope differs at ridges
+  constexpr double kTolerance = 0.05;  // tolerance of the slope 1
+  // Tolerance of the slope of noisy values. Nearly all slopes of a blurred step are outside.
   constexpr double kNoisy = 0.25;
   constexpr double kBothSigns = 0.01;
   constexpr double kVarying = 0.5;  // largest length of the mean direction
@@ -169,8 +166,7 @@ Distance distanceOf(const std::vector<ScalarSample>& samples, const std::array<d
 }
 
 bool isPositiveInside(const SuggestInput& input) {
-  // A ground that fills less than 7/8 of the height of its box has the bottom and 7/8 of four
-  // sides, which is 3/4 of all faces.
+  // A ground that fills at most 7/8 of the height of its box covers at most 3/4 of all faces.
   constexpr double kNearlyAllFaces = 0.75;
   openvdb::CoordBBox box = input.extent;
   if (box.empty()) {

@@ -10,7 +10,6 @@
 namespace palpate::guess {
 namespace {
 
-/// Returns the name, the kind and the reason of a mode as one line.
 std::string lineOf(const Json& mode) {
   std::string line = mode["name"].get<std::string>() + ": " + mode["mode"].get<std::string>() +
                      " of " + mode["of"].get<std::string>();
@@ -18,8 +17,7 @@ std::string lineOf(const Json& mode) {
   return line + ": " + mode["description"].get<std::string>();
 }
 
-/// Returns `name`, or if it is taken `name` with a separator and the first free number from 2. The
-/// result is then taken.
+/// Returns `name`, or `name` with the first free number from 2. The result is then taken.
 std::string takeFreeName(std::set<std::string>& taken, const std::string& name, char separator) {
   std::string tried = name;
   for (int n = 2; !taken.insert(tried).second; ++n) {
@@ -65,8 +63,8 @@ void Draft::addLevelSet(Json mode) {
 }
 
 std::size_t Draft::freeModes() const {
-  constexpr std::size_t kMost = 5;  // largest number of modes, without those of level sets
-  // largest number of these that level sets may replace, so that other grids get at least two
+  constexpr std::size_t kMost = 5;  // largest number of modes beside level sets
+  // level sets replace at most this number of modes, so that other grids get at least two
   constexpr std::size_t kMostByLevelSets = 3;
   const std::size_t taken =
       modes_.size() - level_sets_ + std::min<std::size_t>(level_sets_, kMostByLevelSets);
@@ -87,7 +85,6 @@ void Draft::takeBack(const Candidate& candidate) {
                 [&](const Omission& left) { return left.name == candidate.shownName(); });
 }
 
-/// Returns all omissions with their reasons, separated by commas; an empty text if there are none.
 std::string Draft::omissions(const char* before, const char* after) const {
   std::string all;
   for (const Omission& left : omissions_) {
@@ -97,7 +94,6 @@ std::string Draft::omissions(const char* before, const char* after) const {
   return all.empty() ? "" : before + all + after;
 }
 
-/// Returns the remedy of the first omission that has one. If there is none, returns `otherwise`.
 std::string Draft::firstRemedy(const std::string& otherwise) const {
   for (const Omission& left : omissions_) {
     if (!left.remedy.empty()) return left.remedy;

@@ -12,26 +12,22 @@
 
 namespace palpate::guess {
 
-/// Volumes, fields and modes of a scene, and the grids that the scene omits.
+/// An incomplete scene, and the grids that it omits.
 class Draft {
  public:
   explicit Draft(GuessNames names) : names_(std::move(names)), first_(names_.like) {}
 
-  /// Returns a name for a volume or field that the draft does not use yet. It is `name`, with a
-  /// number if necessary.
+  /// Returns an unused name for a volume or field: `name`, with a number if necessary.
   std::string uniqueName(const std::string& name);
 
-  /// Adds the volume of a candidate, unless the draft has it already. The candidate must remain at
-  /// its address until write().
+  /// Adds the volume of a candidate once. The candidate must keep its address until write().
   void addVolume(const Candidate& candidate);
-  /// Adds a derived field, and returns its name, which is made unique.
+  /// Adds a derived field under a unique name, and returns this name.
   std::string addField(const std::string& name, const Json& field);
-  /// Adds a mode, whose name is made unique.
+  /// Adds a mode under a unique name.
   void addMode(Json mode);
-  /// Adds a mode of a level set.
   void addLevelSet(Json mode);
 
-  /// Returns how many modes can still be added.
   [[nodiscard]] std::size_t freeModes() const;
   [[nodiscard]] std::size_t levelSets() const { return level_sets_; }
   [[nodiscard]] bool hasModes() const { return !modes_.empty(); }
@@ -51,11 +47,10 @@ class Draft {
     return candidate.kind == kind && !isUsed(candidate);
   }
 
-  /// Returns the scene and the reasons for it. Throws VolumeError if there are no modes.
+  /// Returns the scene and the reasons for it. Throws VolumeError for a draft without modes.
   [[nodiscard]] Guess write() const;
 
  private:
-  /// A grid, or a part of a grid, that the scene omits.
   struct Omission {
     std::string name;
     std::string why;
@@ -66,12 +61,12 @@ class Draft {
   [[nodiscard]] std::string firstRemedy(const std::string& otherwise) const;
 
   GuessNames names_;
-  /// Name of the first volume, at whose place the other volumes are; empty: no volume yet.
+  /// Name of the first volume, which determines the place of the others; may be empty.
   std::string first_;
-  std::set<std::string> volume_names_;  ///< Names of volumes and of fields
+  std::set<std::string> volume_names_;
   std::set<std::string> mode_names_;
   std::set<const Candidate*> used_;
-  std::vector<const Candidate*> shown_;  ///< Candidates whose volumes are in the scene.
+  std::vector<const Candidate*> shown_;
   std::vector<Omission> omissions_;
   Json volumes_ = Json::object();
   Json fields_ = Json::object();

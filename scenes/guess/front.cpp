@@ -16,16 +16,15 @@ constexpr int kHalfLine = 6;
 /// A sampled voxel, and the values on a line through it along the gradient.
 struct LineSample {
   std::array<std::pair<float, float>, 3> near{};  ///< Lower and upper neighbour of each axis.
-  std::array<double, 3> slope{};                  ///< Size of the gradient's components.
-  double length = 0.0;                            ///< Length of the gradient.
+  std::array<double, 3> slope{};
+  double length = 0.0;
   float value = 0.0F;
   double jump = 0.0;      ///< Difference between the ends of the line.
-  double steepest = 0.0;  ///< Largest difference on the line from a voxel to the next but one.
-  float middle = 0.0F;    ///< Value in the middle of these three voxels.
+  double steepest = 0.0;  ///< Largest difference over two voxel edges of the line.
+  float middle = 0.0F;    ///< Value at the steepest place.
   bool known = false;     ///< True if all neighbours and the whole line are data.
 };
 
-/// Reads the line through a voxel. Returns false if a part of it is not data.
 template <class Reader>
 bool readLine(const Reader& reader, const SuggestInput& input, const openvdb::Coord& at,
               const openvdb::Vec3d& step, LineSample& sample) {
@@ -71,18 +70,18 @@ LineSample lineAt(const Reader& reader, const SuggestInput& input, const openvdb
   return sample;
 }
 
-/// Returns true if the line crosses a front: a large part of the range, nearly all of it within a
-/// few voxels.
+/// Returns true if the line changes by a large part of the range, nearly all of it within a few
+/// voxels.
 bool crossesFront(const LineSample& sample, double range) {
   constexpr double kLarge = 0.08;  // of the range
-  // A simulation program smears a shock over three cells, and a cell has at most two voxels. On
-  // the whole line, a linear field changes over twice this thickness.
+  // A simulation smears a shock over three cells of up to two voxels. On this line, the thickness
+  // of a linear field is 12.
   constexpr double kThickest = 6.0;  // [voxels]
   return sample.jump >= kLarge * range && sample.jump <= kThickest * 0.5 * sample.steepest;
 }
 
-/// Returns the value at which an isosurface is nearest to the steepest places of the fronts: the
-/// median of the values there, weighted by the number of voxels per unit of value.
+/// Returns the median of the values at the steepest places, weighted by voxels per unit of value:
+/// its isosurface is nearest to these places.
 double steepestValueOf(const std::vector<LineSample>& samples, double range) {
   std::vector<std::pair<double, double>> places;
   double all = 0.0;
@@ -100,7 +99,7 @@ double steepestValueOf(const std::vector<LineSample>& samples, double range) {
   return 0.0;
 }
 
-/// Area of an isosurface, and that part of it which is on a front.
+/// Area of an isosurface, and the part of this area that is on a front.
 struct FrontArea {
   double all = 0.0;
   double front = 0.0;
@@ -129,8 +128,7 @@ FrontArea areaAt(double value, const std::vector<LineSample>& samples, double ra
 std::optional<Boundary> findFront(const SuggestInput& input, const ScalarAnalysis& scalar) {
   // If a greater fraction of the voxels is at a front, the field is coarse or noisy.
   constexpr double kMostly = 0.2;
-  // Least fraction of the voxels on either side. A smaller region is the neighbourhood of a source,
-  // such as the source of a concentration.
+  // Least fraction of the voxels on either side. A smaller region surrounds a source.
   constexpr double kLeastBeside = 0.1;
   constexpr double kNearlyAll = 0.7;  // fraction of an isosurface's area
   const std::array<double, 3> edges = edgesOf(*input.grid);

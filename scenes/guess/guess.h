@@ -1,5 +1,4 @@
-/// Scene guess: makes a first scene for volumes without a scene file. Used to open plain .vdb
-/// files, and by `palpate import --scene` and `palpate scene`.
+/// Scene guess: makes a first scene for volumes without a scene file.
 #pragma once
 
 #include <cstdint>
@@ -11,8 +10,7 @@
 
 namespace palpate {
 
-/// Kind of the volumes as the user states it with --for. It takes precedence over the kind that the
-/// values suggest.
+/// Kind of the volumes as the user states it with --for. It overrides what the values suggest.
 enum class GuessFor : std::uint8_t { kAnything, kCt, kMri, kCfd, kFibres, kLabels };
 
 /// A guessed scene and the reasons for it.
@@ -35,15 +33,13 @@ struct GuessVolume {
 /// Names that the scene uses.
 struct GuessNames {
   std::string file;  ///< Path of the .vdb in the scene.
-  /// Prefix for the names of volumes, fields and modes, such as "a."; empty if there is only one
-  /// file.
+  /// Prefix for the names of volumes, fields and modes, such as "a."; empty for a single file.
   std::string prefix;
-  std::string like;  ///< Volume of another file at whose place all volumes are; empty: none.
+  std::string like;  ///< Volume of another file that determines the place of all volumes, or "".
 };
 
-/// Returns a first scene for the grids of a file. Analyses a limited number of voxels in each grid.
-/// The result depends only on the grids, not on the number of threads. Throws VolumeError if all
-/// grids are constant.
+/// Returns a first scene for the grids of a file, from a sample of their voxels. The result does
+/// not depend on the number of threads. Throws VolumeError if all grids are constant.
 [[nodiscard]] Guess guessScene(const GuessNames& names, const std::vector<GuessVolume>& volumes,
                                GuessFor what = GuessFor::kAnything);
 

@@ -11,7 +11,6 @@
 namespace palpate::guess {
 namespace {
 
-/// Facts on which the rules depend.
 struct Evidence {
   const SuggestInput& input;
   const ScalarAnalysis& scalar;
@@ -19,14 +18,13 @@ struct Evidence {
   GuessFor stated;
 };
 
-/// If `holds` returns true, the grid is of the given kind.
 struct KindRule {
   bool (*holds)(const Evidence&);
   Kind kind;
   const char* why;  ///< Reason for the kind; explain() replaces the names in braces.
 };
 
-/// If at least this fraction of the values are whole numbers, the values count as whole.
+/// Values count as whole if at least this fraction of the values are whole numbers.
 constexpr double kNearlyWhole = 0.95;
 
 bool always(const Evidence&) {
@@ -37,8 +35,6 @@ template <GuessFor kStated>
 bool isStated(const Evidence& e) {
   return e.stated == kStated;
 }
-
-// Rules that do not need an analysis of the values.
 
 bool isLevelSet(const Evidence& e) {
   return e.input.isScalar() && e.input.grid->getGridClass() == openvdb::GRID_LEVEL_SET;
@@ -60,8 +56,6 @@ constexpr std::array kGridRules{
     KindRule{hasOtherType, Kind::kOther, "values of type {type} are not supported"},
 };
 
-// Rules for vectors.
-
 bool isConstantVector(const Evidence& e) {
   return e.vector.constant;
 }
@@ -82,8 +76,6 @@ constexpr std::array kVectorRules{
     KindRule{always, Kind::kFlow, "a flow: vectors with lengths from {slowest} to {fastest}{unit}"},
 };
 
-// Rules for scalars.
-
 bool isConstantScalar(const Evidence& e) {
   return !varies(e.scalar);
 }
@@ -92,8 +84,8 @@ bool isLabelsStated(const Evidence& e) {
          e.scalar.distinct.size() > 1;
 }
 
-/// Returns true if at least 0.2 % of the values are below -20, as air's are in Hounsfield units.
-/// The raw values of scanners are rarely negative.
+/// True if at least 0.2 % of the values are below -20, as in air [HU]. Raw values are rarely
+/// negative.
 bool hasAir(const ScalarAnalysis& scalar) {
   return scalar.low < -20.0;
 }
@@ -101,8 +93,7 @@ bool isHounsfieldStated(const Evidence& e) {
   return e.stated == GuessFor::kCt && hasAir(e.scalar);
 }
 
-/// Returns true if the user has not stated the kind of scalars, so that the values determine it.
-/// `--for fibres` states only the kind of vectors.
+/// Returns true if the values determine the kind. `--for fibres` states the kind of vectors only.
 bool isOpen(const Evidence& e) {
   return e.stated == GuessFor::kAnything || e.stated == GuessFor::kFibres;
 }
@@ -114,7 +105,7 @@ bool hasOtherUnit(const Evidence& e) {
   return !unit.empty() && unit != "hu" && unit != "hounsfield";
 }
 bool isHounsfieldByMetadata(const Evidence& e) {
-  // If the unit is missing, values of air show that the values are in Hounsfield units.
+  // Without a unit, values of air show that the values are in Hounsfield units.
   return isOpen(e) && !hasOtherUnit(e) &&
          (!e.input.value_unit.empty() || (isStatedAsCt(e) && hasAir(e.scalar)));
 }
@@ -122,19 +113,17 @@ bool isMrByMetadata(const Evidence& e) {
   return isOpen(e) && e.input.modality == Modality::kMr;
 }
 
-/// Returns true if the values suggest Hounsfield units: air (-1000, or padding) and tissue (0 to
-/// 100) occur as expected, and the highest values are those of bone.
+/// True if air (-1000, or padding), tissue (0 to 100) and bone occur as in Hounsfield units.
 bool isHounsfieldByValues(const Evidence& e) {
   constexpr double kBone = 800.0;        // the highest value must reach this
   constexpr double kHighest = 32768.0;   // range of 16-bit values
   constexpr double kPadding = -3100.0;   // scanners pad images with values down to -3024
   constexpr double kLeastWhole = 0.005;  // least fraction of voxels with air, and with tissue
-  // the same, if values are not whole because they were resampled or smoothed
+  // the same for values that were resampled or smoothed
   constexpr double kLeastSmooth = 0.05;
   constexpr double kAir = -1000.0;
   constexpr double kAboutAir = 100.0;
-  // least ratio of the number of voxels with tissue to that of a range of equal width on either
-  // side
+  // least ratio of voxels with tissue to voxels in a range of equal width on either side
   constexpr double kPeak = 2.0;
 
   const ScalarAnalysis& scalar = e.scalar;
@@ -157,9 +146,8 @@ bool isTruncatedByValues(const Evidence& e) {
   return isOpen(e) && e.scalar.distance == Distance::kTruncated;
 }
 
-/// Returns true for labels. In an image, the values at a boundary pass through those in between.
-/// Neighbouring labels, however, can have any values, so an isosurface between two labels also
-/// encloses other labels.
+/// Any two labels can be neighbours. In an image, by contrast, values at a boundary pass through
+/// those in between.
 bool isLabelsByValues(const Evidence& e) {
   constexpr double kAllWhole = 0.999;      // fraction of the voxels
   constexpr double kConstantPieces = 0.5;  // fraction of equal neighbours
@@ -208,8 +196,7 @@ constexpr std::array kScalarRules{
     KindRule{always, Kind::kScalar, "{values}: {boundaries} boundaries between materials"},
 };
 
-/// Describes the range of the values, for example "whole numbers from 0 to 3" or "values from 0.1
-/// to 2.5 Pa".
+/// Returns for example "whole numbers from 0 to 3" or "values from 0.1 to 2.5 Pa".
 std::string rangeOf(const Candidate& c) {
   const ScalarAnalysis& scalar = c.scalar;
   const bool whole = scalar.whole > kNearlyWhole && c.kind != Kind::kDistance;
@@ -222,7 +209,6 @@ std::string rangeOf(const Candidate& c) {
                      end(scalar.high), c.unit(), no_data, common);
 }
 
-/// Replaces the names in braces in the reason of a rule.
 std::string explain(const char* why, const Candidate& c) {
   const std::vector<float>& speed = c.vector.speed;
   return fmt::format(fmt::runtime(why), fmt::arg("type", c.input->grid->valueType()),
@@ -233,7 +219,7 @@ std::string explain(const char* why, const Candidate& c) {
                      fmt::arg("fastest", speed.empty() ? 0.0 : shown(speed.back())));
 }
 
-/// Applies the first rule that holds. Returns false if none does.
+/// Applies the first rule that holds. Returns false if all rules fail.
 bool decide(std::span<const KindRule> rules, GuessFor stated, Candidate& c) {
   const Evidence evidence{*c.input, c.scalar, c.vector, stated};
   for (const KindRule& rule : rules) {

@@ -25,8 +25,7 @@ Bins smoothed(const Bins& in) {
 
 LevelIntegrals integrateLevels(const std::vector<ScalarSample>& samples,
                                const ScalarAnalysis& scalar, const std::array<double, 3>& edges) {
-  // A sample adds a constant to all levels between its neighbours. Therefore records only where
-  // this constant begins and ends, and sums up at the end.
+  // A sample adds a constant to all levels between its neighbours. Only the two ends are recorded.
   std::array<double, kBins + 1> area{};
   std::array<double, kBins + 1> gradient{};
   LevelIntegrals levels;

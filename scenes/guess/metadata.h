@@ -19,11 +19,10 @@ struct Metadata {
   /// True if the space is that of a patient: +x right, +y anterior, +z superior.
   bool ras = false;
   bool axial = false;  ///< True if the sign of the vectors has no meaning.
-  /// True if imported from a mesh: there are no data outside of the active voxels.
+  /// True if imported from a mesh: the grid has no data outside of its active voxels.
   bool mesh = false;
 };
-/// Returns the metadata of a volume. If a vector consists of three grids, returns those of the
-/// first grid.
+/// Returns the metadata of a volume, or of the first grid of a vector in three grids.
 [[nodiscard]] Metadata metadataOf(const Volume& volume);
 
 }  // namespace palpate

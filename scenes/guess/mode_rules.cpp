@@ -15,33 +15,29 @@ namespace {
 
 /// Strength of a surface that encloses no other surface [N].
 constexpr double kFirm = 3.0;
-/// Strength of an outer surface [N]. It yields to a firm push, so that the hand can reach the inner
-/// surface.
+/// Strength of an outer surface [N]. A firm push reaches the inner surface.
 constexpr double kYielding = 1.5;
 /// Strength of bone, and of the innermost of three surfaces [N].
 constexpr double kInnermost = 3.5;
 
 // Hounsfield units: air -1000, lung -700 to -500, fat -100, water 0, muscle 50, bone from 300.
 
-/// A part of the body must have more than this fraction of the voxels.
 constexpr double kFewVoxels = 1e-4;
 
-/// Returns true if more than one voxel in 10,000 has a value above those of lung and fat.
+/// Returns true if more than one voxel in 10,000 is denser than lung.
 bool hasFlesh(const ScalarAnalysis& scalar) {
   return scalar.shareAbove(-200.0) > kFewVoxels;
 }
 
-/// Adds the surface of the skin if the image has air and flesh.
 void addHounsfieldSkin(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kAir = -500.0;
   if (!(c.scalar.low < kAir && hasFlesh(c.scalar))) return;
-  modes.push_back(isosurface("skin", c.name, kSkinHounsfield, true, kYielding,
-                             "Between air (-1000 HU) and skin (about 0 HU). It yields to a firm "
-                             "push."));
+  modes.push_back(isosurface(
+      "skin", c.name, kSkinHounsfield, true, kYielding,
+      "The surface between air (-1000 HU) and skin (about 0 HU). It yields to a firm push."));
 }
 
-/// Adds the surface of bone. Its value is a boundary near the lower end of bone's values. If there
-/// is no such boundary, it is this lower end.
+/// Adds the surface of bone: at a boundary near the lower end of bone's values, or at this end.
 void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kBone = 300.0;
   constexpr double kWithin = 100.0;  // bone must have voxels that exceed kBone by this
@@ -60,7 +56,6 @@ void addHounsfieldBone(const Candidate& c, std::vector<Json>& modes) {
   modes.push_back(isosurface("bone", c.name, scalar.round(bone), true, kInnermost, how));
 }
 
-/// Adds a drag in soft tissue.
 void addHounsfieldTissue(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kFat = -100.0;
   if (!(hasFlesh(c.scalar) && c.scalar.low < kFat)) return;
@@ -71,18 +66,16 @@ void addHounsfieldTissue(const Candidate& c, std::vector<Json>& modes) {
 
 // In MR images, the values have no common scale.
 
-/// Characteristic values of an MR image.
 struct SignalLevels {
   double skin = 0.0;
   double middle = 0.0;  ///< Median of the values inside the skin.
   double bright = 0.0;  ///< 95th percentile of the values inside the skin.
 };
 
-/// Determines the values from the first boundary above the surroundings. Returns no value if there
-/// is none.
+/// Returns the values for the first boundary above the surroundings; no value without it.
 std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
-  // Noise in air has a Rayleigh distribution. In 99.9 % of the voxels it is below this factor times
-  // its median (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995).
+  // Noise in air is a Rayleigh distribution: 99.9 % is below this factor times the median
+  // (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995).
   constexpr double kNoise = 3.2;
   const double outside = scalar.outside.value_or(scalar.low);
   for (const Boundary& b : scalar.boundaries) {
@@ -102,7 +95,6 @@ std::optional<SignalLevels> signalLevelsOf(const ScalarAnalysis& scalar) {
   return std::nullopt;
 }
 
-/// Adds the surface of the skin, at a value above the noise in air.
 void addSignalSkin(const Candidate& c, std::vector<Json>& modes) {
   const std::optional<SignalLevels> levels = signalLevelsOf(c.scalar);
   if (!levels) return;
@@ -113,8 +105,7 @@ void addSignalSkin(const Candidate& c, std::vector<Json>& modes) {
                                          levels->skin)));
 }
 
-/// Adds a drag that depends on the signal. Does not add a surface inside the skin, because bright
-/// tissue is not necessarily hard.
+/// Adds a drag that depends on the signal, but no inner surface: bright tissue may be soft.
 void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
   const std::optional<SignalLevels> levels = signalLevelsOf(c.scalar);
   if (!levels) return;
@@ -124,14 +115,13 @@ void addSignalTissue(const Candidate& c, std::vector<Json>& modes) {
            "inside the skin."));
 }
 
-// An isosurface separates all labels below it from all labels above it. Only the lowest and the
-// highest label can therefore be separated from all others.
+// An isosurface can separate only the lowest and the highest label from all others.
 
 double betweenLabels(const Candidate& c, std::size_t i) {
   return 0.5 * (double{c.scalar.distinct[i - 1]} + c.scalar.distinct[i]);
 }
 
-/// If the lowest label surrounds the others, adds one surface about all others. Otherwise adds the
+/// If the lowest label surrounds the others, adds one surface about the others. Otherwise adds the
 /// surface of the lowest label.
 void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
   constexpr double kOneBody = 2.0;
@@ -146,7 +136,6 @@ void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
     modes.push_back(isosurface(c.name, c.name, betweenLabels(c, 1), true, kOneBody,
                                "Half way between the two labels."));
   } else {
-    // This surface yields, so that the hand can reach the highest label.
     modes.push_back(isosurface(
         c.name + " all labels", c.name, betweenLabels(c, 1), true, kYielding,
         fmt::format("All labels as one body, except {0}, which surrounds them: half way between "
@@ -155,7 +144,6 @@ void addLowestLabel(const Candidate& c, std::vector<Json>& modes) {
   }
 }
 
-/// Adds the surface of the highest label, if there are more than two labels.
 void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
   const std::vector<float>& all = c.scalar.distinct;
   const std::size_t last = all.size() - 1;
@@ -165,7 +153,6 @@ void addHighestLabel(const Candidate& c, std::vector<Json>& modes) {
                              "The highest label alone: no other label is above it."));
 }
 
-/// Adds the surface at distance 0.
 void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
   const bool above = c.scalar.positive_inside;
   modes.push_back(isosurface(c.name, c.name, 0.0, above, kFirm,
@@ -175,14 +162,12 @@ void addDistanceSurface(const Candidate& c, std::vector<Json>& modes) {
                                      "0."));
 }
 
-/// Adds modes for a scalar of the given kind, if its values allow this.
 struct ModeRule {
   Kind kind;
   void (*add)(const Candidate&, std::vector<Json>&);
 };
 
-/// The most important modes come first. If a kind has no rule, or its rules add no mode, the scalar
-/// gets surfaces at its boundaries.
+/// The most important modes come first. Other scalars get surfaces at their boundaries.
 constexpr std::array kModeRules{
     ModeRule{Kind::kHounsfield, addHounsfieldSkin},
     ModeRule{Kind::kHounsfield, addHounsfieldBone},
@@ -194,13 +179,10 @@ constexpr std::array kModeRules{
     ModeRule{Kind::kDistance, addDistanceSurface},
 };
 
-// All other scalars get surfaces at the boundaries between materials.
-
-/// Names and strengths for one, two or three nested surfaces. The outer surfaces yield, so that the
-/// hand can reach the inner ones.
+/// Names and strengths of one, two or three nested surfaces. The outer ones yield to a firm push.
 struct Layer {
   const char* word = "";
-  double strength = 0.0;  ///< Strength of the surface [N].
+  double strength = 0.0;  ///< [N]
 };
 constexpr std::array<std::array<Layer, 3>, 3> kLayers{{
     {{{"surface", 2.0}, {}, {}}},
@@ -208,7 +190,6 @@ constexpr std::array<std::array<Layer, 3>, 3> kLayers{{
     {{{"outer", 1.0}, {"middle", 2.0}, {"inner", kInnermost}}},
 }};
 
-/// Returns the reason for the isovalue of a boundary.
 std::string reasonOf(const Boundary& b, const Candidate& c) {
   const auto value = [&](double v) { return fmt::format("{}{}", c.scalar.round(v), c.unit()); };
   if (b.front) {
@@ -228,7 +209,6 @@ std::string reasonOf(const Boundary& b, const Candidate& c) {
       value(b.value), value(b.lower_known ? b.lower : b.upper));
 }
 
-/// Returns at most `most` boundaries, those with the greatest gradient integrals.
 std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most) {
   std::vector<Boundary> found = scalar.boundaries;
   std::stable_sort(found.begin(), found.end(),
@@ -237,9 +217,8 @@ std::vector<Boundary> greatestOf(const ScalarAnalysis& scalar, std::size_t most)
   return found;
 }
 
-/// Adds a drag whose strength grows from the outermost to the innermost of the boundaries on one
-/// side of the surroundings. If there is only one boundary, the drag ends at the value of the
-/// enclosed material. Adds no mode if both ends have the same value.
+/// Adds a drag that grows from the outermost to the innermost boundary on one side of the
+/// surroundings. With one boundary, it ends at the value of the enclosed material.
 void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool above,
                    std::vector<Json>& modes) {
   constexpr double kMost = 0.2;  // [N]: weaker than every surface
@@ -257,8 +236,7 @@ void addDragWithin(const Candidate& c, const std::vector<Boundary>& side, bool a
                        std::string(within) + ": a drag that grows from one material to the next."));
 }
 
-/// Returns isosurfaces at the boundaries, from the outermost to the innermost, and a drag on the
-/// side of the greatest boundary. Returns an empty list if there are no boundaries.
+/// Returns isosurfaces, the outermost first, and a drag on the side of the greatest boundary.
 std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
   std::vector<Boundary> found = greatestOf(c.scalar, most);
   if (found.empty()) return {};
@@ -287,21 +265,19 @@ std::vector<Json> boundaryModes(const Candidate& c, std::size_t most) {
   return modes;
 }
 
-/// Returns a drag that grows with the value, for a scalar without boundaries.
 Json dragByValue(const Candidate& c) {
   const double low = c.scalar.round(percentile(c.scalar.values, 5.0));
   const double high = c.scalar.round(percentile(c.scalar.values, 95.0));
-  // This is the only mode of the grid, so it is stronger than the drags that accompany surfaces.
+  // The only mode of a grid is stronger than a drag that accompanies surfaces.
   return drag(c.name + " drag", c.name, {{low, 0}, {high, 0.4}},
               fmt::format("A drag that grows with the value, from its 5th to its 95th "
                           "percentile ({} to {}{}): no clear boundary was found.",
                           low, high, c.unit()));
 }
 
-/// Returns a curve from speed to strength: 0 at the 10th percentile of the speeds, 1 N at the
-/// median, 2 N at the 95th percentile. Only vectors of the flow count.
+/// Returns a curve: 0 at the 10th percentile of the speeds, 1 N at the median, 2 N at the 95th.
 Json strengthBySpeed(const VectorAnalysis& flow) {
-  // if the ratio of the greatest to the lowest speed is smaller, all speeds count as equal
+  // with a smaller ratio of the greatest to the lowest speed, all speeds count as equal
   constexpr double kOneSpeed = 1.05;
   const double slow = percentile(flow.speed, 10.0);
   const double middle = percentile(flow.speed, 50.0);
@@ -333,37 +309,37 @@ Json levelSetSurface(const Candidate& c) {
 Json materialSurface(const Candidate& c, double share) {
   constexpr double kHalf = 0.5;
   return isosurface(c.name, c.name, kHalf, true, kFirm,
-                    fmt::format("The material's surface, where its fraction is one half. It is {} "
-                                "% of the volume.",
+                    fmt::format("The material's surface, where its fraction is one half. The "
+                                "material fills {} % of the volume.",
                                 shown(100.0 * share)));
 }
 
 Json followDirections(const Candidate& directions) {
   return makeMode("along " + directions.name, "follow", directions.name, Json::object(),
                   strengthBySpeed(directions.vector),
-                  "Free along the direction, both ways, and held across it. The strength grows "
-                  "with the length of the vectors. A first guess.");
+                  "Free both ways along the direction, and held perpendicular to it. The strength "
+                  "grows with the length of the vectors. A first guess.");
 }
 
 Json followDirectionsBy(const Candidate& anisotropy, const Candidate& directions) {
   const std::string name = "along " + directions.name;
   const std::string free =
-      "Free along the fibres and held across them. The strength grows with the anisotropy. ";
+      "Free along the fibres and held perpendicular to them. The strength grows with the "
+      "anisotropy. ";
   const ScalarAnalysis& scalar = anisotropy.scalar;
-  // Fractional anisotropy is at most 1, apart from rounding. If the values end below the middle of
-  // the curve, they are another measure of anisotropy.
+  // Fractional anisotropy is at most 1. If the values end below kMiddle, they are another measure.
   constexpr double kHighest = 1.001;
   constexpr double kMiddle = 0.4;
   if (scalar.low >= 0.0 && scalar.high <= kHighest && scalar.high > kMiddle) {
     return makeMode(name, "follow", directions.name, {{"by", anisotropy.name}},
                     curve({{0.15, 0}, {kMiddle, 1}, {0.7, 2}}),
-                    free + "Below an anisotropy of 0.15 it is zero.");
+                    free + "Below an anisotropy of 0.15 the strength is zero.");
   }
   const auto at = [&](double percent) { return scalar.round(percentile(scalar.values, percent)); };
   return makeMode(name, "follow", directions.name, {{"by", anisotropy.name}},
                   curve({{at(25.0), 0}, {at(60.0), 1}, {at(95.0), 2}}),
-                  free + fmt::format("It begins at the 25th percentile of {}, which does not have "
-                                     "the usual range of fractional anisotropy.",
+                  free + fmt::format("The strength is zero up to the 25th percentile of {}, whose "
+                                     "values do not have the usual range of fractional anisotropy.",
                                      anisotropy.name));
 }
 
@@ -371,18 +347,18 @@ Json followFlow(const Candidate& flow, const std::string& speed) {
   const double median = percentile(flow.vector.speed, 50.0);
   return makeMode("along " + flow.name, "follow", flow.name, {{"by", speed}},
                   strengthBySpeed(flow.vector),
-                  fmt::format("Free along the stream and held across it. The strength grows with "
-                              "the speed. The median speed is {}{}. A first guess.",
+                  fmt::format("Free along the stream and held perpendicular to it. The strength "
+                              "grows with the speed. The median speed is {}{}. A first guess.",
                               rounded(median, median), flow.unit()));
 }
 
 Json followUniform(const Candidate& vector) {
   return makeMode("along " + vector.name, "follow", vector.name, Json::object(), 1.0,
-                  "Free along the common direction of all vectors and held across it.");
+                  "Free along the common direction of all vectors and held perpendicular to it.");
 }
 
 bool hasVortices(const VectorAnalysis& flow) {
-  // with a smaller value, the flow has no relevant curl (shear has 0.5 and a vortex 1)
+  // a smaller value means no relevant curl (shear has 0.5 and a vortex 1)
   constexpr double kTurning = 0.1;
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);
@@ -397,20 +373,20 @@ bool hasVortexCores(const VectorAnalysis& flow) {
 Json vortexTube(const Candidate& flow) {
   const double middle = percentile(flow.vector.curl, 50.0);
   const double most = percentile(flow.vector.curl, 95.0);
-  return makeMode("vortices", "vortex_tube", flow.name, Json::object(),
-                  curve({{rounded(middle, most), 0}, {rounded(most, most), 1.5}}),
-                  "Free round and along a vortex, and held at its distance from the core. The "
-                  "strength grows with the vorticity, from its median to its 95th percentile. A "
-                  "first guess.");
+  return makeMode(
+      "vortices", "vortex_tube", flow.name, Json::object(),
+      curve({{rounded(middle, most), 0}, {rounded(most, most), 1.5}}),
+      "Free along and around a vortex, and held at a constant distance from the core. The strength "
+      "grows with the vorticity, from its median to its 95th percentile. A first guess.");
 }
 
 Json vortexDrag(const VectorAnalysis& flow, const std::string& vorticity) {
   const double middle = percentile(flow.curl, 50.0);
   const double most = percentile(flow.curl, 95.0);
-  return drag(
-      "vortices", vorticity, {{rounded(middle, most), 0}, {rounded(most, most), 0.3}},
-      "A drag where the stream turns or shears, from the median of the vorticity up. At "
-      "the edge of the data the vorticity is not accurate: it uses values beyond the edge.");
+  return drag("vortices", vorticity, {{rounded(middle, most), 0}, {rounded(most, most), 0.3}},
+              "A drag where the stream turns or shears. It is zero below the median of the "
+              "vorticity. At the edge of the data the vorticity is not accurate, because it uses "
+              "values beyond the edge.");
 }
 
 }  // namespace palpate::guess

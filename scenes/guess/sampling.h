@@ -21,7 +21,6 @@ namespace palpate::guess {
 [[nodiscard]] std::uint64_t hashOf(std::uint64_t x);
 [[nodiscard]] std::uint64_t hashOf(const openvdb::Coord& c);
 
-/// Returns the n-th voxel of a box.
 [[nodiscard]] openvdb::Coord voxelOf(const openvdb::CoordBBox& box, std::uint64_t n);
 
 /// Returns voxels that are spread evenly over the faces of a box.
@@ -30,7 +29,7 @@ namespace palpate::guess {
 /// Returns the lengths of a voxel's edges, in units of the file.
 [[nodiscard]] std::array<double, 3> edgesOf(const openvdb::GridBase& grid);
 
-/// Reads the values of a scalar grid as floats, whatever the type of the grid is.
+/// Reads a scalar grid of any type as floats.
 template <class GridT>
 class ScalarReader {
  public:
@@ -51,7 +50,7 @@ class ScalarReader {
   typename GridT::ConstAccessor accessor_;
 };
 
-/// Reads the values of a vector grid as floats, whatever the type of the grid is.
+/// Reads a vector grid of any type as floats.
 template <class GridT>
 class VectorReader {
  public:
@@ -101,8 +100,7 @@ class ComponentReader {
   std::array<typename GridT::ConstAccessor, 3> accessors_;
 };
 
-/// Returns the boxes of a tree's active tiles. A tile is a node whose voxels all have the same
-/// value.
+/// Returns the boxes of a tree's active tiles, which are nodes with a single value.
 template <class TreeT>
 std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
   std::vector<openvdb::CoordBBox> tiles;
@@ -112,13 +110,12 @@ std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
   return tiles;
 }
 
-/// Selects all active voxels.
 struct KeepAll {};
 
-/// Returns make(reader, coord) for every n-th active voxel with keep(value), with n such that there
-/// are at most about `most` results. In each leaf and each tile, a hash of its origin selects the
-/// first voxel. The results are in the order of the tree, leaves before tiles, for any number of
-/// threads. A `keep` other than KeepAll needs one more pass over all active voxels.
+/// Returns make(reader, coord) for every n-th active voxel with keep(value), leaves before tiles. n
+/// limits the number of results to about `most`. A hash of the origin of each leaf and tile selects
+/// the first voxel, so that threads do not change the results. A `keep` needs one more pass over
+/// all active voxels.
 template <class Out, class ReaderT, class GridT, class Make, class Keep = KeepAll>
 std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make,
                         const Keep& keep = {}) {
@@ -180,23 +177,20 @@ std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make&
   return all;
 }
 
-/// Returns the voxel that is `offset` voxels further along an axis.
 inline openvdb::Coord beside(openvdb::Coord c, int axis, int offset) {
   c[axis] += offset;
   return c;
 }
 
-/// The two neighbours of a voxel along an axis.
 template <class Value>
 struct Neighbours {
   Value before{};
   Value after{};
-  bool known = false;    ///< True if both neighbours are data.
+  bool known = false;
   bool at_edge = false;  ///< True if one of the neighbours is in the surroundings of an image.
 };
 
-/// Reads the neighbours of a voxel along an axis. Inactive neighbours are data if `input` says so
-/// and if they are within its extent.
+/// Inactive neighbours are data in an image (SuggestInput::inactive_is_data), within its extent.
 template <class Accessor>
 auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
                   const SuggestInput& input) {
@@ -213,7 +207,6 @@ auto neighboursOf(const Accessor& accessor, const openvdb::Coord& c, int axis,
   return out;
 }
 
-/// Call f with the types of the reader and the grid that `input` needs.
 template <class F>
 auto withScalars(const SuggestInput& input, const F& f) {
   using openvdb::DoubleGrid;
@@ -241,8 +234,7 @@ auto withVectors(const SuggestInput& input, const F& f) {
   return f(std::type_identity<VectorReader<Vec3SGrid>>(), std::type_identity<Vec3SGrid>());
 }
 
-/// Returns about `count` active voxels. They are the same for all grids with the same active
-/// voxels.
+/// Returns about `count` active voxels, the same ones for grids with the same active voxels.
 [[nodiscard]] std::vector<openvdb::Coord> placesOf(const SuggestInput& input, std::size_t count);
 
 /// Values of a scalar at some voxels, and for each voxel whether it is active.

@@ -13,28 +13,25 @@ using Json = nlohmann::ordered_json;
 /// Points of a curve: pairs of an input and a strength [N], in ascending order of the inputs.
 using Knots = std::vector<std::pair<double, double>>;
 
-/// Formats JSON on one line, with spaces after commas and colons.
 [[nodiscard]] std::string inlined(const Json& json);
 
 /// Formats JSON with indentation. Short items are on one line.
 [[nodiscard]] std::string indented(const Json& json, std::size_t depth = 0);
 
-/// Returns a curve of the strength. Drops an inner point that is so close to the previous or the
-/// last point that the strength would depend on noise in the data.
+/// Returns a curve. Drops inner points so close to others that the strength would follow noise.
 [[nodiscard]] Json curve(const Knots& knots);
 
-/// Returns a mode. Its common keys come first, in the usual order; `more` has the keys of its kind.
+/// Returns a mode; `more` has the keys of its kind.
 [[nodiscard]] Json makeMode(const std::string& name, const char* kind, const std::string& of,
                             const Json& more, const Json& strength, const std::string& description);
 
-/// Returns an isosurface mode. Its material is above or below `value`. `strength` is in N.
+/// Returns an isosurface. Its material is above or below `value`. `strength` is in N.
 [[nodiscard]] Json isosurface(const std::string& name, const std::string& of, double value,
                               bool above, double strength, const std::string& description);
 
 /// Lets a mode act only where the volume `region` has data.
 void confine(Json& mode, const std::string& region);
 
-/// Returns a mode with a viscosity that depends on the value of a scalar.
 [[nodiscard]] Json drag(const std::string& name, const std::string& of, const Knots& knots,
                         const std::string& description);
 

@@ -13,7 +13,7 @@
 namespace palpate::guess {
 namespace {
 
-/// Returns a grid's name without characters that names in a scene must not have.
+/// Replaces characters that names in a scene must not have.
 std::string plainName(const std::string& name) {
   std::string plain;
   for (const char c : name) {
@@ -24,7 +24,6 @@ std::string plainName(const std::string& name) {
   return plain.empty() ? "volume" : plain;
 }
 
-/// Gives each grid its name in the file and in the scene. Grids with equal names get numbers.
 std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& draft) {
   std::map<std::string, int> count;
   for (const SuggestInput& input : grids) ++count[input.name()];
@@ -44,12 +43,9 @@ std::vector<Candidate> nameGrids(const std::vector<SuggestInput>& grids, Draft& 
   return candidates;
 }
 
-/// Describes a loaded volume for the analysis, with facts from its metadata. If the components of a
-/// vector have different transforms, sets `apart`, because the analysis compares them voxel by
-/// voxel.
+/// Sets `apart` for different transforms, because the analysis compares components by voxel.
 SuggestInput inputFrom(const GuessVolume& given) {
-  // If more than this fraction of a box's voxels is active, the grid is a block of data that ends
-  // at the faces of the box.
+  // A grid with a greater fraction of active voxels is a block of data up to the faces of its box.
   constexpr double kFull = 0.98;
   SuggestInput input;
   const std::vector<Volume::Grid::Part>& parts = given.volume->grid().parts;

@@ -10,7 +10,6 @@
 
 namespace palpate::guess {
 
-/// A grid, and known facts about it.
 struct SuggestInput {
   /// A grid of float, double, Vec3s or Vec3d. Grids of other types are left out of the scene.
   openvdb::GridBase::ConstPtr grid;
@@ -21,26 +20,22 @@ struct SuggestInput {
   Modality modality = Modality::kUnknown;
   std::string value_unit;  ///< Unit of the values, such as "HU"; empty: unknown.
   bool axial = false;  ///< True if the sign of the vectors has no meaning, as for fibre directions.
-  /// True if the transforms of `y` or `z` differ from that of `grid`; the vector is then not
-  /// analysed.
+  /// True if the transforms of `y` or `z` differ from that of `grid`. The vector is not analysed.
   bool apart = false;
-  /// True for an image: its inactive voxels are its surroundings and have the value of the
-  /// background. The boundary between air and skin may lie at the edge of the active voxels. False
-  /// for a resampled mesh: there are no data outside of the active voxels, and their edge is not a
-  /// boundary.
+  /// True for an image: its inactive voxels have the value of the background, and the edge of the
+  /// active voxels may be a boundary, such as skin. False for a resampled mesh, which has no data
+  /// outside of the active voxels.
   bool inactive_is_data = true;
-  /// Box of the voxels of an image. Where an object is cut off by this box, it has no boundary.
-  /// Empty: unknown; the surroundings then have no end.
+  /// Box of an image's voxels. An object has no boundary where this box cuts it. Empty: unknown.
   openvdb::CoordBBox extent;
 
   [[nodiscard]] bool isVector() const;
   [[nodiscard]] bool isScalar() const;
-  /// Returns the name in the scene. If it is empty, returns the name of the grid in the file.
+  /// Returns `called`, or else the name of the grid in the file.
   [[nodiscard]] std::string name() const { return called.empty() ? grid->getName() : called; }
 };
 
-/// Names of metadata that the importer writes into a grid, so that a scene guess for the .vdb gives
-/// the same scene as the import.
+/// Metadata that the importer writes, so that a guess for the .vdb gives the scene of the import.
 inline constexpr const char* kMetaImageSize =
     "image_size";  ///< Vec3i: number of voxels along each axis, from voxel 0, 0, 0 on.
 inline constexpr const char* kMetaFrom = "imported_from";  ///< "image" or "mesh".
@@ -49,41 +44,36 @@ inline constexpr const char* kMetaModality = "modality";   ///< "CT" or "MR".
 inline constexpr const char* kMetaAxial = "axial";
 
 /// Returns a first scene for the grids of a file, as JSON text that a person can edit. The
-/// description of each mode states how its values were found. Beside level sets, there are at most
-/// five modes; their strengths are at most 3.5 N. The description of the scene names everything
-/// that was omitted.
+/// descriptions explain the values and name all omissions. Beside level sets, there are at most
+/// five modes; their strengths are at most 3.5 N.
 ///
-/// Each grid is analysed once (analysis.h). The rules in kind_rules.cpp determine its kind, those
-/// in choose_grids.cpp its use, and those in mode_rules.cpp its modes. The kinds are:
+/// Each grid is analysed once (analysis.h). kind_rules.cpp determines its kind, choose_grids.cpp
+/// its use, and mode_rules.cpp its modes:
 ///
 /// - a level set: an isosurface at 0, for the first kMostLevelSets;
 /// - CT in Hounsfield units, stated by the file's metadata or suggested by the values of air and
 ///   tissue: the skin at -300, bone near 300, and a drag in the soft tissue between them;
 /// - MR: the surface of the skin at a low value, and a drag that depends on the signal;
 /// - labels: whole numbers in constant regions, in which any two labels can be neighbours. An
-///   isosurface separates all labels below it from all labels above it. Therefore only the lowest
-///   and the highest label get a surface;
+///   isosurface separates all labels below it from all labels above it, so only the lowest and the
+///   highest label get a surface;
 /// - the distance to a surface: an isosurface at 0. Its solid is below 0, unless nearly all faces
-/// of
-///   the box are below 0. Weights of distances are left out;
-/// - fractions of materials, which are several grids whose sum is 1: a surface at one half for each
-///   material, except for the material that surrounds the others. If their names say that they are
-///   volume fractions, their sum may be less than 1: the rest is a void. Masses are left out;
+///   of the box are below 0. Weights of distances are left out;
+/// - fractions of materials, which are several grids with the sum 1: a surface at one half for each
+///   material, except for the outermost one. Grids with the names of volume fractions may add up to
+///   less than 1: the rest is a void. Masses are left out;
 /// - other scalars: up to three isosurfaces where the values change fastest; the outer ones are
 ///   weaker than the inner ones. The criterion is the mean gradient magnitude over each isosurface
 ///   (Pekar, Wiemker and Hempel, Fast detection of meaningful isosurfaces for volume data
 ///   visualization, IEEE Visualization 2001). It has dips at the values of materials and arches
 ///   between them (Kindlmann and Durkin, IEEE Volume Visualization 1998). The isovalue is the
-///   middle of the arch. If there is a material on one side only (for example, bone has any values
-///   up to the highest), the isovalue is where the arch has risen by two thirds. Without an arch,
-///   the isovalue is that of a front, such as a shock, whose isosurface is within a few voxels of a
-///   jump over nearly its whole area. A smooth field, such as a ramp or a temperature, has no
-///   boundary and gets a drag that depends on its value. Difference to the papers: a level counts
-///   where it lies between the values of a voxel's neighbours, not where a voxel has its value.
-///   Therefore sharp steps are found too, although no voxel has the value in their middle;
-/// - directions, which are vectors whose sign has no meaning, stated by the file's metadata or
-///   because all have length 1: a mode that follows them. If "..._direction" has a grid
-///   "..._anisotropy", its strength depends on the anisotropy;
+///   middle of the arch. With a material on one side only, the isovalue is where the arch has risen
+///   by two thirds. Without an arch, it is that of a front (findFront). A smooth field has no
+///   boundary and gets a drag that depends on its value. Unlike in the papers, a level counts where
+///   it lies between the values of a voxel's neighbours. Therefore sharp steps are found too;
+/// - directions, which have no sign by the file's metadata or all have length 1: a mode that
+///   follows them. If "..._direction" has a grid "..._anisotropy", its strength depends on the
+///   anisotropy;
 /// - a flow: a mode that follows it, with a strength that depends on the speed. If it has vortices,
 ///   also a vortex tube; if it only shears, a drag that depends on the vorticity.
 ///
@@ -93,8 +83,7 @@ inline constexpr const char* kMetaAxial = "axial";
 [[nodiscard]] Guess suggest(const GuessNames& names, const std::vector<SuggestInput>& grids,
                             GuessFor what = GuessFor::kAnything);
 
-/// Returns the JSON of the guessed scene without the reasons. `vdb_file` is the path of the .vdb in
-/// the scene.
+/// Returns the JSON of the guessed scene, with the path `vdb_file`.
 [[nodiscard]] std::string suggestScene(const std::string& vdb_file,
                                        const std::vector<SuggestInput>& grids);
 

@@ -12,7 +12,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   double whole = 0.0;
   std::vector<float> distinct;
   for (const float value : scalar.values) {
-    // Above 2^24 every float is a whole number, so such values do not count.
+    // Above 2^24 every float is a whole number, and does not count.
     whole += value == std::round(value) && std::abs(value) <= 0x1p24F ? 1.0 : 0.0;
     if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
       distinct.push_back(value);
@@ -21,8 +21,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
   scalar.whole =
       scalar.range() >= 1.0 ? share(whole, static_cast<double>(scalar.values.size())) : 0.0;
   if (distinct.size() > kMostDistinct) return;
-  // Ignores pairs with the most frequent value. It surrounds the other values, so that it is next
-  // to any of them.
+  // Ignores pairs with the most frequent value, because it surrounds the other values.
   float common = scalar.values.front();
   std::ptrdiff_t most = 0;
   for (const float value : distinct) {
@@ -66,7 +65,7 @@ void analyseLabels(const std::vector<ScalarSample>& samples, ScalarAnalysis& sca
 }
 
 std::optional<float> noDataOf(const std::vector<float>& sorted, double least) {
-  // relative to the range of the other values; air is closer than this to flesh
+  // relative to the range of the other values; air is closer to flesh than this
   constexpr double kFar = 10.0;
   constexpr std::size_t kFew = 64;  // a grid with at most this number of values may contain labels
   std::size_t distinct = 1;

@@ -28,7 +28,6 @@ constexpr std::array kSchemes{
 #endif
 };
 
-/// Returns the scheme of an address; null if the name is not an address.
 const Scheme* schemeOf(const std::string& name) noexcept {
   for (const Scheme& scheme : kSchemes) {
     if (name.starts_with(scheme.begin)) return &scheme;

@@ -9,18 +9,17 @@
 namespace palpate {
 
 /// Returns true if `place` is the address of a server, such as http://host/folder or
-/// rados://pool/folder. The server need not exist. A scene cannot use a file whose name has this
-/// form.
+/// rados://pool/folder. The server need not exist.
 [[nodiscard]] bool isRemote(const std::filesystem::path& place) noexcept;
 
-/// Returns the absolute path of a folder or file. Returns an address unchanged.
+/// Returns the absolute path of a folder or file, or an address unchanged.
 [[nodiscard]] std::filesystem::path absolutePlace(const std::filesystem::path& place);
 
-/// Returns true for a folder that contains bricks, and for each address.
+/// Returns true for a folder that contains bricks, and for every address.
 [[nodiscard]] bool isBrickPlace(const std::filesystem::path& place) noexcept;
 
 /// Opens the bricks at a place. Throws VolumeError as PosixBricks, FarBricks and the stores do, and
-/// if the module or the store that the address needs is missing.
+/// if this build lacks the store that the address needs.
 [[nodiscard]] std::unique_ptr<BrickSource> openBricks(const std::filesystem::path& place);
 
 }  // namespace palpate

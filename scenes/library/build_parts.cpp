@@ -9,8 +9,7 @@
 namespace palpate {
 namespace {
 
-/// Returns the name of the volume whose instances a volume has: the volume itself, or the one to
-/// which its chain of `like` leads. Returns "" if there are no instances.
+/// Returns the volume at the end of the chain of `like`; "" if that volume has no instances.
 std::string leaderOf(const SceneSpec& spec, const std::string& name) {
   const std::string* leader = &name;
   while (spec.volumes.at(*leader).place.kind == PlaceSpec::Kind::kLike) {
@@ -51,7 +50,7 @@ std::vector<Part> PartBuilder::build(const Progress& progress) {
   std::vector<Part> parts(jobs_.size());
   std::mutex mutex;
   std::size_t done = 0;
-  constexpr std::size_t kBlock = 64;  // number of parts that a task builds
+  constexpr std::size_t kBlock = 64;
   inParallel((jobs_.size() + kBlock - 1) / kBlock, [&](std::size_t block) {
     const std::size_t begin = block * kBlock;
     const std::size_t end = std::min(begin + kBlock, jobs_.size());

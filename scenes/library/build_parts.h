@@ -1,4 +1,3 @@
-/// Builds the parts of a scene, one for each instance.
 #pragma once
 
 #include <cstddef>
@@ -17,22 +16,20 @@ namespace palpate {
 /// Builds the parts of a scene in parallel. Call plan() first, then otherFields() and build().
 class PartBuilder {
  public:
-  /// The builder refers to all arguments, which must outlive it.
+  /// The arguments must outlive the builder.
   PartBuilder(const SceneSpec& spec, BuiltScene& built, SceneCache& cache, Placer& placer)
       : spec_(spec), built_(built), cache_(cache), placer_(placer) {}
 
-  /// Divides the scene into parts. Returns the graph of all modes that are in no part. Throws
-  /// SceneError.
+  /// Divides the scene into parts. Returns the graph of the modes outside parts. Throws SceneError.
   GraphSpec plan(const GraphSpec& graph);
-  /// Returns the fields that belong to no part.
   [[nodiscard]] std::map<std::string, FieldPtr> otherFields() const;
-  /// Builds and returns the parts. Adds their groups and their bounds to the scene.
+  /// Builds the parts. Adds their groups and their bounds to the scene.
   std::vector<Part> build(const Progress& progress);
 
  private:
   struct Job {
     const PartPlan* plan;
-    std::size_t first;  ///< Index of its first field.
+    std::size_t first;
   };
 
   [[nodiscard]] std::string originOf(const std::string& name) const;

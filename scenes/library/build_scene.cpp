@@ -27,8 +27,7 @@ namespace {
 constexpr double kLargestProperty = 1e6;
 constexpr double kLongestTime = 1e9;  // [s]: largest time of a keyframe
 
-/// Throws SceneError if a number is so large that a tick would overflow. The error names the
-/// number's JSON path.
+/// Rejects numbers that are so large that a tick would overflow.
 void checkSize(const SceneSpec& spec, const std::string& path, double value, double most,
                const char* unit) {
   if (std::abs(value) <= most) return;
@@ -37,7 +36,7 @@ void checkSize(const SceneSpec& spec, const std::string& path, double value, dou
                    "give a number within the limit");
 }
 
-/// Checks the numbers of a scene, except for the places of volumes.
+/// Checks all numbers except the places of volumes, which Placer checks.
 void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   checkSize(spec, "/coupling/stiffness", stiffestCoupling(spec).stiffness, kLargestProperty,
             " N/m");
@@ -63,7 +62,7 @@ void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
   }
 }
 
-/// Throws SceneError if a mode needs a gradient, but the interpolation of its volume has none.
+/// Rejects modes that need a gradient of a volume with nearest-neighbour interpolation.
 void checkGradients(const SceneSpec& spec) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
@@ -82,15 +81,14 @@ void checkGradients(const SceneSpec& spec) {
   }
 }
 
-/// Returns the properties of a volume's grid; for bricks, those of the finest level.
+/// For bricks, returns the properties of the finest level.
 const GridInfo& infoOf(const BuiltScene& built, const std::string& name) {
   const auto window = built.windows.find(name);
   return window != built.windows.end() ? window->second->manifest().info()
                                        : built.volumes.at(name)->info();
 }
 
-/// Opens a volume in bricks. Throws SceneError if the scene sets options that change a grid when it
-/// is loaded.
+/// Opens a volume in bricks. Rejects options that change a grid while it is loaded.
 void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& built,
                 SceneCache& cache) {
   const VolumeSpec& volume = spec.volumes.at(name);
@@ -126,7 +124,6 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
   }
 }
 
-/// Returns notes for the user about how loading has changed a grid.
 std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
   if (info.filled > 0) {
@@ -141,15 +138,15 @@ std::vector<std::string> remarks(const GridInfo& info) {
     // A wave of length l keeps exp(-2 (pi deviation / l)^2) of its height.
     const double deviation = s.half_height_voxels / (M_PI * std::sqrt(2.0 / std::log(2.0)));
     out.push_back(
-        fmt::format("smoothed with a Gaussian of {:.3g} voxels: values changed by {:.3g} rms, "
-                    "{:.3g} at most; waves "
-                    "shorter than {:.1f} voxels keep less than half their height",
+        fmt::format("smoothed with a Gaussian with a standard deviation of {:.3g} voxels: values "
+                    "changed by {:.3g} rms, {:.3g} at most; waves shorter than {:.1f} voxels keep "
+                    "less than half their height",
                     deviation, s.rms_change, s.largest_change, s.half_height_voxels));
   }
   return out;
 }
 
-/// Opens the volumes of a scene. It first collects all files, and then loads them together.
+/// Collects all files of a scene first, and then loads them together.
 class VolumeLoader {
  public:
   VolumeLoader(const SceneSpec& spec, BuiltScene& built, SceneCache& cache)
@@ -157,7 +154,6 @@ class VolumeLoader {
     checkDisplacements(spec, displacing_);
   }
 
-  /// Opens all volumes. Returns the grids of the displacement fields.
   Displacements load(const Progress& progress) {
     for (const auto& [name, volume] : spec_.volumes) {
       try {
@@ -178,8 +174,7 @@ class VolumeLoader {
   }
 
  private:
-  /// Opens a volume according to its kind: a displacement field, a field of the caller, a sequence,
-  /// bricks, a volume in memory or a file. Files are only noted, for load().
+  /// Opens a volume, or notes its files for load().
   void open(const std::string& name, const VolumeSpec& volume) {
     const bool displaces = displacing_.count(name) != 0;
     if (!displaces && isGiven(volume.field)) {
@@ -218,8 +213,7 @@ class VolumeLoader {
     }
   }
 
-  /// Returns the first frame with data of a sequence that begins with frames without. Rethrows any
-  /// other error, and that of the first frame if no frame has data.
+  /// Returns the first frame with data. Rethrows other errors, and `error` if no frame has data.
   [[nodiscard]] std::shared_ptr<const Volume> insteadOf(const std::string& name,
                                                         const std::exception_ptr& error) {
     const VolumeSpec& volume = spec_.volumes.at(name);
@@ -252,13 +246,11 @@ class VolumeLoader {
   BuiltScene& built_;
   SceneCache& cache_;
   const std::set<std::string> displacing_;
-  /// Name of the volume, for each entry of requests_; frames have the name of their volume.
   std::vector<std::string> names_;
   std::vector<VolumeRequest> requests_;
   Displacements displacements_;
 };
 
-/// Returns the grids from which places are computed, by the names of their volumes.
 std::map<std::string, const GridInfo*> gridsOf(const BuiltScene& built,
                                                const Displacements& displacements) {
   std::map<std::string, const GridInfo*> grids;
@@ -274,7 +266,6 @@ void noteRemarks(const SceneSpec& spec, const std::string& name, const Volume& v
   }
 }
 
-/// Places all volumes and makes their fields.
 void makeFields(const SceneSpec& spec, BuiltScene& built, Placer& placer, SceneCache& cache) {
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
@@ -296,7 +287,7 @@ void makeFields(const SceneSpec& spec, BuiltScene& built, Placer& placer, SceneC
   }
 }
 
-/// Extends the bounds of the scene by those of each field at all times of its motion.
+/// Extends the scene's bounds by each field, at all times of its motion.
 void extendBounds(BuiltScene& built) {
   for (const auto& [name, field] : built.fields) {
     Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
@@ -307,7 +298,6 @@ void extendBounds(BuiltScene& built) {
   }
 }
 
-/// Adds notes about isosurfaces whose value is outside the range of the grid.
 void noteEmptySurfaces(const SceneSpec& spec, BuiltScene& built) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
@@ -375,8 +365,7 @@ SceneSpec coarsely(SceneSpec spec, const BuiltScene& built) {
     VolumeSpec& volume = spec.volumes.at(name);
     volume.volume = built.volumes.at(name);
     volume.budget_mb.reset();
-    // Uses the place of the whole volume. A coarse level has other bounds, from which "fit" would
-    // compute another place.
+    // "fit" would compute another place from the bounds of a coarse level.
     const Placement& place = built.placements.at(name);
     if (volume.place.kind == PlaceSpec::Kind::kLike) continue;
     const Eigen::Quaterniond rotation(place.rotation);

@@ -24,18 +24,17 @@ namespace palpate {
 
 class SceneCache;
 
-/// Receives the progress of loading, from 0 to 1. Any thread may call it, but never two at the same
-/// time.
+/// Receives the progress of loading, 0 to 1. Any thread may call it, but one at a time.
 using Progress = std::function<void(double done)>;
 
-/// Deformation of a placed volume (key "warp" of a scene file): the deformed volume has at x and
-/// time t the value that the volume has at x + u(x, t); see engine/field/warp.h.
+/// Deformation of a placed volume (key "warp" of a scene file). The deformed volume has at x and
+/// time t the value of the volume at x + u(x, t); see engine/field/warp.h.
 struct WarpSpec {
-  /// Name of the volume with u: vectors in the unit of length of its file, one grid for each frame
-  /// (scenes/library/frames.h). This volume has no other use.
+  /// Name of the volume with u: one vector grid for each frame, in the unit of length of its file.
+  /// Modes and fields cannot read this volume.
   std::string field;
   std::vector<double> times;  ///< Times of the frames [s]; ignored if there is one frame.
-  /// If true, the deformation repeats; then the last frame must equal the first one.
+  /// If true, the deformation repeats; the last frame must then equal the first one.
   bool repeat = false;
   WarpPtr warp;  ///< If set, the members above are ignored.
 };
@@ -47,8 +46,7 @@ struct PlaceSpec {
     kFit,   ///< Centred in W; the longest side of the active bounds is `size` metres.
     kUnit,  ///< Centred in W in true size; one unit of the file is `size` metres.
     kMap,   ///< p_W = translate + R scale p_file, with R from `rotation_wxyz`.
-    /// The same transform as that of volume `like`, and the same motion, so that both volumes stay
-    /// aligned.
+    /// The transform and the motion of volume `like`, so that both volumes stay aligned.
     kLike,
   };
   Kind kind = Kind::kFit;  ///< Determines which of the members below apply.
@@ -57,62 +55,57 @@ struct PlaceSpec {
   /// Rotation as a quaternion; normalised when it is used.
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
   Vec3 translate = Vec3::Zero();  ///< For kMap: translation [m].
-  std::string like;               ///< Name of the volume at whose place this volume is.
+  std::string like;               ///< For kLike: name of the other volume.
   /// Poses that move the placed volume; empty: it does not move. Not for kLike.
   std::vector<Keyframe> keyframes;
-  /// If true, the motion repeats; then the last keyframe must have the pose of the first one.
+  /// If true, the motion repeats; the last keyframe must then have the pose of the first one.
   bool repeat = false;
   /// Deforms the volume, before the keyframes move it. Not for kLike.
   std::optional<WarpSpec> warp;
 };
 
-/// Playback of a volume that is a sequence (key "frames" of a scene file). The frames are grids or
-/// files, which scenes/library/frames.h finds.
+/// Playback of a sequence (key "frames" of a scene file). scenes/library/frames.h finds its frames.
 struct FramesSpec {
   double rate = 0.0;  ///< Number of frames per second; 0: `times` applies.
-  /// Times of the frames [s]. If `repeat` is true, one more time: that at which the first frame
-  /// appears again.
+  /// Times of the frames [s]; with `repeat`, also the time at which the first frame returns.
   std::vector<double> times;
   bool repeat = false;              ///< If true, the first frame follows the last frame.
   std::optional<double> budget_mb;  ///< Memory for the frames [MB]; unset: 1024.
 };
 
-/// Playback of a scene's sequences, which all have the same clock.
+/// Playback of all sequences of a scene, on one clock.
 struct PlaySpec {
   double speed = 1.0;   ///< PlayParams::speed.
   bool paused = false;  ///< PlayParams::paused.
   bool repeat = false;  ///< PlayParams::repeat.
-  /// Earliest time that is played [s]; unset: the begin of the earliest sequence.
+  /// Earliest time that is played [s]; unset: the start of the earliest sequence.
   std::optional<double> from;
-  /// Latest time that is played [s]; unset: the end of the latest sequence, or no end if a sequence
+  /// Latest time that is played [s]; unset: the end of the latest sequence, or no end if one
   /// repeats.
   std::optional<double> to;
 };
 
 /// A volume: a grid of a file, a volume in bricks, a volume in memory, or a field of the caller.
 struct VolumeSpec {
-  /// A .vdb, a folder of bricks (samplers/bricks/bricks.h), or a pattern that stands for several
-  /// files. Not read if `volume` or `field` is set.
+  /// A .vdb, a folder of bricks, or a pattern for files. Ignored with `volume` or `field`.
   std::filesystem::path file;
   std::string grid;  ///< Name of the grid; empty: the only grid of the file.
   /// Treatment of values that are not finite; see LoadOptions.
   NonFinite non_finite = NonFinite::kRefuse;
   int smooth = 0;   ///< Width of the smoothing filter [voxels]; see LoadOptions.
   PlaceSpec place;  ///< Place and motion of the volume.
-  /// If not empty, replaces `place` by several places. These must not have kLike or keyframes.
-  /// Volumes with kLike of this volume have the same instances.
+  /// Places of the instances; if not empty, they replace `place`. kLike and keyframes are not
+  /// allowed. Volumes that are placed like this volume have the same instances.
   std::vector<PlaceSpec> instances;
-  Sampling sampling;  ///< Interpolation between voxels. Its slope_reach is replaced by that of the
-                      ///< scene.
+  Sampling sampling;  ///< Interpolation between voxels, with the slope_reach of the scene.
   std::optional<FramesSpec> frames;      ///< If set, the volume is a sequence.
   std::optional<double> budget_mb;       ///< For bricks: memory [MB]; unset: 256.
   std::shared_ptr<const Volume> volume;  ///< Volume in memory; if set, no file is read.
-  /// Field of the caller; if set, only keyframes and warp of the other members apply.
+  /// Field of the caller; if set, only the keyframes and the warp apply.
   FieldPtr field;
 };
 
-/// Description of a whole scene, with the content of a scene file. A scene that C++ code describes
-/// is checked in the same way.
+/// Description of a whole scene, with the content of a scene file.
 struct SceneSpec {
   std::string source;  ///< Name of the scene in errors, such as its file.
   /// Coupling of probe and proxy; `graph.stiffness` may vary its stiffness.
@@ -123,21 +116,17 @@ struct SceneSpec {
   double slope_reach = 0.5;                   ///< Sampling::slope_reach of all volumes.
   std::map<std::string, VolumeSpec> volumes;  ///< Volumes by the names that fields and modes use.
   GraphSpec graph;                            ///< Fields, modes, and a varying stiffness.
-  /// For guides: the volume whose file's units and place the guide has, by the index of the mode. A
-  /// guide without an entry is in metres in W.
+  /// Volume with the units and the place of a guide, by the index of the mode; else metres in W.
   std::map<std::size_t, std::string> guide_volumes;
   std::optional<PlaySpec> play;  ///< Playback; only for scenes with a sequence.
-  /// If true, the scene is not divided into parts, whatever the number of volumes is. Not for
-  /// scenes with instances.
+  /// If true, the scene is not divided into parts. Not for scenes with instances.
   bool one_graph = false;
-  bool waits = false;  ///< If true, a reader waits for bricks and frames that are not loaded
-                       ///< (WindowParams::waits). For virtual time.
+  bool waits = false;  ///< If true, readers wait for missing bricks and frames. For virtual time.
   std::vector<std::string>
       notes;  ///< Notes for the user about skipped or ignored items, one line each.
 };
 
-/// A derived field that was computed when the scene was built, because a mode or a field needs its
-/// derivatives.
+/// A derived field that is computed at load, because a mode or a field needs its derivatives.
 struct ComputedField {
   std::string as;    ///< Description as in the scene, such as "magnitude of spin".
   std::string from;  ///< Volume at the start of the chain of derived fields.
@@ -147,7 +136,7 @@ struct ComputedField {
 /// Parts with the same volumes and modes, one for each instance.
 struct PartGroup {
   std::size_t first = 0;            ///< Index of the first part in Scene::parts.
-  std::size_t count = 0;            ///< Number of parts. They are consecutive in Scene::parts.
+  std::size_t count = 0;            ///< Number of parts, which are consecutive.
   std::vector<std::string> things;  ///< Names of the volumes and derived fields in each part.
   /// Name of the volume that has the instances; empty: there is only one part.
   std::string leader;
@@ -159,7 +148,7 @@ using Windows = std::map<std::string, std::shared_ptr<const BrickWindow>>;
 
 /// A scene that is ready to run, and its components.
 struct BuiltScene {
-  std::shared_ptr<const Scene> scene;  ///< The scene itself. Any number of hands may use it.
+  std::shared_ptr<const Scene> scene;  ///< The scene, for any number of hands.
   /// Volumes that are grids, and the computed fields, by name.
   std::map<std::string, std::shared_ptr<const Volume>> volumes;
   Windows windows;  ///< Volumes in bricks; `volumes` holds their coarsest levels.
@@ -177,17 +166,14 @@ struct BuiltScene {
   std::vector<PartGroup> parts;  ///< All groups of parts, in the order of their modes.
   /// Box about all fields at all times of their motions and at all instances, in W [m].
   Box bounds;
-  std::vector<std::string>
-      notes;  ///< Notes for the user, one line each: values that were filled in or smoothed, and
-              ///< settings that are valid but probably not intended.
+  std::vector<std::string> notes;  ///< Notes for the user about values and settings, one line each.
 };
 
 /// Loads the volumes of a scene, places them, checks the scene and compiles its graph.
 ///
-/// A derived field is computed here if a mode needs its gradient (surface, isosurface, force by a
-/// scalar), or if another field needs its derivatives. It then is a volume with the place and the
-/// interpolation of its source. Throws SceneError with the JSON path, or VolumeError; a running
-/// scene is not changed. Slow.
+/// A derived field becomes a volume if a mode or another field needs its derivatives. It has the
+/// place and the interpolation of its source. Throws SceneError with the JSON path, or VolumeError;
+/// a running scene does not change. Slow.
 ///
 /// @param cache  If not null, volumes in the cache are not loaded again. If the new scene has the
 ///               same fields as the previous one, hands keep their contacts (Scene::shape).
@@ -195,12 +181,12 @@ struct BuiltScene {
                                     SceneCache* cache = nullptr);
 
 /// Returns `spec` with the coarsest level of each volume in bricks and the first frame of each
-/// sequence, at the same places. A search for contacts in the result needs no further data. `built`
-/// is the scene built from `spec`.
+/// sequence, at the places in `built`, which was built from `spec`. A search for contacts in the
+/// result needs no further data.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
-/// Lowers the stiffness to the limit of a device, unless the user has set the stiffness. Returns a
-/// message for the user; an empty text if the stiffness is unchanged.
+/// Lowers the stiffness to the limit of a device, unless the user has set it. Returns a message for
+/// the user, or "" if the stiffness is unchanged.
 [[nodiscard]] std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device);
 /// Throws SceneError if the coupling has more stiffness or damping than the device renders stably.
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device);

@@ -12,13 +12,11 @@
 namespace palpate {
 namespace {
 
-/// Computes the derived fields whose own derivatives a mode or another field needs.
 class FieldComputer {
  public:
   FieldComputer(const SceneSpec& spec, BuiltScene& built, SceneCache& cache)
       : spec_(spec), built_(built), cache_(cache) {}
 
-  /// Does what computeFields() describes.
   GraphSpec compute() {
     GraphSpec graph = spec_.graph;
     for (const auto& [name, why] : wanted()) {
@@ -39,7 +37,7 @@ class FieldComputer {
   }
 
  private:
-  /// Largest number of computed fields. Each may need as much memory as its volume.
+  /// Limits the memory: each computed field may need as much as its volume.
   static constexpr int kMostComputed = 64;
   struct Made {
     std::shared_ptr<const Volume> volume;
@@ -47,7 +45,6 @@ class FieldComputer {
     bool axial = false;
   };
 
-  /// Returns the names of the fields that must be computed, with the reason for each.
   [[nodiscard]] std::map<std::string, std::string> wanted() const {
     const auto& fields = spec_.graph.fields;
     std::map<std::string, std::string> names;
@@ -68,18 +65,16 @@ class FieldComputer {
         names.emplace(field.of, fmt::format("field \"{}\" needs its derivatives", name));
       }
     }
-    // the graph rejects a field that has the name of a volume
+    // The graph rejects a field with the name of a volume.
     for (const auto& [name, volume] : spec_.volumes) names.erase(name);
     return names;
   }
 
-  /// Returns the volume of a volume's or field's name. Returns null if there is no volume, or if
-  /// the derivation cannot use it.
+  /// Returns null for an unknown name, or if the derivation cannot use the volume.
   const Made* make(const std::string& name) {
     const auto known = made_.find(name);
     if (known != made_.end()) return known->second.volume != nullptr ? &known->second : nullptr;
-    // The entry is null until the volume is computed. This ends the recursion if fields refer to
-    // each other in a circle.
+    // Null until the volume is computed: this ends the recursion for fields in a circle.
     Made& made = made_[name];
     const auto volume = built_.volumes.find(name);
     if (volume != built_.volumes.end()) {
@@ -110,8 +105,7 @@ class FieldComputer {
           path, "the field has to be computed at load, but axial vectors have no derivatives",
           "remove \"axial\", or remove the modes that need the field's gradient");
     }
-    // The scene may be from another site and contain thousands of fields, so their number is
-    // limited.
+    // A scene from another site may contain thousands of fields.
     if (++computed_ > kMostComputed) {
       throw SceneError(
           path, fmt::format("more than {} fields have to be computed at load", kMostComputed),

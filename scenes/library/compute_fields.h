@@ -1,4 +1,3 @@
-/// Computes derived fields when a scene is built.
 #pragma once
 
 #include "palpate/scenes/library/build_scene.h"
@@ -6,10 +5,9 @@
 
 namespace palpate {
 
-/// Computes the derived fields whose own derivatives a mode or another field needs, and adds them
-/// to the volumes. Returns the graph without these fields; its remaining fields are derived in each
-/// tick. Throws SceneError. Errors in the definitions of fields are reported when the graph is
-/// compiled.
+/// Computes derived fields if a mode or another field needs their derivatives, and adds them to the
+/// volumes. Returns the graph without these fields; compileGraph checks it later. Throws
+/// SceneError.
 [[nodiscard]] GraphSpec computeFields(const SceneSpec& spec, BuiltScene& built, SceneCache& cache);
 
 }  // namespace palpate

@@ -17,15 +17,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A file name with a number, split into the text before the number, the text after it, and its
-/// format.
+/// A file name with a number, such as frame_%03d.vdb.
 struct Pattern {
   std::string before;
   std::string after;
   /// Least number of digits, filled with zeros; 0: numbers have no leading zeros.
   std::size_t digits = 0;
 
-  /// Returns the number in a file name; no value if the name does not match the pattern.
   [[nodiscard]] std::optional<long> numberIn(const std::string& name) const {
     constexpr std::size_t kMostDigits = 9;
     if (name.size() <= before.size() + after.size()) return std::nullopt;
@@ -38,8 +36,7 @@ struct Pattern {
                      [](unsigned char c) { return std::isdigit(c) != 0; })) {
       return std::nullopt;
     }
-    // A name with the wrong number of leading zeros does not match: frame_007 and frame_7 are
-    // different files.
+    // Leading zeros must match exactly: frame_007 and frame_7 are different files.
     if (number.size() > std::max<std::size_t>(digits, 1) && number.front() == '0') {
       return std::nullopt;
     }
@@ -65,7 +62,6 @@ std::optional<Pattern> patternOf(const fs::path& file) {
   return out;
 }
 
-/// Returns the files that match a pattern, by their numbers.
 std::map<long, fs::path> filesOf(const fs::path& file, const Pattern& pattern) {
   std::map<long, fs::path> files;
   std::error_code error;

@@ -49,8 +49,7 @@ LiveShare::LiveShare()
 }
 
 LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
-  // Reads only the first two members at first. In another version, all other members and the size
-  // may be different.
+  // Reads only two members: another version may have other members and another size.
   std::array<std::uint64_t, 2> head{};
   if (pread(descriptor, head.data(), sizeof head, 0) != static_cast<ssize_t>(sizeof head) ||
       head[0] != LiveBlock::kMagic) {
@@ -144,8 +143,7 @@ void LiveWriter::tellWhole(const Telemetry& tick, const ProxyState& state) noexc
   whole_.fault = tick.fault;
   whole_.limited = r.limited;
   whole_.primitive_count = 0;
-  // expect() gets each scene before the loop does. An unknown scene must therefore be in
-  // `expected_`.
+  // expect() gets each scene before the loop does, so an unknown scene is in `expected_`.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
   const Modes* modes = expected_.current().get();
   const bool known = modes != nullptr && modes->id == tick.scene;

@@ -1,6 +1,5 @@
-/// Memory that a running loop shares with a window in another process. It carries the state of the
-/// loop to the window and requests from the window to the loop. Neither process can block the
-/// other.
+/// Memory that a running loop shares with a window in another process. The window reads the state
+/// of the loop and sends requests. Neither process can block the other.
 #pragma once
 
 #include <array>
@@ -22,19 +21,15 @@
 
 namespace palpate {
 
-/// Publishes a value without pointers from one writer to any number of readers, also in other
-/// processes.
-///
-/// This is a sequence lock. The writer never waits for a reader. A reader gets a complete value, or
-/// fails and must read again. A Mailbox is not suitable: its readers change its state, and a reader
-/// in another process may be faulty.
+/// Publishes a value without pointers to any number of readers, also in other processes. This is a
+/// sequence lock: the writer never waits, and a reader gets a complete value or must read again. A
+/// Mailbox is not suitable: its readers change its state.
 template <class T>
 class Published {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Replaces the value. Only one thread may call this. RT: wait-free, no allocation. Cost: one
-  /// store for each 8 bytes.
+  /// Replaces the value. Only one thread may call this. RT: wait-free, one store for each 8 bytes.
   void write(const T& value) noexcept {
     std::array<std::uint64_t, kWords> words{};
     std::memcpy(words.data(), &value, sizeof(T));
@@ -46,8 +41,8 @@ class Published {
     }
     turn_.store(turn + 2, std::memory_order_release);
   }
-  /// Copies the newest value. If nothing was written yet, or the writer wrote during the copy,
-  /// returns false and leaves `value` unchanged. RT: wait-free.
+  /// Copies the newest value. Returns false and leaves `value` unchanged before the first write, or
+  /// if the writer wrote during the copy. RT: wait-free.
   [[nodiscard]] bool read(T& value) const noexcept {
     const std::uint64_t turn = turn_.load(std::memory_order_acquire);
     if (turn == 0 || turn % 2 != 0) return false;
@@ -67,9 +62,9 @@ class Published {
   std::array<std::atomic<std::uint64_t>, kWords> words_{};
 };
 
-/// Largest number of modes that a window shows. If there are more, it shows the first ones.
+/// Largest number of modes that a window shows. Of more modes, it shows the first ones.
 inline constexpr std::size_t kLiveModes = 64;
-/// Largest number of primitives that a window shows. If there are more, it shows the first ones.
+/// Largest number of primitives that a window shows. Of more, it shows the first ones.
 inline constexpr std::size_t kLivePrimitives = 64;
 /// Number of past ticks that a window can show: 4 s at 1 kHz.
 inline constexpr std::size_t kLiveRows = 4096;
@@ -80,14 +75,14 @@ struct LivePrimitive {
   std::array<double, 3> direction{};  ///< Primitive::direction.
   std::array<double, 3> force{};      ///< Force on the proxy [N].
   double strength = 0.0;              ///< Primitive::strength [N].
-  /// Kind of the primitive, which determines the meaning of `position` and `direction`.
+  /// Determines the meaning of `position` and `direction`.
   PrimitiveKind kind = PrimitiveKind::kForce;
   bool friction = false;  ///< True for a friction line.
   /// Index of its mode in LiveScene::modes; kLiveModes: its mode is not in that list.
   std::uint16_t mode = 0;
 };
 
-/// A tick with its primitives. It is published about 100 times a second.
+/// A tick with its primitives, published about 100 times a second.
 struct LiveTick {
   std::int64_t tick = 0;                       ///< Telemetry::tick, the number of the tick.
   std::uint64_t scene = 0;                     ///< Scene::id.
@@ -96,8 +91,7 @@ struct LiveTick {
   std::array<double, 3> proxy{};               ///< Position of the proxy [m].
   std::array<double, 3> force{};               ///< Force that was sent to the device [N].
   double stiffness = 0.0;                      ///< Stiffness of the coupling [N/m].
-  double error_bound = 0.0;                    ///< StepReport::error_bound of the last
-                                               ///< balance [m].
+  double error_bound = 0.0;                    ///< StepReport::error_bound [m].
   std::int64_t late_ticks = 0;                 ///< Number of missed ticks since the start.
   std::uint32_t primitive_count = 0;           ///< Number of valid entries in `primitives`.
   StepStatus status = StepStatus::kConverged;  ///< How the tick ended.
@@ -107,7 +101,7 @@ struct LiveTick {
   std::array<LivePrimitive, kLivePrimitives> primitives{};
 };
 
-/// A few numbers of a tick. It is published for every tick.
+/// A few numbers of a tick, published for every tick.
 struct LiveRow {
   std::int64_t tick = 0;  ///< Telemetry::tick, the number of the tick.
   double time = 0.0;      ///< Time since the start of the run [s].
@@ -119,9 +113,8 @@ struct LiveRow {
 /// Largest gain that the user of a window can set.
 inline constexpr float kMostDial = 8.0F;
 
-/// The gain of one mode. The mode is identified by a number that the loop has assigned to it, not
-/// by an index. A mode keeps this number when the scene file is edited, and no other mode ever gets
-/// it. A late request therefore cannot change another mode.
+/// The gain of one mode. The loop gives each mode a number that survives edits of the scene file
+/// and that no other mode gets, so that a late request cannot change another mode.
 struct LiveDial {
   std::uint32_t mode = 0;  ///< Number that identifies the mode.
   /// Gain: factor of the mode's strength and viscosity, 0 to kMostDial; 0: off.
@@ -140,12 +133,10 @@ struct LiveScene {
     std::array<char, kName> name{};  ///< Name to show, terminated by a zero byte.
     LiveDial dial;                   ///< Gain with which the scene was built.
   };
-  std::array<Mode, kLiveModes> modes{};  ///< The modes outside parts, then those of parts; parts of
-                                         ///< one group share their modes.
+  std::array<Mode, kLiveModes> modes{};  ///< Modes outside parts, then those of the groups.
 };
 
-/// Requests of the window's user. To make a request, the window increases the count of that
-/// request.
+/// Requests of the window's user. The window makes a request by increasing its count.
 struct LiveWishes {
   std::uint64_t cuts = 0;        ///< Number of requests to cut the force.
   std::uint64_t clears = 0;      ///< Number of requests to restore the force.
@@ -168,9 +159,9 @@ struct LiveBlock {
   /// Version of the layout. Increase it with each change of the members below.
   static constexpr std::uint64_t kLayout = 3;
 
-  /// kMagic. With another value, the memory is not a LiveBlock.
+  /// kMagic; with another value, the memory is not a LiveBlock.
   std::atomic<std::uint64_t> magic{kMagic};
-  /// kLayout. With another value, the block has another version.
+  /// kLayout; with another value, the block has another version.
   std::atomic<std::uint64_t> layout{kLayout};
   // The loop writes these members.
   Published<LiveTick> tick;    ///< The newest complete tick.
@@ -187,17 +178,16 @@ struct LiveBlock {
   Published<LiveHand> hand;      ///< Target of the hand from the mouse.
 };
 
-/// Returns the core that the loop of the first hand uses, and the window must not use: the last of
-/// the cores that this process may use. Returns -1 if there is only one core.
+/// Returns the last core that this process may use. The loop of the first hand uses it, and the
+/// window must not. Returns -1 if there is only one core.
 [[nodiscard]] int loopsCore() noexcept;
 
 /// A LiveBlock in memory that two processes map.
 class LiveShare {
  public:
-  /// Creates the memory, for the loop. No process can make it smaller. Throws Error.
+  /// Creates the memory of a loop. No process can change its size. Throws Error.
   LiveShare();
-  /// Maps the memory that another process has created, through an inherited descriptor. Throws
-  /// Error if the descriptor does not lead to such memory.
+  /// Maps the loop's memory through an inherited descriptor. Throws Error for another descriptor.
   explicit LiveShare(int descriptor);
   ~LiveShare();
   LiveShare(const LiveShare&) = delete;
@@ -207,8 +197,7 @@ class LiveShare {
   [[nodiscard]] LiveBlock& block() noexcept { return *block_; }
   /// Returns the block for reading.
   [[nodiscard]] const LiveBlock& block() const noexcept { return *block_; }
-  /// Returns the descriptor of the memory. A child process inherits it only if the caller passes it
-  /// on.
+  /// Returns the descriptor. A child process inherits it only if the caller passes it on.
   [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
 
  private:
@@ -222,17 +211,14 @@ class LiveShare {
 // The padding is intended: the mailbox keeps the data of its two threads on separate cache lines.
 class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// @param rate  Rate of the loop [Hz].
-  ///
-  /// The block must outlive this object.
+  /// The block must outlive this object. `rate` is the rate of the loop [Hz].
   LiveWriter(LiveBlock& block, double rate);
-  /// Announces the scene of the next ticks. Call it before the scene is published, from the thread
-  /// that publishes it. `dials` has the gains of the modes of SceneSpec::graph. If it is empty, the
-  /// number of a mode is its index there, and its gain is 1.
+  /// Announces the scene of the next ticks, before the same thread publishes it. `dials` has the
+  /// gains of the modes of SceneSpec::graph. If empty, the number of a mode is its index; its gain
+  /// is 1.
   void expect(const Scene& scene, std::span<const LiveDial> dials = {});
   /// Publishes a tick after its force was sent. Call it from the loop's thread. RT: wait-free, no
-  /// allocation. Cost: about 50 ns. For the about 100 ticks per second that are published with
-  /// their primitives, a few hundred ns more.
+  /// allocation. Cost: about 50 ns; for a tick with primitives, a few hundred ns more.
   void take(const Telemetry& tick, const ProxyState& state) noexcept PALPATE_NONBLOCKING;
 
  private:
@@ -247,7 +233,7 @@ class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void tellWhole(const Telemetry& tick, const ProxyState& state) noexcept;
 
   LiveBlock& block_;
-  std::int64_t every_;  ///< A tick with its primitives is published every `every_` ticks.
+  std::int64_t every_;  ///< Number of ticks from one tick with primitives to the next.
   Mailbox<std::shared_ptr<const Modes>> expected_;
   std::uint64_t told_scene_ = 0;
   Fault told_fault_ = Fault::kNone;

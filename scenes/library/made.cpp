@@ -18,9 +18,8 @@ namespace palpate {
 namespace made {
 namespace {
 
-/// Returns the velocity per unit of circulation that a straight piece of a vortex filament induces
-/// at p. The piece has the direction e and extends from a + `from` e to a + `to` e; both may be
-/// infinite.
+/// Returns the velocity at p, per unit of circulation, that a straight piece of a vortex filament
+/// induces. The piece has the direction e, from a + `from` e to a + `to` e; both may be infinite.
 Vec3 straightVortex(const Vec3& p_F, const Vec3& a_F, const Vec3& e_F, double from, double to,
                     double core) {
   const Vec3 r_F = p_F - a_F;
@@ -45,8 +44,7 @@ Vec3 Wind::velocity(const Vec3& p_F) const {
   const double far = std::numeric_limits<double>::infinity();
   const Vec3 x = Vec3::UnitX();
   const Vec3 y = Vec3::UnitY();
-  // The bound vortex points along +y. The air is then faster above the wing than below it, which
-  // lifts the wing.
+  // The bound vortex points along +y: the air is faster above the wing and lifts it.
   const Vec3 turned = straightVortex(p_F, Vec3::Zero(), y, -half, half, core) +
                       straightVortex(p_F, half * y, x, 0.0, far, core) -
                       straightVortex(p_F, -half * y, x, 0.0, far, core);
@@ -56,11 +54,11 @@ Vec3 Wind::velocity(const Vec3& p_F) const {
 double wing(const Vec3& p_F) {
   constexpr double kPitch = 6.0 * M_PI / 180.0;
   constexpr double kRound = 0.008;  // [m]: radius of the round edges
-  // half the chord, the span and the thickness, with the round edges
+  // half of the chord, the span and the thickness, with the round edges [m]
   const Vec3 half(0.04, 0.15, 0.008);
   const double c = std::cos(kPitch);
   const double s = std::sin(kPitch);
-  // The nose points up: converts p to the axes of the wing.
+  // Converts p to the axes of the wing. Its nose points up.
   const Vec3 p(c * p_F.x() - s * p_F.z(), p_F.y(), s * p_F.x() + c * p_F.z());
   const Vec3 beyond = p.cwiseAbs() - (half - Vec3::Constant(kRound));
   return beyond.cwiseMax(0.0).norm() + std::min(beyond.maxCoeff(), 0.0) - kRound;
@@ -80,7 +78,7 @@ Fibre fibre(const Vec3& p_F) {
   const Vec3 r = p_F - centre;
   const double radius = std::hypot(r.x(), r.y());
   double second = fade(std::hypot(radius - kBend, p_F.z()), kInner, kOuter);
-  // Uses only half of the circle. The other half would cross the first bundle a second time.
+  // Uses half of the circle: the other half would cross the first bundle again.
   second *= fade(-r.x(), -4.0, 0.0);
   const double shares = std::max(first + second, 1e-300);
   const double fibres = std::max(first, second);
@@ -93,7 +91,7 @@ Fibre fibre(const Vec3& p_F) {
   const Mat3 D = (1.0 - fibres) * kTissue * Mat3::Identity() +
                  fibres / shares * (first * bundle(Vec3::UnitX()) + second * bundle(round));
   const Eigen::SelfAdjointEigenSolver<Mat3> eigen(D);
-  const Vec3& l = eigen.eigenvalues();  // in ascending order
+  const Vec3& l = eigen.eigenvalues();
   Fibre out;
   out.direction = eigen.eigenvectors().col(2);
   out.anisotropy = std::sqrt(0.5) * Vec3(l[2] - l[1], l[1] - l[0], l[0] - l[2]).norm() / l.norm();
@@ -131,8 +129,7 @@ double cloud(const Vec3& p_F) {
 
 namespace {
 
-/// Returns the distance to the surface of an ellipsoid. It is exact on the surface, and accurate to
-/// first order near it.
+/// Returns the distance to the surface of an ellipsoid: exact on it, of first order near it.
 double ellipsoid(const Vec3& p, const Vec3& axes) {
   const double k0 = p.cwiseQuotient(axes).norm();
   const double k1 = p.cwiseQuotient(axes.cwiseProduct(axes)).norm();
@@ -178,7 +175,7 @@ double trunk(const Vec3& p_F) {
   constexpr double kEdge = 6.0;  // width of the transition between two materials [mm]
   const double body = ellipsoid({p_F.x(), p_F.y(), 0.0}, {150.0, 100.0, 1e6});
   const double ends = std::abs(p_F.z()) - 140.0;
-  // The lungs end at the diaphragm, which has the shape of a dome.
+  // The lungs end at the diaphragm, a dome.
   const double dome = p_F.z() + 30.0 + (p_F.x() * p_F.x() + p_F.y() * p_F.y()) / 300.0;
   double lungs = 1e9;
   for (const double side : {-1.0, 1.0}) {
@@ -194,8 +191,8 @@ double trunk(const Vec3& p_F) {
 }
 
 Vec3 breath(const Vec3& x_F, double share) {
-  // Breathing out takes longer than breathing in, and a rest follows (Lujan et al. 1999: a power of
-  // a cosine).
+  // The trunk is near its resting shape for longer than near full inhalation. Lujan et al. 1999 use
+  // an even power of a cosine.
   const double in = std::pow(std::sin(M_PI * share), 4);
   const double front = ramp(40.0 - x_F.y(), 200.0);  // 0 at the spine, 1 at the front
   const double diaphragm = std::exp(-std::pow((x_F.z() + 40.0) / 70.0, 2));
@@ -209,7 +206,6 @@ namespace {
 
 using openvdb::Coord;
 
-/// Calls a function for each voxel of a box, with its index and its position.
 void everyVoxel(const Box& box_F, double voxel,
                 const std::function<void(const Coord& at, const Vec3& p_F)>& visit) {
   const auto first = [&](int a) {
@@ -238,13 +234,12 @@ openvdb::Vec3f toVdb(const Vec3& v) {
   return openvdb::Vec3f(openvdb::Vec3d(v.x(), v.y(), v.z()));
 }
 
-/// A grid and its description.
 struct Making {
   openvdb::GridBase::Ptr grid;
   MadeGrid made;
 };
 
-/// Returns a level set within three voxels of the surface, from a distance function.
+/// Returns a level set with values within three voxels of the surface.
 openvdb::FloatGrid::Ptr levelSet(const char* name, const Box& box_F, double voxel,
                                  double (*distance)(const Vec3&)) {
   const double band = openvdb::LEVEL_SET_HALF_WIDTH * voxel;
@@ -264,8 +259,7 @@ std::vector<Making> makeWindTunnel(double voxel) {
   // The background is the uniform stream, so that the flow continues outside the box.
   auto velocity = create<openvdb::Vec3SGrid>("velocity", voxel, toVdb({wind.stream, 0, 0}));
   openvdb::Vec3SGrid::Accessor writer = velocity->getAccessor();
-  // The box extends farther below the wing than above it, because the air behind the wing moves
-  // down.
+  // The box extends farther below the wing, because the air behind the wing moves down.
   const Box box_F{{-0.12, -0.24, -0.18}, {0.36, 0.24, 0.10}};
   everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, toVdb(wind.velocity(p_F)));
@@ -274,7 +268,8 @@ std::vector<Making> makeWindTunnel(double voxel) {
   const Box about_F{{-0.08, -0.19, -0.05}, {0.08, 0.19, 0.05}};
   const auto wing = levelSet("wing", about_F, 0.5 * voxel, made::wing);
   return {
-      {velocity, {.name = "", .what = "the air about a wing and behind it", .value_unit = "m/s"}},
+      {velocity,
+       {.name = "", .what = "velocity of the air around and behind a wing", .value_unit = "m/s"}},
       {wing, {.name = "", .what = "distance to the wing", .value_unit = "m"}}};
 }
 
@@ -304,12 +299,12 @@ std::vector<Making> makeTwoBodies(double voxel) {
     if (density > 0.0) writer.setValue(at, static_cast<float>(density));
   });
   cloud->setGridClass(openvdb::GRID_FOG_VOLUME);
-  return {{bowl, {.name = "", .what = "distance to a bowl", .value_unit = "mm"}},
-          {cloud, {.name = "", .what = "density of a cloud in it and about it", .value_unit = ""}}};
+  return {
+      {bowl, {.name = "", .what = "distance to a bowl", .value_unit = "mm"}},
+      {cloud, {.name = "", .what = "density of a cloud in and around the bowl", .value_unit = ""}}};
 }
 
-/// Adds the displacement fields of one cycle, evenly spaced in time. The last frame equals the
-/// first.
+/// Adds the frames of one cycle, evenly spaced in time. The last frame equals the first one.
 void addCycle(std::vector<Making>& to, const Box& box_F, double voxel, int frames,
               const std::string& what, Vec3 (*displaced)(const Vec3& x_F, double share)) {
   for (int frame = 0; frame <= frames; ++frame) {
@@ -327,7 +322,7 @@ std::vector<Making> makeHeart(double voxel) {
   std::vector<Making> all{
       {levelSet("muscle", {{-36, -36, -52}, {36, 36, 28}}, voxel, made::ventricle),
        {.name = "", .what = "distance to a ventricle's muscle at rest", .value_unit = "mm"}}};
-  addCycle(all, {{-48, -48, -66}, {48, 48, 42}}, 6.0, 16, "back to where the muscle rests",
+  addCycle(all, {{-48, -48, -66}, {48, 48, 42}}, 6.0, 16, "displacement back to the muscle at rest",
            made::beat);
   return all;
 }
@@ -338,11 +333,12 @@ std::vector<Making> makeBreathing(double voxel) {
   everyVoxel({{-162, -112, -150}, {162, 112, 150}}, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, static_cast<float>(made::trunk(p_F)));
   });
-  std::vector<Making> all{
-      {ct,
-       {.name = "", .what = "a trunk, breathed out, in Hounsfield's units", .value_unit = "HU"}}};
-  addCycle(all, {{-180, -140, -180}, {180, 140, 180}}, 20.0, 16, "back to where it is breathed out",
-           made::breath);
+  std::vector<Making> all{{ct,
+                           {.name = "",
+                            .what = "a trunk after breathing out, in Hounsfield units",
+                            .value_unit = "HU"}}};
+  addCycle(all, {{-180, -140, -180}, {180, 140, 180}}, 20.0, 16,
+           "displacement back to the trunk after breathing out", made::breath);
   return all;
 }
 
@@ -360,9 +356,9 @@ const std::vector<Recipe>& recipes() {
        makeFibres},
       {{"two-bodies", "a bowl and a cloud, two objects that overlap", "mm", 1.0, 0.25, 3.0},
        makeTwoBodies},
-      {{"beating-heart", "a ventricle, and how it moves in a beat", "mm", 1.0, 0.5, 3.0},
+      {{"beating-heart", "a ventricle and its motion in a heartbeat", "mm", 1.0, 0.5, 3.0},
        makeHeart},
-      {{"breathing", "a trunk, and how it moves in a breath", "mm", 3.0, 2.0, 6.0}, makeBreathing}};
+      {{"breathing", "a trunk and its motion in a breath", "mm", 3.0, 2.0, 6.0}, makeBreathing}};
   return all;
 }
 

@@ -1,6 +1,6 @@
-/// Private to the program: volumes that are computed from formulas. Examples use them if no file is
-/// available, and tests compare with them. They are the same on every machine and in every run,
-/// except for the last digits of the mathematical library.
+/// Private to the program: volumes computed from formulas, for examples without a file and for
+/// tests. They are the same on all machines, except for the last digits of the mathematical
+/// library.
 #pragma once
 
 #include <cstdint>
@@ -36,10 +36,9 @@ struct MadeGrid {
   int frames = 1;                   ///< Number of grids with this name: name[0], name[1] and so on.
 };
 
-/// Computes a volume and writes it as a .vdb. The metadata contain palpate's version and the units.
-/// Throws Error if the name is unknown (then the error suggests the nearest name), if the edge is
-/// outside the volume's range, or if the file cannot be written (then an incomplete file remains).
-/// @param voxel  Edge of a voxel in the unit of length of the volume; unset: the default.
+/// Computes a volume and writes it as a .vdb, with palpate's version and the units. `voxel` is the
+/// edge of a voxel in the unit of length. Throws Error if the name is unknown, if the edge is out
+/// of range, or if the file cannot be written; an incomplete file then remains.
 [[nodiscard]] std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> voxel,
                                               const std::filesystem::path& file);
 
@@ -49,14 +48,14 @@ namespace made {
 /// Air flow about a wing in a wind tunnel. File: metres, x downstream, y along the wing, z up; the
 /// wing is at the origin.
 ///
-/// The flow is the simplest model of Prandtl: a uniform stream and a horseshoe vortex. The bound
-/// vortex lies in the wing and produces the lift. At each tip a vortex trails downstream to
-/// infinity; the two vortices rotate in opposite directions. The filaments have the core of
-/// Rosenhead and Moore: 1/|r|^3 in the law of Biot and Savart becomes 1/(|r|^2 + core^2)^(3/2). The
-/// velocity is then the curl of a vector potential, so it has no divergence. About a long filament
-/// the velocity is circulation / (2 pi) r / (r^2 + core^2). Its vorticity is circulation / pi
-/// core^2 / (r^2 + core^2)^2. Not modelled: the thickness of the wing (air passes through it), the
-/// vortex sheet behind it and its roll-up, the growth of the cores, and the walls of the tunnel.
+/// The model is Prandtl's simplest one: a uniform stream and a horseshoe vortex. The bound vortex
+/// lies in the wing and produces the lift. At each tip, a vortex trails downstream to infinity; the
+/// two rotate in opposite directions. The cores are those of Rosenhead and Moore: 1/|r|^3 in the
+/// law of Biot and Savart becomes 1/(|r|^2 + core^2)^(3/2). The velocity is the curl of a vector
+/// potential, so it has no divergence. About a long filament, the velocity is circulation / (2 pi)
+/// r / (r^2 + core^2) and the vorticity is circulation / pi core^2 / (r^2 + core^2)^2. Not
+/// modelled: the thickness of the wing (air passes through it), the vortex sheet, the growth of the
+/// cores, and the walls of the tunnel.
 struct Wind {
   double stream = 10.0;      ///< Speed of the uniform stream [m/s].
   double span = 0.3;         ///< Distance between the two trailing vortices [m].
@@ -71,51 +70,47 @@ struct Wind {
 /// edges, pitched by 6 degrees.
 [[nodiscard]] double wing(const Vec3& p_F);
 
-/// Diffusion imaging of two bundles of fibres that cross. File: mm.
+/// Diffusion imaging of two bundles of fibres that cross at a right angle at the origin. File: mm.
 ///
-/// One bundle is straight along x. The other one bends in the plane z = 0. They cross at a right
-/// angle at the origin. At each point, the diffusion tensor is the mean of isotropic tissue and the
-/// bundles, weighted by their shares. Its greatest eigenvalue has the direction `direction`; the
-/// fractional anisotropy is that of Basser & Pierpaoli 1996. The anisotropy is 0.80 in a bundle and
-/// 0 outside. Where both bundles have equal shares, it is 0.48 and two directions have the greatest
-/// eigenvalue.
+/// One bundle is straight along x, and the other one bends in the plane z = 0. At each point, the
+/// diffusion tensor is the mean of isotropic tissue and the bundles, weighted by their shares. The
+/// anisotropy (Basser & Pierpaoli 1996) is 0.80 in a bundle and 0 outside. Where both bundles have
+/// equal shares, it is 0.48, and two directions have the greatest eigenvalue.
 struct Fibre {
-  /// Unit vector, whose sign has no meaning; zero outside the bundles.
+  /// Unit eigenvector of the greatest eigenvalue, with any sign; zero outside the bundles.
   Vec3 direction = Vec3::Zero();
   double anisotropy = 0.0;  ///< Fractional anisotropy, 0 to 1.
 };
-/// Returns the fibre at p_F [mm]; all members are zero outside the bundles.
+/// Returns the fibre at p_F [mm].
 [[nodiscard]] Fibre fibre(const Vec3& p_F);
 
-/// Returns the sign with which the direction of a voxel is stored, +1 or -1. It is a hash of the
-/// voxel's index, because the eigenvectors of measured tensors have arbitrary signs too.
+/// Returns the sign with which a voxel's direction is stored, +1 or -1. It is a hash of the voxel's
+/// index, because the eigenvectors of measured tensors have arbitrary signs too.
 [[nodiscard]] double signAt(int i, int j, int k);
 
-/// Returns the signed distance to the surface of a bowl [mm]. The bowl is two thirds of a sphere
-/// about the origin, open towards +z. Its wall is 6 mm thick and has a round rim.
+/// Returns the signed distance to the surface of a bowl [mm]: a spherical wall about the origin, 6
+/// mm thick, open within 60 degrees of +z, with a round rim.
 [[nodiscard]] double bowl(const Vec3& p_F);
 
-/// Returns the density of a cloud that fills the bowl and extends beyond its wall and its rim. It
-/// is 1 near the centre of the cloud and decreases linearly to 0 at its edge. File: mm.
+/// Returns the density of a cloud that extends beyond the bowl's wall and rim: 1 near the centre of
+/// the cloud, decreasing linearly to 0 at its edge. File: mm.
 [[nodiscard]] double cloud(const Vec3& p_F);
 
-/// Returns the signed distance to the surface of the left ventricle of a heart at rest, which is
-/// accurate near the surface [mm]. The ventricle is a cup of muscle in the shape of an egg, open
-/// towards +z. Its wall is 10 mm thick.
+/// Returns the signed distance to the left ventricle of a heart at rest [mm], accurate near the
+/// surface. The ventricle is an egg-shaped cup of muscle, open towards +z, with a wall of 10 mm.
 [[nodiscard]] double ventricle(const Vec3& p_F);
 /// Returns the displacement u of the muscle at a fraction `share` of a beat, 0 to 1: the material
-/// at x is at x + u at rest [mm]. First the cavity narrows to two thirds, the wall becomes thicker
-/// by a third, the apex (-z) rises, and the cup twists by 15 degrees between apex and rim. Then the
-/// muscle relaxes. Not modelled: the constant volume of muscle, the right ventricle, and the blood.
+/// at x is at x + u at rest [mm]. The cavity narrows to two thirds, the wall becomes thicker by a
+/// third, the apex (-z) rises, and the cup twists by 15 degrees; then the muscle relaxes. Not
+/// modelled: the constant volume of muscle, the right ventricle, and the blood.
 [[nodiscard]] Vec3 beat(const Vec3& x_F, double share);
 
-/// Returns the CT value of a trunk after breathing out. There are muscle (40) about two lungs
-/// (-800), a liver (60) below the diaphragm, and air (-1000) outside. y points to the back and z to
-/// the head. File: mm.
+/// Returns the CT value of a trunk after breathing out [HU]: muscle (40) about two lungs (-800), a
+/// liver (60) below the diaphragm, and air (-1000) outside. File: mm, y to the back, z to the head.
 [[nodiscard]] double trunk(const Vec3& p_F);
 /// Returns the displacement u of the trunk at a fraction `share` of a breath, 0 to 1: the material
 /// at x is at x + u at rest [mm]. While breathing in, the diaphragm moves down by up to 15 mm and
-/// the front of the chest moves out by up to 6 mm. The spine does not move.
+/// the front of the chest moves out by up to 6 mm.
 [[nodiscard]] Vec3 breath(const Vec3& x_F, double share);
 
 }  // namespace made

@@ -10,7 +10,6 @@
 namespace palpate {
 namespace {
 
-/// Returns the warp of a volume; null if it has none.
 WarpPtr warpOf(const SceneSpec& spec, const std::string& name, const Displacements& displacements,
                Placer& placer, SceneCache& cache) {
   const auto& warp = spec.volumes.at(name).place.warp;

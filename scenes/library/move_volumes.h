@@ -1,4 +1,3 @@
-/// Motions of the volumes of a scene, from keyframes and displacement fields.
 #pragma once
 
 #include <map>
@@ -16,12 +15,10 @@ namespace palpate {
 /// Frames of the displacement fields, by the names of their volumes.
 using Displacements = std::map<std::string, std::vector<std::shared_ptr<const Volume>>>;
 
-/// Returns the names of the volumes that are displacement fields. Throws SceneError for an unknown
-/// name.
+/// Returns the names of the displacement fields. Throws SceneError for an unknown name.
 [[nodiscard]] std::set<std::string> displacementNames(const SceneSpec& spec);
 
-/// Throws SceneError if a mode or a field reads a displacement field, or if a displacement field
-/// moves.
+/// Throws SceneError if a mode or a field reads a displacement field, or if one moves.
 void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& names);
 
 /// Returns the motions that the volumes themselves define. Throws SceneError.
@@ -29,9 +26,8 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
                                                           const Displacements& displacements,
                                                           Placer& placer, SceneCache& cache);
 
-/// Gives the motion of a volume to volumes that are placed like it and to fields that are
-/// computed from it. All places are already resolved, so that "like" contains neither unknown names
-/// nor circles.
+/// Gives the motion of a volume to the volumes placed like it and to the fields computed from it.
+/// Call it after all places are resolved: "like" then has no unknown names and no circles.
 void joinMotions(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

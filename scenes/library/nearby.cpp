@@ -15,15 +15,13 @@ namespace {
 
 using Volumes = std::map<std::string, VolumeSpec>;
 
-/// Returns a mode with the name that the scene uses for it.
 ModeSpec named(const GraphSpec& graph, std::size_t number) {
   ModeSpec mode = graph.modes[number];
   if (mode.name.empty()) mode.name = fmt::format("/modes/{}", number);
   return mode;
 }
 
-/// Returns the volumes of a scene without instances: each volume is at its first place. Without
-/// this, the thousands of places would be copied for each part.
+/// Puts each volume at its first place. Otherwise each part would copy thousands of instances.
 Volumes placedOnce(const SceneSpec& spec) {
   Volumes volumes = spec.volumes;
   for (auto& [name, volume] : volumes) {
@@ -33,7 +31,7 @@ Volumes placedOnce(const SceneSpec& spec) {
   return volumes;
 }
 
-/// One part of a group, and the names of its volumes and fields.
+/// One part of a group, with its own names of volumes and fields.
 class Copy {
  public:
   Copy(const SceneSpec& spec, const PartGroup& group, std::size_t part)
@@ -71,12 +69,10 @@ class Copy {
   [[nodiscard]] std::string called(const std::string& name) const {
     return group_.leader.empty() ? name : fmt::format("{}[{}]", name, instance_);
   }
-  /// Changes the name of a volume or field if it belongs to the part.
   void rename(std::string& name) const {
     const auto& things = group_.things;
     if (std::find(things.begin(), things.end(), name) != things.end()) name = called(name);
   }
-  /// Throws SceneError if the name of an instance is already used in the scene.
   void checkFree(const std::string& name) const {
     const bool own = spec_.volumes.count(name) != 0 || spec_.graph.fields.count(name) != 0;
     if (group_.leader.empty() || !own) return;
@@ -94,7 +90,7 @@ class Copy {
   std::size_t instance_;
 };
 
-/// Adds the volumes at whose places other volumes are, even if no mode reads them.
+/// Adds the volumes to which `like` refers, even if no mode reads them.
 void addPlaces(const Volumes& once, Volumes& out) {
   for (bool more = true; more;) {
     std::set<std::string> missing;
@@ -123,7 +119,7 @@ SceneSpec nearby(const SceneSpec& spec, const BuiltScene& built,
       out.graph.fields.erase(name);
     }
   }
-  std::map<std::size_t, std::vector<Copy>> copies;  // by the index of the mode
+  std::map<std::size_t, std::vector<Copy>> copies;
   for (const PartGroup& group : built.parts) {
     for (const std::size_t mode : group.modes) copies[mode];
     const auto end = parts.lower_bound(group.first + group.count);

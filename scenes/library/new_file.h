@@ -18,18 +18,15 @@ namespace palpate {
   return partial;
 }
 
-/// Creates and opens a file. Never opens an existing file or follows a link. Otherwise another user
-/// who can write to the folder could place a link there, and this program would overwrite the
-/// link's target.
-///
-/// @return  The descriptor; -1 with errno if the name exists or the file cannot be created.
+/// Creates and opens a file; returns the descriptor, or -1 with errno. Never opens an existing file
+/// or a link, because another user of the folder could choose the link's target.
 [[nodiscard]] inline int createNewFile(const std::filesystem::path& path) noexcept {
   return ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
-/// Returns a path in /proc of an open file, for libraries that open files by name. The path leads
-/// to that file even if another file now has the name `created`. Returns `created` if the kernel
-/// forbids this path, as in a program with file capabilities.
+/// Returns a path in /proc of an open file, for libraries that open files by name. It leads to that
+/// file even if another file now has the name `created`. Returns `created` if the kernel forbids
+/// the path, as in a program with file capabilities.
 [[nodiscard]] inline std::filesystem::path nameOfOpen(int descriptor,
                                                       const std::filesystem::path& created) {
   const std::filesystem::path open = "/proc/self/fd/" + std::to_string(descriptor);

@@ -13,7 +13,7 @@
 namespace palpate {
 namespace {
 
-constexpr double kSmallestVoxel = 1e-9;  // [m]: smaller voxels are of no use for a hand
+constexpr double kSmallestVoxel = 1e-9;  // [m]: the hand cannot use smaller voxels
 
 }  // namespace
 
@@ -48,8 +48,7 @@ Placement Placer::placementOf(const std::string& name) {
 Placement Placer::compute(const std::string& name, const PlaceSpec& place,
                           const std::string& path) {
   Placement placed = computeAny(name, place, path);
-  // Also checks a volume that is placed like another one, because the first may be larger than the
-  // other.
+  // Also checks a volume that is placed like another one, because its grid is different.
   const GridInfo& info = *volumes_.at(name);
   const double voxel = placed.scale * info.voxel.minCoeff();
   const double reach = placed.translate.norm() +

@@ -1,4 +1,3 @@
-/// Places the volumes and guides of a scene in W.
 #pragma once
 
 #include <cstddef>
@@ -13,21 +12,16 @@ namespace palpate {
 /// Largest distance of a volume or guide from the origin of W [m].
 inline constexpr double kFarthestPlace = 1e6;
 
-/// Computes the placements of all volumes. A volume with "like" has the placement of the named
-/// volume.
+/// Computes the placements of all volumes. A volume with "like" has that of the named volume.
 class Placer {
  public:
-  /// @param volumes  Grid of each volume, by name.
-  ///
-  /// The placer refers to both arguments, which must outlive it.
+  /// Both arguments must outlive the placer. `volumes` has the grid of each volume, by name.
   Placer(const SceneSpec& spec, const std::map<std::string, const GridInfo*>& volumes)
       : spec_(spec), volumes_(volumes) {}
 
-  /// Returns the placement of an instance, for the volume `leader` that has the instances and for
-  /// the volumes placed like it. Throws SceneError.
+  /// Returns the placement of an instance, and of the volumes placed like it. Throws SceneError.
   Placement placementOf(const std::string& leader, std::size_t instance);
-  /// Returns the placement of a volume; if it has instances, that of the first one. Throws
-  /// SceneError.
+  /// Returns the placement of a volume, or of its first instance. Throws SceneError.
   Placement placementOf(const std::string& name);
 
  private:
@@ -37,13 +31,11 @@ class Placer {
   const SceneSpec& spec_;
   const std::map<std::string, const GridInfo*>& volumes_;
   std::map<std::string, Placement> done_;
-  /// Volumes whose placement was requested. A second request before the first is complete means
-  /// that "like" forms a circle.
+  /// Volumes with a placement in computation. A second request means that "like" forms a circle.
   std::set<std::string> open_;
 };
 
-/// Converts guides from the units and the place of a volume to W. The guides then move with that
-/// volume.
+/// Converts guides from the units and the place of a volume to W. They then move with the volume.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph);
 
 }  // namespace palpate

@@ -28,7 +28,6 @@ class Together {
   std::map<std::string, std::string> above_;
 };
 
-/// Returns each name that a mode reads, with the JSON key under which the mode has it.
 std::vector<std::pair<std::string, std::string>> keyedNamesOf(const ModeSpec& mode) {
   std::vector<std::pair<std::string, std::string>> names;
   const auto add = [&](const std::string& key, const std::string& name) {
@@ -59,7 +58,6 @@ std::vector<std::string> namesOf(const ModeSpec& mode) {
   return names;
 }
 
-/// Throws SceneError if a mode or a field reads an unknown name.
 void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
   const auto check = [&](const std::string& path, const std::string& name) {
     if (volumes.count(name) != 0 || graph.fields.count(name) != 0) return;
@@ -80,8 +78,7 @@ void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   for (const auto& [name, derived] : graph.fields) check("/fields/" + name, derived.of);
 }
 
-/// Returns the first mode of a part that reads volumes with the leader's instances together with
-/// other volumes.
+/// Returns the first mode that reads volumes of the leader's instances together with others.
 std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
                        const std::map<std::string, PlanVolume>& volumes) {
   const auto with_leader = [&](std::string name) {
@@ -102,20 +99,18 @@ std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
   return part.graph.mode_numbers.front();
 }
 
-/// Intermediate result of dividing a scene.
 struct Division {
   Together together;
   std::set<std::string> base;  ///< Groups, named as by find(), that cannot become parts.
-  std::map<std::string, PartPlan> things;  ///< The things, by the names of their groups.
-  std::vector<std::size_t> stay;           ///< Modes that do not belong to a part.
+  std::map<std::string, PartPlan> things;
+  std::vector<std::size_t> stay;
 
   void keepInBase(const std::string& name) {
     if (together.knows(name)) base.insert(together.find(name));
   }
 };
 
-/// Joins volumes and fields to one group if they depend on each other, or if a mode reads them
-/// together.
+/// Joins volumes and fields that depend on each other, or that a mode reads together.
 Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
   Together together;
   for (const auto& [name, volume] : volumes) together.add(name);
@@ -131,8 +126,7 @@ Together joinNames(const GraphSpec& graph, const std::map<std::string, PlanVolum
   return together;
 }
 
-/// Assigns each mode to the thing that it reads. A mode that reads no thing stays outside of the
-/// parts.
+/// Assigns each mode to the thing that it reads; others go to Division::stay.
 void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
   for (std::size_t i = 0; i < modes.size(); ++i) {
     const ModeSpec& mode = modes[i];
@@ -152,7 +146,6 @@ void divideModes(const std::vector<ModeSpec>& modes, Division& division) {
   }
 }
 
-/// Assigns each volume and each field to its thing.
 void divideFields(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes,
                   Division& division) {
   for (const auto& [name, volume] : volumes) {
@@ -182,8 +175,7 @@ Division divide(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
   return division;
 }
 
-/// Throws SceneError if a thing with instances includes a volume that does not have these
-/// instances.
+/// Throws SceneError if a volume of the thing does not have the thing's instances.
 void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
                     const std::map<std::string, PlanVolume>& volumes) {
   const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
@@ -201,8 +193,7 @@ void checkInstances(const PartPlan& thing, bool in_base, const GraphSpec& graph,
   }
 }
 
-/// Returns the things that become parts, in the order of the scene. The modes of the other things
-/// stay outside of the parts.
+/// Returns the things that become parts. The modes of the others stay outside of the parts.
 std::vector<PartPlan> takeParts(const GraphSpec& graph,
                                 const std::map<std::string, PlanVolume>& volumes,
                                 Division& division) {

@@ -11,9 +11,9 @@ namespace palpate {
 
 /// A thing: volumes that modes read together, and these modes. It may become a part of the scene.
 struct PartPlan {
-  GraphSpec graph;  ///< Graph of the thing. Its modes have the names that the scene has for them.
+  GraphSpec graph;  ///< Graph of the thing; its modes have the names that the scene uses.
   std::vector<std::string> volumes;  ///< Names of its volumes.
-  /// Name of the volume whose instances the thing has; empty: it has no instances.
+  /// Name of the volume with the thing's instances; may be empty.
   std::string leader;
 };
 
@@ -25,15 +25,14 @@ struct ScenePlan {
 
 /// Facts about the place of a volume that planParts() needs.
 struct PlanVolume {
-  std::string leader;       ///< Name of the volume whose instances this volume has; empty: none.
+  std::string leader;       ///< Name of the volume with this volume's instances, or "".
   bool may_be_part = true;  ///< False if the volume moves, or if its place is unknown.
 };
 
-/// Divides a scene into parts. A thing with instances always becomes a part. If the scene has at
-/// most kFewThings things, those without instances stay in one graph; otherwise each of them that
-/// can be a part becomes one. Throws SceneError (/modes/0) if a mode reads a volume with instances
-/// together with another volume. Also throws it if the scene has parts and a mode reads an unknown
-/// name.
+/// Divides a scene into parts. A thing with instances always becomes a part. Another thing becomes
+/// one if the scene has more than kFewThings things and the thing can be a part. Throws SceneError
+/// (/modes/0) if a mode reads a volume with instances together with another volume, or if the scene
+/// has parts and a mode reads an unknown name.
 [[nodiscard]] ScenePlan planParts(const GraphSpec& graph,
                                   const std::map<std::string, PlanVolume>& volumes);
 

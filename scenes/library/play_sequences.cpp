@@ -29,7 +29,8 @@ void checkSequence(const SceneSpec& spec, const std::string& name) {
          "the rate is not a finite number > 0", "give frames per second, such as 25");
   refuse(isInBricks(volume), "frames", "a folder of bricks is one volume, not a sequence",
          "give the frames in .vdb files");
-  refuse(volume.budget_mb.has_value(), "window", "a sequence is not in bricks",
+  refuse(volume.budget_mb.has_value(), "window",
+         "\"window\" is only for volumes in bricks, and this volume is a sequence",
          "move \"budget_mb\" to \"frames\"");
   refuse(!volume.instances.empty(), "instances", "a sequence can have only one place",
          "replace \"instances\" by \"place\"");
@@ -90,8 +91,8 @@ PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
   refuse(out.repeat && !std::isfinite(out.to), "repeat",
          "the play has no end, because its sequences repeat", "add \"to\", or remove \"repeat\"");
   refuse(out.speed < 0.0 && out.begin <= out.from, "speed",
-         "the play runs backwards from its earliest time",
-         "add \"to\", where backward play begins");
+         "backward play begins at the earliest time, so that nothing is played",
+         "add \"to\", the time at which backward play begins");
   return out;
 }
 
@@ -105,7 +106,7 @@ void noteSequences(const SceneSpec& spec, BuiltScene& built) {
                       pathIn(spec, "/volumes/" + name + "/frames")));
     }
     if (state.empty > 0) {
-      built.notes.push_back(fmt::format("{}: nothing is there in {} of its {} frames",
+      built.notes.push_back(fmt::format("{}: {} of its {} frames have no data",
                                         pathIn(spec, "/volumes/" + name + "/frames"), state.empty,
                                         state.frames));
     }

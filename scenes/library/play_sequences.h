@@ -1,4 +1,3 @@
-/// Opens the sequences of a scene, and determines their playback.
 #pragma once
 
 #include <memory>
@@ -12,7 +11,6 @@ namespace palpate {
 /// Throws SceneError if a sequence has a setting that is not allowed for sequences.
 void checkSequence(const SceneSpec& spec, const std::string& name);
 
-/// Opens a sequence at its place. Throws VolumeError.
 [[nodiscard]] std::shared_ptr<const FrameSequence> openSequence(const SceneSpec& spec,
                                                                 const std::string& name,
                                                                 const Placement& placement,
@@ -21,8 +19,7 @@ void checkSequence(const SceneSpec& spec, const std::string& name);
 /// Returns the playback of the scene's sequences. Throws SceneError.
 [[nodiscard]] PlayParams playOf(const SceneSpec& spec, const BuiltScene& built);
 
-/// Adds notes about sequences with one frame, and about sequences whose memory is too small for the
-/// playback speed.
+/// Notes sequences with one frame, and those with too little memory for the playback speed.
 void noteSequences(const SceneSpec& spec, BuiltScene& built);
 
 }  // namespace palpate

@@ -18,8 +18,7 @@ namespace palpate {
 std::vector<LoadResult> SceneCache::load(const std::vector<VolumeRequest>& requests,
                                          const std::function<void(double)>& progress) {
   std::vector<LoadResult> results(requests.size());
-  // Reads the time and the size of each file before loading it. If a file is written during
-  // loading, the next call then loads it again.
+  // Reads time and size first: if a file changes during loading, the next call loads it again.
   std::vector<std::optional<Loaded>> keys(requests.size());
   std::vector<VolumeRequest> missing;
   std::vector<std::size_t> places;

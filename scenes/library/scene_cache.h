@@ -21,9 +21,9 @@
 
 namespace palpate {
 
-/// Calls functions that load or build components, and returns earlier results if the inputs are the
-/// same. If a new scene has the same fields as the previous scene, it is an edit of that scene, and
-/// hands keep their contacts (Scene::shape). Only one thread may use a cache.
+/// Calls functions that load or build components, and reuses earlier results for the same inputs.
+/// If a new scene has the same fields, hands keep their contacts (Scene::shape). Only one thread
+/// may use a cache.
 class SceneCache {
  public:
   /// Calls loadVolumes. Loads a file again if it was written since.
@@ -40,8 +40,8 @@ class SceneCache {
     std::shared_ptr<const BrickWindow> window;  ///< Not null.
     std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
   };
-  /// Calls openBricks and the constructor of BrickWindow. Opens bricks again if they were
-  /// rewritten. Throws VolumeError.
+  /// Calls openBricks and the constructor of BrickWindow; again if the bricks were rewritten.
+  /// Throws VolumeError.
   [[nodiscard]] Bricks bricks(const std::filesystem::path& place, const WindowParams& params);
   /// Calls makeBrickField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
@@ -76,9 +76,8 @@ class SceneCache {
                              const std::string& path);
   /// Calls makeVdbField for each entry, in parallel.
   [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
-  /// Scope in which one scene is built. done() removes the entries that this scene has not
-  /// requested. If the scope ends without done(), the entries of the previous scene remain and new
-  /// entries are removed.
+  /// Scope in which one scene is built. done() keeps only the entries of this scene. Without
+  /// done(), the cache keeps only the entries of the previous scene.
   class Building {
    public:
     explicit Building(SceneCache& of) noexcept
@@ -115,7 +114,6 @@ class SceneCache {
   template <class Key, class Value>
   class Shelf {
    public:
-    /// Returns the value of a key; null if there is none.
     [[nodiscard]] Value* find(const Key& key) {
       const auto [begin, end] = entries_.equal_range(hashOf(key));
       const auto entry =

@@ -15,7 +15,6 @@
 namespace palpate {
 namespace {
 
-/// Returns the .vdb file at a path; for a folder, the .vdb files in it.
 std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path) {
   std::error_code error;
   if (!std::filesystem::is_directory(path, error)) return {path};
@@ -37,7 +36,7 @@ std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path)
   return files;
 }
 
-/// Returns true if a file begins as a scene file does. A volume of another format does not.
+/// Returns false for a volume of another format.
 bool mayBeScene(const std::filesystem::path& file) {
   if (file.extension() == ".json") return true;
   std::ifstream in(file, std::ios::binary);
@@ -46,7 +45,7 @@ bool mayBeScene(const std::filesystem::path& file) {
   return first == std::ifstream::traits_type::eof() || first == '{';
 }
 
-/// Returns the usable grids of a file. Adds notes about the errors of the others.
+/// Returns the usable grids. Adds the errors of the others to `notes`.
 std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::string>& notes) {
   std::vector<GuessVolume> volumes;
   for (std::size_t g = 0; g < loaded.names.size(); ++g) {
@@ -61,7 +60,6 @@ std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::strin
   return volumes;
 }
 
-/// Throws an error for a file without a usable grid. The message contains the error of each grid.
 [[noreturn]] void throwNoneFelt(const std::filesystem::path& path,
                                 const std::vector<std::string>& notes) {
   std::string why = "none of its grids is usable";
@@ -102,7 +100,6 @@ SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   return spec;
 }
 
-/// Returns the grid of the coarsest level of a volume in bricks.
 GuessVolume coarselyOf(const std::filesystem::path& place) {
   const std::unique_ptr<BrickSource> source = openBricks(place);
   const BrickManifest& manifest = source->manifest();
@@ -110,12 +107,10 @@ GuessVolume coarselyOf(const std::filesystem::path& place) {
   return {manifest.info().name, loadBricks(*source, coarsest, place.string())};
 }
 
-/// Returns the path of a folder without a slash at its end.
 std::filesystem::path withoutSlash(const std::filesystem::path& folder) {
   return folder.has_filename() ? folder : folder.parent_path();
 }
 
-/// Returns the scene guess for a volume in bricks.
 SceneSpec sceneFromBricks(const std::filesystem::path& place) {
   const std::filesystem::path path = isRemote(place) ? place : withoutSlash(place);
   const std::filesystem::path name = isRemote(path) ? path : path.filename();

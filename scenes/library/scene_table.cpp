@@ -135,7 +135,6 @@ JsonObject<PlaceSpec> motionRows() {
       .needs("repeat", "keyframes", "\"repeat\" needs keyframes", "add \"keyframes\"");
 }
 
-/// Returns the three kinds of place that do not refer to another volume.
 std::vector<JsonObject<PlaceSpec>> placesWith(const JsonObject<PlaceSpec>& motion) {
   const auto put = [](PlaceSpec::Kind kind) {
     return [kind](PlaceSpec& place, double size) {
@@ -321,7 +320,7 @@ JsonType<DerivedSpec> fieldType() {
 
 // Modes.
 
-/// A mode, and the name of the volume whose units a guide has.
+/// A mode, and the volume that gives a guide its units.
 struct NamedMode {
   ModeSpec mode;
   std::string in;
@@ -329,7 +328,6 @@ struct NamedMode {
 
 using ModeRows = JsonObject<NamedMode>;
 
-/// Returns a function that sets a member of the mode in a NamedMode.
 template <class Member>
 auto to(Member ModeSpec::*member) {
   return [member](NamedMode& named, auto value) { named.mode.*member = std::move(value); };
@@ -366,8 +364,7 @@ ModeRows guideRows() {
        {wordFor(PrimitiveKind::kPlane), directed(PrimitiveKind::kPlane)}});
 }
 
-/// Returns the type of a mode. For each kind of mode there is a row with its keys, except for name,
-/// strength and by.
+/// Returns the type of a mode: one row for each kind, and the common keys name, strength and by.
 JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
   const auto of = [] { return ModeRows().need("of", jsonName(), to(&ModeSpec::of)); };
   const auto solid = [&] {
@@ -375,8 +372,8 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
         .may("solid", jsonWord<Solid>({{"above", Solid::kAbove}, {"below", Solid::kBelow}}),
              to(&ModeSpec::solid))
         .may("friction",
-             transfer.says("Coulomb's coefficient of friction: sliding starts at this share of the "
-                           "load. The default is 0."),
+             transfer.says("Coulomb's coefficient of friction: sliding starts when the tangential "
+                           "force exceeds this fraction of the load. The default is 0."),
              to(&ModeSpec::friction))
         .may("viscosity",
              transfer.says(
@@ -394,8 +391,9 @@ JsonType<NamedMode> modeType(const JsonType<TransferSpec>& transfer) {
        solid()
            .need("value", jsonNumber(), to(&ModeSpec::value))
            .may("depth",
-                jsonPositive().says("Depth past the surface to which the plane pulls back after "
-                                    "the isosurface has yielded [voxels]. The default is 3."),
+                jsonPositive().says(
+                    "After the isosurface has yielded, its plane pulls the proxy back until the "
+                    "proxy is this far past the surface [voxels]. The default is 3."),
                 to(&ModeSpec::depth_voxels))},
       {ModeKind::kFollow, of()},
       {ModeKind::kTransverseDamping, of()},
@@ -460,15 +458,15 @@ JsonObject<SceneSpec> accuracyRows() {
       .remark("description")
       .may("tolerance_voxels",
            jsonPositiveUpTo(kMostTolerance, "it is more than one voxel",
-                            "give a part of a voxel, such as 0.01")
-               .says("Largest distance from its surface or stream to which the proxy's motion may "
-                     "lead [voxels]. The default is 0.01."),
+                            "give a fraction of a voxel, such as 0.01")
+               .says("Largest distance by which the proxy's motion may leave the surface or stream "
+                     "that it follows [voxels]. The default is 0.01."),
            [](SceneSpec& spec, double voxels) { spec.step.tolerance_voxels = voxels; })
       .may("slope_reach",
            jsonPositiveUpTo(1.0, "it is more than one voxel", "give 0.5 or 1")
-               .says("Distance from a place at which the gradient of a trilinear scalar takes its "
-                     "differences [voxels]. The default is 0.5. The value 1 smooths rough surfaces "
-                     "more."),
+               .says(
+                   "Step to each side of the finite differences for the gradient of a trilinear "
+                   "scalar [voxels]. The default is 0.5. The value 1 smooths rough surfaces more."),
            [](SceneSpec& spec, double voxels) { spec.slope_reach = voxels; })
       .may("max_substeps",
            jsonWhole(1, 64).says(

@@ -6,8 +6,7 @@
 
 namespace palpate {
 
-/// Returns the table from which scene files are read and their schema is printed. It does not
-/// change file names.
+/// Returns the table that reads scene files and prints their schema. It does not change file names.
 [[nodiscard]] const JsonObject<SceneSpec>& sceneTable();
 
 /// Returns the whole schema: its title, the table and the definitions.

@@ -15,7 +15,7 @@
 namespace palpate {
 
 /// Writes grids with Blosc compression. Throws Error if the file is incomplete. openvdb::io::File
-/// does not report this, because it never checks the state of its stream.
+/// cannot detect this, because it never checks the state of its stream.
 inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
   struct Archive final : openvdb::io::Archive {
     void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {

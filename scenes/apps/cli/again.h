@@ -11,18 +11,15 @@ namespace palpate::cli {
 /// Formats a position [m] for an option, rounded to 0.01 mm: "0.012,0,-0.00351".
 [[nodiscard]] std::string placeWords(const Vec3& p);
 
-/// The motion of the hand that `palpate explain` gets as --at and --push.
 struct Again {
-  Vec3 at = Vec3::Zero();    ///< Position at which the hand rests before the tick [m].
-  Vec3 push = Vec3::Zero();  ///< Move of the hand from `at` within the tick [m].
+  Vec3 at = Vec3::Zero();    ///< Option --at: position at which the hand rests before the tick [m].
+  Vec3 push = Vec3::Zero();  ///< Option --push: move of the hand from `at` within the tick [m].
 };
 
-/// Returns the motion of the hand that reproduces `most` in one tick. The hand starts on the
-/// proxy's side of a surface, so that the surface stops the proxy. If `scene` is the scene of
-/// `most`, tries several start distances and returns the one whose spring force is nearest to that
-/// of `most`. Returns no value if the best force differs by more than 10 %: one tick cannot
-/// reproduce surfaces that the proxy had already passed or left. Moving volumes are at their pose
-/// of time 0.
+/// Returns a motion of the hand that reproduces `most` in one tick. The hand starts on the proxy's
+/// side of a surface, so that the surface stops the proxy. If `scene` is the scene of `most`,
+/// chooses the start distance with the nearest spring force; returns no value if that force differs
+/// by more than 10 %. Moving volumes are at their pose of time 0.
 [[nodiscard]] std::optional<Again> againOf(const Most& most, const Scene& scene);
 
 /// Returns "palpate explain SCENE --at x,y,z --push x,y,z". SCENE is quoted for a shell.

@@ -11,21 +11,19 @@ namespace palpate::cli {
 /// Loads the module. Throws Error if the module is missing.
 void checkHdf5(const std::string& path);
 
-/// Writes the whole recording. Throws Error if writing fails, and Interrupted if the user ends the
-/// program; then leaves no file.
+/// Writes the whole recording. Throws Error if writing fails, and Interrupted after an interrupt;
+/// then leaves no file.
 ///
-/// The file has two datasets. `ticks` has one dimension. Its elements are compounds of all fields
-/// of recordedFields() except `zero`; vectors are arrays. The dataset is stored in compressed
-/// blocks. `scenes` has the members `id` and `text`. The attributes of the file are `rate` [Hz]
-/// and, as JSON, the fields `units`, `device` and `about` of the recording's header. Equal
-/// recordings give equal bytes.
+/// Dataset `ticks`: one dimension, in compressed blocks. Its elements are compounds of all fields
+/// of recordedFields() except `zero`; vectors are arrays. Dataset `scenes`: members `id` and
+/// `text`. Attributes of the file: `rate` [Hz] and, as JSON, `units`, `device` and `about` of the
+/// recording's header. Equal recordings give equal bytes.
 ///
-/// All calls of the HDF5 library come from the calling thread, because the library does not support
-/// several threads.
+/// The HDF5 library supports only one thread: the calling thread makes all calls.
 void writeHdf5(const Recording& recording, const std::string& path);
 
-/// The function of the module: writes to `place`, and names the file `name` in messages. Calls
-/// `progress` before each block with the finished part, from 0 to 1; `progress` may throw.
+/// The function of the module: writes to `place`, and names the file `name` in messages. Before
+/// each block, calls `progress` with the finished part, 0 to 1; `progress` may throw.
 using Hdf5Writer = void(const Recording& recording, const std::string& place,
                         const std::string& name, const std::function<void(double)>& progress);
 

@@ -27,15 +27,14 @@ void BareLoop::run(double seconds, int priority) noexcept {
   request.priority = priority;
   request.lock_memory = false;
   (void)becomeRealtime(request, StayAwake(false));
-  constexpr std::int64_t kPeriod = 1000000;  // [ns]: period of the loop
+  constexpr std::int64_t kPeriod = 1000000;  // [ns]
   std::int64_t due = nowNs();
   const std::int64_t end = due + static_cast<std::int64_t>(1e9 * seconds);
   while (due < end && !quit_) {
     due += kPeriod;
     sleepUntil(due);
     const double late = 1e-9 * static_cast<double>(nowNs() - due);
-    // If the delay is longer than kPause, the program was stopped or the machine slept; the delay
-    // does not count.
+    // The program was stopped or the machine slept: the delay does not count.
     if (late > Reengagement::kPause) {
       due = nowNs();
       continue;

@@ -7,8 +7,8 @@
 
 namespace palpate::cli {
 
-/// A real-time thread that wakes 1000 times a second without doing any work, for a limited time.
-/// Its delays are therefore due to the machine and to other programs.
+/// A real-time thread that wakes 1000 times a second and does no work. Its delays are due to the
+/// machine and to other programs.
 class BareLoop {
  public:
   struct Seen {
@@ -16,14 +16,14 @@ class BareLoop {
     int late = 0;        ///< Number of delays longer than WatchLimits::late.
   };
 
-  /// Starts the thread and measures for `seconds` [s]. `priority` must be below the priority of the
-  /// haptic loops. Throws std::system_error if the system cannot create a thread.
+  /// Measures for `seconds` [s] in a new thread. `priority` must be below that of the haptic loops.
+  /// Throws std::system_error if the system cannot create a thread.
   BareLoop(double seconds, int priority);
   ~BareLoop();
   BareLoop(const BareLoop&) = delete;
   BareLoop& operator=(const BareLoop&) = delete;
 
-  /// Returns the result in the first call after the thread has ended; otherwise no value.
+  /// Returns the result once, after the thread has ended; otherwise no value.
   [[nodiscard]] std::optional<Seen> take();
 
  private:

@@ -1,4 +1,3 @@
-/// palpate brick: writes a volume as a folder of bricks. The volume may be larger than memory.
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"

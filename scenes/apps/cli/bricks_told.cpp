@@ -7,7 +7,6 @@
 namespace palpate::cli {
 namespace {
 
-/// Numbers of the bricks of one level, by the way in which they are stored.
 struct Counts {
   std::uint64_t stored = 0;
   std::uint64_t constant = 0;

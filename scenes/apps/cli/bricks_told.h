@@ -8,7 +8,6 @@ namespace palpate::cli {
 
 /// Returns the report in the format that docs/formats.md defines.
 [[nodiscard]] OrderedJson bricksJson(const BrickManifest& manifest);
-/// Prints one line for each level and one line for the total.
 void sayBricks(const BrickManifest& manifest);
 
 }  // namespace palpate::cli

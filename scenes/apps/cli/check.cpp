@@ -1,4 +1,3 @@
-/// palpate check: validates a scene, and prints what each mode will do in a tick and why.
 #include <cmath>
 #include <cstdint>
 #include <variant>
@@ -15,8 +14,7 @@
 namespace palpate::cli {
 namespace {
 
-// [Hz]: rate for the stability margin; the default of `palpate feel`
-constexpr double kFeelRate = 1000.0;
+constexpr double kFeelRate = 1000.0;  // [Hz]: default rate of `palpate feel`
 
 std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by,
                      bool is_strength = false) {
@@ -75,7 +73,7 @@ std::string describe(const ModeSpec& mode, const std::string& in) {
   return text;
 }
 
-/// Returns the properties that the compiled graph reads from each field, one text for each field.
+/// Returns the names of the properties that a graph reads from one field.
 std::vector<std::string> wanted(const Graph& graph, const ScalarRead& read) {
   std::vector<std::string> out;
   if (read.value >= 0) out.emplace_back("value");
@@ -94,8 +92,7 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   return out;
 }
 
-/// Returns the number of cells at which an isosurface meets missing data, and the first of these
-/// places. Returns null if this was not searched for.
+/// Returns the number of cells at which an isosurface meets missing data; null if not examined.
 OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
   const auto volume = built.volumes.find(mode.of);
   if (volume == built.volumes.end() || built.windows.count(mode.of) != 0) return nullptr;
@@ -111,13 +108,13 @@ OrderedJson edgeOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene
   return json;
 }
 
-/// Returns the number of instances that the volume `name` itself defines; 0: none.
+/// Returns the number of instances in the definition of the volume `name`.
 std::size_t instancesOf(const SceneSpec& spec, const std::string& name) {
   const auto volume = spec.volumes.find(name);
   return volume == spec.volumes.end() ? 0 : volume->second.instances.size();
 }
 
-/// Adds what a graph reads and does. `places` is the number of instances of the graph.
+/// Adds the reads, modes and unused fields of a graph that has `places` instances.
 void addGraph(const Graph& graph, std::size_t places, const SceneSpec& spec,
               const BuiltScene& built, OrderedJson& json) {
   const auto add = [&](const char* list, OrderedJson entry) {
@@ -154,7 +151,6 @@ void addGraph(const Graph& graph, std::size_t places, const SceneSpec& spec,
   for (const std::string& name : graph.unused) json["left_out"].push_back(name);
 }
 
-/// Returns the coupling of a scene and its stability margin on the simulated arm.
 OrderedJson couplingOf(const SceneSpec& spec, const BuiltScene& built) {
   OrderedJson json = {{"stiffness", built.scene->coupling.stiffness},
                       {"damping", spec.coupling.damping}};
@@ -162,13 +158,12 @@ OrderedJson couplingOf(const SceneSpec& spec, const BuiltScene& built) {
     json["stiffness_most"] = spec.graph.stiffness->highest();
     json["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
   }
-  // The default simulated arm, which `palpate feel` also uses.
+  // The default arm of `palpate feel`.
   const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kFeelRate);
   json["room"] = roomFor(arm.info(), kFeelRate, stiffestCoupling(spec));
   return json;
 }
 
-/// Adds the source of a volume, a file or a derivation, and the volume's size in memory.
 void addContents(const std::string& name, const std::shared_ptr<const Volume>& grid,
                  const SceneSpec& spec, const BuiltScene& built, OrderedJson& volume) {
   const auto window = built.windows.find(name);
@@ -254,20 +249,19 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   return json;
 }
 
-/// Returns a position [m] from the report as text.
 std::string placeText(const OrderedJson& at) {
   return fmt::format("({}, {}, {})", rounded(at[0].get<double>()), rounded(at[1].get<double>()),
                      rounded(at[2].get<double>()));
 }
 
-/// Returns a warning if a surface meets missing data; otherwise an empty text.
 std::string edgeRemark(const OrderedJson& edge) {
   if (edge.is_null() || edge["open_cells"] == 0) return "";
   const auto open = edge["open_cells"].get<std::uint64_t>();
   const double share = static_cast<double>(open) / edge["surface_cells"].get<double>();
   return fmt::format(
-      "the surface leaves its data in {} cells ({:.2g} % of the surface is not felt), first at {}: "
-      "there the force drops to zero within one tick: use a wider band or a larger volume",
+      "in {} cells the surface reaches the edge of its data ({:.2g} % of the surface is not felt), "
+      "first at {}: there the force drops to zero within one tick: use a wider band or a larger "
+      "volume",
       open, 100.0 * share, placeText(edge["open_at"]));
 }
 

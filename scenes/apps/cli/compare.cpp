@@ -1,4 +1,3 @@
-/// palpate compare: compares two recordings tick by tick.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -28,8 +27,7 @@ struct CompareOptions {
   bool json = false;
 };
 
-/// Returns the first field in which two ticks differ; null if none does. Compares either the inputs
-/// of the ticks or their outputs.
+/// Returns the first different input or output of two ticks; null if they are equal.
 const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
   const auto fields = recordedFields();
   const auto* x = reinterpret_cast<const char*>(&a);
@@ -41,8 +39,7 @@ const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, boo
   return nullptr;
 }
 
-/// Returns a copy of the tick whose scene number, durations and lateness are 0, since these may
-/// differ between equal runs.
+/// Clears the fields that may differ between equal runs.
 RecordedTick given(RecordedTick tick) {
   tick.scene = 0;
   tick.tick_ns = tick.wake_ns = tick.late_ticks = 0;
@@ -54,7 +51,7 @@ Vec3 vector(const std::array<double, 3>& v) {
   return {v[0], v[1], v[2]};
 }
 
-/// The largest of the values passed to add(), with its tick.
+/// The largest value passed to add(), and its tick.
 struct Largest {
   double value = 0.0;
   std::optional<RecordedTick> tick;
@@ -77,16 +74,16 @@ struct Largest {
 };
 
 struct Difference {
-  std::int64_t ticks = 0;                  ///< Number of ticks that both recordings have.
-  std::int64_t only_a = 0;                 ///< Ticks that only the first recording has.
-  std::int64_t only_b = 0;                 ///< Ticks that only the second recording has.
-  std::int64_t differing = 0;              ///< Number of ticks whose outputs differ.
-  std::optional<RecordedTick> other_hand;  ///< First tick whose inputs differ.
-  const char* given = "";                  ///< Name of the field in which these inputs differ.
-  std::optional<RecordedTick> first;       ///< First tick whose outputs differ.
-  const char* field = "";                  ///< Name of the field in which these outputs differ.
-  Largest force;                           ///< Largest difference of the forces [N].
-  Largest proxy;                           ///< Largest difference of the proxies [m].
+  std::int64_t ticks = 0;   ///< Number of ticks that both recordings have.
+  std::int64_t only_a = 0;  ///< Ticks that only recording A has.
+  std::int64_t only_b = 0;
+  std::int64_t differing = 0;              ///< Ticks with different outputs.
+  std::optional<RecordedTick> other_hand;  ///< First tick with different inputs.
+  const char* given = "";                  ///< Name of the first different input.
+  std::optional<RecordedTick> first;       ///< First tick with different outputs.
+  const char* field = "";                  ///< Name of the first different output.
+  Largest force;                           ///< [N]
+  Largest proxy;                           ///< [m]
   std::map<std::string, std::array<std::int64_t, 2>> statuses;
 
   [[nodiscard]] bool alike() const {
@@ -195,8 +192,7 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   }
 }
 
-/// Returns the `palpate explain` command for the tick with the largest difference, in the scene of
-/// the first recording. Returns an empty text if one command cannot reproduce that tick.
+/// Returns a `palpate explain` command for the largest difference, or an empty text.
 std::string explained(const Recording& a, const Largest& force) {
   if (!force.tick || !(force.value > 0.0)) return {};
   try {
@@ -214,7 +210,7 @@ std::string explained(const Recording& a, const Largest& force) {
   } catch (const Interrupted&) {
     throw;
   } catch (const std::exception&) {
-    // If files are missing or memory is short, only the command is left out of the report.
+    // Without the files or enough memory, the report has no command.
     return {};
   }
 }

@@ -1,4 +1,3 @@
-/// palpate convert: writes a recording as a table, in CSV or HDF5.
 #include <array>
 #include <cctype>
 #include <cstring>
@@ -71,7 +70,6 @@ void writeCsv(const Recording& recording, const std::string& path) {
   out.commit();
 }
 
-/// Returns true if the file name has an ending of HDF5 files.
 bool isHdf5(const std::string& path) {
   std::string ending = std::filesystem::path(path).extension().string();
   for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));

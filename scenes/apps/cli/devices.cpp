@@ -1,4 +1,3 @@
-/// palpate devices: lists the connected arms and their limits, and tests these limits.
 #include "palpate/scenes/apps/cli/devices.h"
 
 #include <algorithm>
@@ -32,7 +31,7 @@
 namespace palpate::cli {
 namespace {
 
-constexpr std::int64_t kPeriod = 1000000;  // [ns]: period of the loop
+constexpr std::int64_t kPeriod = 1000000;  // [ns]
 // USB numbers of a Teensy board that runs only its bootloader.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
@@ -50,7 +49,7 @@ OrderedJson limitsOf(const HidProfile& profile) {
   return json;
 }
 
-/// Returns why the arm cannot be used at present, and a remedy; an empty text if it can be used.
+/// Returns why the arm cannot be used, and a remedy; empty if it can be used.
 std::string trouble(const FoundArm& arm) {
   if (!arm.may_open) {
     return fmt::format(
@@ -90,7 +89,6 @@ OrderedJson factsIn(const HidProfile& profile) {
   return json;
 }
 
-/// Prints how palpate interprets one profile, which is given by its name or as a file.
 int show(const DevicesOptions& options) {
   const std::optional<ArmName> parsed = parseArmName(options.profile);
   if (parsed && parsed->profile.empty()) {
@@ -155,8 +153,7 @@ int show(const DevicesOptions& options) {
 /// Name and limits of a plug-in's arm, equal to those that openAnyArm reports.
 struct NamedPluginArm {
   std::string name;
-  /// Limits that the arm has once it has passed its test; unset if the arm is not usable.
-  std::optional<DeviceInfo> info;
+  std::optional<DeviceInfo> info;  ///< Limits of a tested arm; unset: not usable.
   bool tested = false;
   std::string trouble;
 };
@@ -176,14 +173,12 @@ NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
   return named;
 }
 
-/// The arms, profiles and plug-ins that this machine has.
 struct Listing {
   std::vector<std::string> notes;  ///< Errors in the profiles that the user has written.
   std::vector<HidProfile> profiles;
   std::vector<FoundArm> arms;
   std::vector<FoundPlugin> plugins;
-  /// Devices that may be an arm without its firmware, a text for each.
-  std::vector<std::string> others;
+  std::vector<std::string> others;  ///< Devices that may be an arm without firmware.
 };
 
 Listing findAll() {
@@ -286,8 +281,7 @@ OrderedJson listingInJson(const Listing& all) {
   return out;
 }
 
-/// Limits and rates of an arm with motors: force [N], stiffness [N/m], damping [N s/m], rates [Hz],
-/// radius of the workspace [m].
+/// Limits and rates of an arm with motors [N, N/m, N s/m, Hz, Hz, m].
 struct ShownLimits {
   double force, stiffness, damping, input_rate, output_rate, workspace_radius;
 };
@@ -354,7 +348,6 @@ void sayArms(const Listing& all) {
   for (const std::string& other : all.others) say("{}\n", sentence(other));
 }
 
-/// Prints the names of all profiles and plug-ins, and the limits of the known arms.
 void sayCatalogue(const Listing& all) {
   say("\nprofiles: ");
   for (const HidProfile& p : all.profiles) say("{}{}", &p == &all.profiles[0] ? "" : ", ", p.name);
@@ -391,13 +384,12 @@ class Pictures {
   }
   [[nodiscard]] double since() const { return 1e-9 * static_cast<double>(nowNs() - begin_); }
   [[nodiscard]] bool over() const { return seconds_ > 0.0 && since() >= seconds_; }
-  /// Returns true if the next reading is due.
   [[nodiscard]] bool due() {
     const bool is = since() >= next_;
     if (is) next_ += often();
     return is;
   }
-  /// Prints a reading. Returns false if the output fails.
+  /// Returns false if the output fails.
   [[nodiscard]] bool show(const std::string& text) const {
     if (terminal_) sayRaw("\x1b[H\x1b[J");
     std::istringstream lines(text + "\n");
@@ -406,16 +398,14 @@ class Pictures {
   }
 
  private:
-  [[nodiscard]] double often() const {
-    return terminal_ ? 0.25 : 0.5;
-  }  // Interval between two readings [s]
+  /// Interval between two readings [s].
+  [[nodiscard]] double often() const { return terminal_ ? 0.25 : 0.5; }
   bool terminal_ = isatty(STDOUT_FILENO) == 1;
   double seconds_;
   std::int64_t begin_;
   double next_;
 };
 
-/// Returns one reading as text.
 std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::string& not_ready) {
   const Vec3& p = hand.position;
   std::string text =
@@ -446,8 +436,7 @@ std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::
   return text;
 }
 
-/// Shows the readings of a plug-in's arm. Opens the arm, prepares it as for a run, and sends zero
-/// force.
+/// Shows the readings of a plug-in's arm, which is opened as for a run and gets zero force.
 int watchPlugin(const DevicesOptions& options) {
   Pictures pictures(options.seconds);
   ArmHost host;
@@ -471,8 +460,7 @@ int watchPlugin(const DevicesOptions& options) {
   return kInterrupted;
 }
 
-/// Shows the readings of an arm repeatedly. Never writes to the arm, so that another program can
-/// drive the arm at the same time.
+/// Shows the readings of an arm. Only reads, so that another program can drive the arm.
 int watch(const DevicesOptions& options) {
   if (parsePluginName(options.watch)) return watchPlugin(options);
   Pictures pictures(options.seconds);
@@ -482,8 +470,7 @@ int watch(const DevicesOptions& options) {
   const auto wrong = chosen.arm.against(chosen.profile);
   const auto port = openHidToRead(chosen.arm.device.path);
   ArmWatch watch(chosen.profile);
-  // [ns]: only a few reports arrive in this time; the kernel keeps 63
-  constexpr std::int64_t kLook = 5000000;
+  constexpr std::int64_t kLook = 5000000;  // [ns]: the kernel keeps 63 reports
   while (interrupted == 0) {
     const bool gone = watch.take(*port, nowNs()) == ReadStatus::kGone;
     const bool over = pictures.over();
@@ -545,7 +532,7 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
       }
       if (!options->watch.empty()) {
         if (!options->test.empty() || !options->profile.empty() || options->json) {
-          throw Error("--watch", "it names an arm, and prints text for the user",
+          throw Error("--watch", "it already names an arm, and prints only text",
                       "leave out --test, --json and the profile");
         }
         return watch(*options);

@@ -10,7 +10,7 @@ namespace {
 
 using Numbers = std::map<std::vector<std::string>, std::vector<std::size_t>>;
 
-/// Returns the indices of the modes, by the properties that identify a mode.
+/// Returns the indices of the modes by name; without a name, by kind and volume.
 Numbers known(const SceneSpec& spec) {
   Numbers numbers;
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
@@ -22,8 +22,7 @@ Numbers known(const SceneSpec& spec) {
   return numbers;
 }
 
-/// Scales the outputs of the existing curve. An additional factor would change which factor the
-/// mode's key `by` belongs to.
+/// Scales the existing curve. A new factor would change which factor the key `by` belongs to.
 void scale(TransferSpec& property, double factor) {
   TransferFunction& curve = property.factors.front().curve;
   std::vector<TransferFunction::Knot> knots = curve.knots();

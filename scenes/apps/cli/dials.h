@@ -13,25 +13,21 @@ namespace palpate::cli {
 
 /// Identities of a scene's modes (LiveDial::mode), in the order of the modes.
 struct ModeIds {
-  std::vector<std::uint32_t> of;  ///< Identity of each mode.
-  std::uint32_t next = 0;         ///< First identity that no mode has had.
+  std::vector<std::uint32_t> of;
+  std::uint32_t next = 0;
 };
-/// Returns the identities for the first scene of a run.
 [[nodiscard]] ModeIds idsOf(const SceneSpec& spec);
-/// Returns identities for an edited scene. A mode keeps its identity if a mode of `before` has the
-/// same name, or if both have no name and the same kind and volume. If several modes match, their
-/// order decides, provided that both scenes have equally many of them. Otherwise the mode gets a
-/// new identity.
+/// Returns identities for an edited scene. A mode keeps the identity of a mode in `before` with the
+/// same name. Modes without a name must have the same kind and volume. Several matches are paired
+/// in order if both scenes have equally many; otherwise the modes get new identities.
 [[nodiscard]] ModeIds idsOf(const SceneSpec& edited, const SceneSpec& before, const ModeIds& ids);
 
 /// Gains by the modes' identities. A mode without an entry has gain 1.
 using Dials = std::map<std::uint32_t, float>;
-/// Returns the gains in the order of the modes.
 [[nodiscard]] std::vector<LiveDial> inOrder(const Dials& dials, const ModeIds& ids);
 
-/// Multiplies each mode's strength and viscosity by its gain, as if the scene file had these
-/// values. If the gain is 0, the strength becomes very small instead, so that the scene keeps the
-/// mode. `dials` is in the order of the modes.
+/// Multiplies each mode's strength and viscosity by its gain; `dials` is in the order of the modes.
+/// A gain of 0 gives a very small strength, so that the scene keeps the mode.
 void dial(SceneSpec& spec, const std::vector<LiveDial>& dials);
 
 }  // namespace palpate::cli

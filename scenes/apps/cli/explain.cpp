@@ -1,4 +1,3 @@
-/// palpate explain: runs one tick of a scene, and prints the causes of its force.
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -20,8 +19,7 @@ std::string text(const OrderedJson& value) {
   return list;
 }
 
-/// Formats a transfer function with its present values, for example "2 (1.5 where speed is 0.3,
-/// times 1.33)".
+/// Example: "2 (1.5 where speed is 0.3, times 1.33)".
 std::string transferText(const OrderedJson& transfer) {
   std::string factors;
   for (const OrderedJson& factor : transfer["factors"]) {
@@ -58,7 +56,6 @@ void printMode(const OrderedJson& mode) {
   }
 }
 
-/// Returns true if a component of the force exceeds 1e-9 N, so that the force is printed.
 bool told(const OrderedJson& force) {
   constexpr double kLeast = 1e-9;
   return std::any_of(force.begin(), force.end(),
@@ -79,7 +76,8 @@ void printBalance(const OrderedJson& json) {
   say("spring    {} N; sum of the loads {} N, residual {} N\n", text(balance["spring"]),
       text(balance["loads"]), text(balance["left_over"]));
   if (told(balance["waiting"])) {
-    say("waiting   {} N: minus the pull that is left along a stream\n", text(balance["waiting"]));
+    say("waiting   {} N: the negative of the pull that remains along a stream\n",
+        text(balance["waiting"]));
   }
   const OrderedJson& force = json["force"];
   const OrderedJson& limiter = force["limiter"];
@@ -93,8 +91,7 @@ void printBalance(const OrderedJson& json) {
   say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
 }
 
-/// Prints for each sub-step how far the proxy moved towards its balance. For a sub-step without
-/// primitives, prints only the move.
+/// Prints how far the proxy moved towards its balance in each sub-step.
 void printSteps(const OrderedJson& steps) {
   for (const OrderedJson& step : steps) {
     const std::string end = text(step["end"]);
@@ -112,7 +109,6 @@ void printSteps(const OrderedJson& steps) {
   }
 }
 
-/// Prints the result as text. `json` has the format that docs/formats.md defines.
 void printTick(const OrderedJson& json) {
   say("scene     {}\n", text(json["scene"]));
   say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),

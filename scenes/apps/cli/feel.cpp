@@ -1,4 +1,3 @@
-/// palpate feel: runs a scene under one or more hands, in virtual time or in real time.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -45,13 +44,11 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
   return asked;
 }
 
-/// Returns the path of the simulated hands, and writes the cost of its search to `search`. Both are
-/// empty if no hand is simulated.
+/// Returns the path of the simulated hands, if any, and the cost of its search in `search`.
 HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, OrderedJson& search) {
   const auto& names = options.devices;
   if (std::none_of(names.begin(), names.end(), isSimulated)) return {};
-  // A run with a window or clients has no fixed end, so its path lasts for the longest possible
-  // run.
+  // With a window or clients the run has no fixed end: the path covers the longest run.
   const bool endless = (options.window && options.still.empty()) || !options.igtl.empty();
   const double seconds = options.seconds.value_or(endless ? kMostFeelSeconds : kFeelSeconds);
   Search did;
@@ -65,7 +62,6 @@ HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, Ordered
   return target;
 }
 
-/// Starts the recording of a hand. `first` is the scene of the first tick.
 void record(Hand& hand, const std::string& place, double rate, RecordedScene first) {
   checkReplaceable(place);
   RecordedSetting setting{hand.device->info(), rate, {}};
@@ -88,8 +84,7 @@ std::vector<std::unique_ptr<Device>> openDevices(const FeelOptions& options, con
   return devices;
 }
 
-/// Connects the first hand to the window. Opens the window unless the user wants only a still
-/// picture.
+/// Connects the first hand to the window. Opens the window, except for a still picture.
 void showIn(Window& window, Hands& hands, const Scene& scene, const FeelOptions& options,
             const std::string& file) {
   hands[0]->log.live = &window.writer();
@@ -100,7 +95,6 @@ void showIn(Window& window, Hands& hands, const Scene& scene, const FeelOptions&
   window.open(file, options.watch, only, options.reengage.value_or(kReengage));
 }
 
-/// Starts the recordings of all hands.
 void prepareRecordings(Hands& hands, const FeelOptions& options, const SceneInput& from,
                        const BuiltScene& built) {
   if (options.record.empty()) return;
@@ -110,8 +104,7 @@ void prepareRecordings(Hands& hands, const FeelOptions& options, const SceneInpu
   }
 }
 
-/// Returns all scenes of the replayed recording if the user gave this recording as SCENE too;
-/// otherwise an empty map.
+/// Returns the scenes of the replayed recording if SCENE is that recording; otherwise an empty map.
 ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const BuiltScene& built,
                           SceneCache& cache) {
   if (!isReplay(options.devices[0]) || !isRecording(options.scene)) return {};
@@ -120,8 +113,8 @@ ScenesById scenesOfReplay(const Hands& hands, const FeelOptions& options, const 
   return scenesOf(device.recording(), built.scene, cache);
 }
 
-/// Sets the largest number of ticks. Without --seconds, a real-time run with a window lasts until
-/// the window is closed, and a run with a server lasts until an interrupt.
+/// Sets the largest number of ticks. Without --seconds, it has no limit if all hands are recorded,
+/// and in real-time runs with a window or a server.
 void limitTicks(Run& run) {
   const FeelOptions& options = run.options;
   run.whole_path = !options.seconds &&
@@ -144,7 +137,6 @@ int feel(FeelOptions options) {
   constexpr double kEveryTick = 1.0;
   if (options.window) window.emplace(options.still.empty() ? options.rate : kEveryTick);
 
-  // Checks all input before any tick runs.
   const auto written = writtenAt(options.scene);
   SceneInput input = openSceneInput(options.scene);
   SceneSpec& spec = input.spec;
@@ -162,7 +154,7 @@ int feel(FeelOptions options) {
   OrderedJson search;
   const HandTarget target =
       targetOf(options, plays ? buildScene(coarsely(spec, built), {}) : built, search);
-  // From here on an interrupt ends the run: forces are lowered and results are written.
+  // From here on, an interrupt lowers the forces and writes the results.
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices = openDevices(
       options, built.bounds, target, window ? &*window : nullptr, igtl ? &*igtl : nullptr);

@@ -42,7 +42,6 @@ void checkHands(const FeelOptions& options) {
   }
 }
 
-/// Rejects --passive together with a recorded path, and an invalid --refill.
 void checkTank(const FeelOptions& options) {
   const bool paths = std::any_of(options.devices.begin(), options.devices.end(), isPath);
   if (options.passive && paths) {
@@ -58,7 +57,6 @@ void checkTank(const FeelOptions& options) {
   }
 }
 
-/// Rejects options that contradict --record or a replayed hand.
 void checkRecordings(const FeelOptions& options) {
   if (options.record == "-") {
     throw Error("--record", "a recording is binary and cannot go to standard output",

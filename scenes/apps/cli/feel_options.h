@@ -24,12 +24,10 @@ inline constexpr double kMostFeelSeconds = 1e6;  ///< Longest duration of a run 
 /// Returns the output file of a hand. For `asked` = "T.csv" the hands have T.csv, T.2.csv, T.3.csv.
 [[nodiscard]] std::string placeOf(const std::string& asked, std::size_t hand);
 
-/// Throws Error for the first invalid option.
 void checkFeelOptions(const FeelOptions& options);
-/// Throws Error if two outputs have the same path, or if an output is also an input.
 void checkFeelOutputs(const FeelOptions& options, const SceneInput& scene);
-/// Returns the tick rate of the replayed recordings [Hz]. All devices must be ReplayDevices. Throws
-/// Error if the rates differ from each other or from the rate that the user has given.
+/// Returns the tick rate of ReplayDevices [Hz]. Throws Error if their rates differ from each other
+/// or from the rate that the user has given.
 [[nodiscard]] double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,
                                    const FeelOptions& options);
 

@@ -17,7 +17,6 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns the tick with the strongest force as JSON; null if no mode gave a force.
 OrderedJson mostOf(const Hand& hand, const Scene& scene) {
   const Most most = hand.log.felt.most();
   if (!(most.force > 0.0)) return nullptr;
@@ -31,7 +30,6 @@ OrderedJson mostOf(const Hand& hand, const Scene& scene) {
           {"push", again ? toJson(again->push) : OrderedJson()}};
 }
 
-/// Returns the line `clock` of the report: how well the loop kept its rate.
 Legible timeWords(const OrderedJson& summary) {
   const auto us = [&](const char* key) {
     return rounded(1e-3 * summary["wake_ns"][key].get<double>());
@@ -51,8 +49,6 @@ Legible timeWords(const OrderedJson& summary) {
           : sentence("asleep until each tick"));
 }
 
-/// Completes the recording of hand `h` and reports lost ticks and write errors. Returns false if
-/// there are any.
 bool endRecording(const Run& run, std::size_t h) {
   Hand& hand = *run.hands[h];
   if (!hand.recorder) return true;
@@ -83,14 +79,13 @@ OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneS
   if (options.realtime) {
     summary["realtime"] = hand.granted;
   } else {
-    // In virtual time ticks cannot be late, so these values are left empty.
+    // In virtual time, ticks cannot be late.
     for (const char* key : {"rate_kept", "late_ticks", "wake_ns"}) summary[key] = nullptr;
   }
   return summary;
 }
 
-/// Prints the report of one hand. `scene` is the scene file that the printed `palpate explain`
-/// command names.
+/// Prints a hand's report. `scene` is the file in the printed `palpate explain` command.
 void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary,
           const std::string& scene) {
   say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
@@ -111,8 +106,6 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
   if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
 }
 
-/// Writes the traces and the summary, and prints the results. `search` is the cost of the search
-/// for the simulated hand's path; null if no hand was simulated.
 void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   const FeelOptions& options = run.options;
   std::vector<OrderedJson> felt;
@@ -145,8 +138,7 @@ void report(const Run& run, const OrderedJson& search, Outputs& outputs) {
   run.sites->sayThem();
 }
 
-/// Returns the exit status of a run that was not interrupted, and prints its faults. `kept` is true
-/// if all recordings are complete.
+/// Prints the faults and returns the exit status. `kept`: all recordings are complete.
 int statusOf(const Run& run, bool nothing, bool lost, bool kept) {
   int status = nothing && !run.options.window ? kNothingFelt : kDone;
   if (lost || !kept) status = kEndedEarly;
@@ -185,7 +177,7 @@ int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
   run.fetched.tellTroubles();
   bool kept = true;
   for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
-  // The first interrupt has ended the run. A second interrupt ends only the drawing of the picture.
+  // A second interrupt ends only the drawing of the picture.
   const bool cut_short = interrupted != 0;
   interrupted = 0;
   report(run, search, outputs);

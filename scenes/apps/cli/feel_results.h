@@ -1,4 +1,4 @@
-/// Writes the results of `palpate feel` and `palpate view`: files, report and exit status.
+/// Writes the results of `palpate feel` and `palpate view`.
 #pragma once
 
 #include <optional>
@@ -10,8 +10,7 @@
 
 namespace palpate::cli {
 
-/// Output files of a run. They are opened before the run, so that a path that cannot be written
-/// ends the program at once. Each file appears complete or not at all.
+/// Output files, opened before the run. Each file appears complete or not at all.
 struct Outputs {
   explicit Outputs(const FeelOptions& options) {
     if (!options.picture.empty()) picture.emplace(options.picture);
@@ -23,12 +22,11 @@ struct Outputs {
   std::optional<WholeFile> summary;
 };
 
-/// Returns the processor, the compiler and the build type, for summaries and recordings.
+/// Returns the processor, the compiler and the build type.
 [[nodiscard]] OrderedJson machineJson();
 
-/// Ends a run: completes recordings, prints results and draws pictures. Returns the exit status.
-/// `run.scene` and `built` are the last scene of the run. `search` is the cost of the search for
-/// the simulated hand's path; null if no hand was simulated.
+/// Completes recordings, prints results and draws pictures. Returns the exit status. `run.scene`
+/// and `built` are the last scene. `search` is the cost of the simulated hand's path, or null.
 [[nodiscard]] int conclude(const Run& run, const BuiltScene& built, const OrderedJson& search,
                            Outputs& outputs);
 

@@ -12,8 +12,7 @@ namespace {
 
 constexpr double kStep = 1.02;  // Ratio of the upper to the lower bound of a bin
 
-/// Lists how many ticks ended with each status other than converged; an empty text if all ticks
-/// converged.
+/// Counts the ticks of each status except converged; empty if all ticks converged.
 std::string troublesOf(const OrderedJson& statuses) {
   std::string troubles;
   for (const auto& [status, count] : statuses.items()) {
@@ -114,7 +113,7 @@ void Felt::expect(const Scene& scene) {
 
 void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const StepReport& r = tick.report;
-  // The force of the last tick acts until this tick's reading, and does work along the hand's move.
+  // The last force acts until this reading, and does work along the hand's move.
   const Vec3 moved = durations_.count() > 0 ? Vec3(tick.probe - last_probe_) : Vec3::Zero();
   net_energy_ += last_force_.dot(moved);
   last_probe_ = tick.probe;
@@ -127,7 +126,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const TickForces forces = addForces(*felt, r, state);
 
   // During a fast move the force counts half, because the hand feels it only for a moment.
-  constexpr double kFast = 0.1;  // [m/s]: a hand above this speed moves fast
+  constexpr double kFast = 0.1;  // [m/s]
   const double size = r.force.norm();
   const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
   if (forces.most <= 0.0 || worth <= most_.worth) return;
@@ -170,8 +169,7 @@ void Felt::countTick(const Telemetry& tick) noexcept {
 
 void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
   drained_ += static_cast<std::int64_t>(r.share < 1.0);
-  // If the tank acts, r.force is the reduced force. If the tank only monitors, r.force is the whole
-  // force.
+  // If the tank acts, r.force is already reduced; if it monitors, r.force is the whole force.
   const double size = r.force.norm();
   const bool acts = state.limits().tank.use == TankUse::kAct;
   const double asked = acts && r.share > 0.0 ? size / r.share : acts ? r.wanted.norm() : size;
@@ -184,8 +182,7 @@ void Felt::addTank(const StepReport& r, const ProxyState& state) noexcept {
 }
 
 Felt::SceneFelt* Felt::enterScene(std::uint64_t id) noexcept {
-  // expect() gets each scene before the loop does. An unknown scene must therefore be in the
-  // mailbox.
+  // expect() gets each scene before the loop does, so a new scene is in the mailbox.
   if (!expected_.current() || expected_.current()->id != id) expected_.refresh();
   if (!expected_.current() || expected_.current()->id != id) return nullptr;
   if (scene_ != id) {
@@ -220,8 +217,7 @@ Felt::TickForces Felt::addForces(SceneFelt& felt, const StepReport& r,
 
 void Felt::addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
                    TickForces& forces) noexcept {
-  // Adds the forces of the mode's primitives. After a fault the list of forces can be shorter than
-  // the number of primitives.
+  // After a fault there can be fewer forces than primitives.
   Vec3 force = Vec3::Zero();
   const auto count = static_cast<std::size_t>(tick.memory.emitted);
   if (count <= forces.left.size()) {
@@ -243,7 +239,7 @@ void Felt::addMode(SceneFelt& felt, std::size_t index, const ModeTick& tick,
 
 void Felt::countMode(ModeFelt& mode, double held, const ModeTick& tick) const noexcept {
   constexpr double kNewtons = 1e-3;  // [N]: smallest force that a hand can feel
-  constexpr double kPause = 0.05;    // [s]: a new contact follows at least this time without force
+  constexpr double kPause = 0.05;    // [s]: least pause between contacts
   const std::int64_t now = durations_.count();
   const Side side = sideOf(tick.memory);
   if (side == Side::kYielded && tick.last != Side::kYielded) ++mode.yields;

@@ -20,14 +20,12 @@ namespace palpate::cli {
 
 inline constexpr double kStrong = 0.2;  ///< [N]: smallest force that any user notices.
 
-/// Histogram of durations. Bins are 1 ns wide below 65,536 ns, and above that 2 % wide. Its size
-/// does not depend on the number of durations.
+/// Histogram of durations. Bins are 1 ns wide below 65,536 ns, and 2 % wide above.
 class Durations {
  public:
   Durations() : counts_(kExact + kCoarse) {}
   void add(std::int64_t ns);
-  /// Returns the smallest duration that the fraction `share` of all durations does not exceed [ns];
-  /// 0 if there are none.
+  /// Returns the duration [ns] that the fraction `share` does not exceed; 0 without durations.
   [[nodiscard]] std::int64_t percentile(double share) const;
   [[nodiscard]] std::int64_t count() const noexcept { return count_; }
   [[nodiscard]] std::int64_t max() const noexcept { return max_; }
@@ -42,19 +40,18 @@ class Durations {
 
 /// The tick with the strongest force. The force counts half if the hand moved faster than 0.1 m/s.
 struct Most {
-  double force = 0.0;         ///< [N]; 0: no mode gave a force.
+  double force = 0.0;         ///< [N]; 0 if no mode gave a force.
   double time = 0.0;          ///< Time since the start of the run [s].
-  Vec3 probe = Vec3::Zero();  ///< Position of the hand [m].
-  Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
-  double stiffness = 0.0;     ///< Stiffness of the coupling [N/m].
-  std::string mode;           ///< Name of the mode with the largest force.
-  std::uint64_t scene = 0;    ///< Scene::id of the tick.
-  MotionPtr motion;           ///< Motion of the mode's volume; null: at rest.
-  Pose pose;                  ///< Pose of this motion at `time`.
+  Vec3 probe = Vec3::Zero();  ///< [m]
+  Vec3 proxy = Vec3::Zero();  ///< [m]
+  double stiffness = 0.0;     ///< [N/m]
+  std::string mode;
+  std::uint64_t scene = 0;  ///< Scene::id of the tick.
+  MotionPtr motion;         ///< Motion of the mode's volume; null: at rest.
+  Pose pose;                ///< Pose of this motion at `time`.
 };
 
-/// Magnitude of the force of each mode of the run's first scene, then of all its parts together
-/// [N].
+/// Force of each mode of the run's first scene, then of all its parts together [N].
 using Loads = std::array<double, kMaxModes + 1>;
 
 /// Accumulates a run. The thread of the loop calls add().
@@ -63,67 +60,58 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   Felt(const Scene& scene, double rate);
 
-  /// Adds a tick whose force was sent to the device. RT: no allocation.
+  /// Adds a tick after its force was sent to the device. RT: no allocation.
   void add(const Telemetry& tick, const ProxyState& state) noexcept;
-  /// Announces the scene of the next ticks. Call it from the thread that publishes the scene,
-  /// before publishing it.
+  /// Announces the next scene. Call it before the scene is published, from the same thread.
   void expect(const Scene& scene);
 
-  /// Returns the names of the entries of loads(): the modes of the run's first scene, then "parts"
-  /// if that scene has parts.
+  /// Returns the names for loads(): the modes of the first scene, then "parts" if it has parts.
   [[nodiscard]] const std::vector<std::string>& carriers() const noexcept { return carriers_; }
-  /// Returns the force of each carrier in the last tick [N]. In a later scene, the mode of the same
-  /// name counts for the carrier. If several modes have that name, they count in their order. A
-  /// carrier without a mode has force 0.
+  /// Returns the force of each carrier in the last tick [N]; 0 without a mode. In a later scene,
+  /// the mode of the same name counts; modes with equal names count in their order.
   [[nodiscard]] std::span<const double> loads() const noexcept {
     return {loads_.data(), carriers_.size()};
   }
-  /// Returns the fault that cut the force in the last tick.
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
   /// Returns true if a mode contributed to the force in any tick.
   [[nodiscard]] bool anything() const;
   [[nodiscard]] Most most() const;
-  /// Returns the force of each mode, integrated over the run, by the mode's name [N s]. Parts of
-  /// one kind are added up.
+  /// Returns the time integral of each mode's force by name [N s]; parts of one kind are added.
   [[nodiscard]] std::map<std::string, double> impulses() const;
   /// Returns the content of the summary file, without the fields that the caller adds.
   [[nodiscard]] OrderedJson summary() const;
-  /// Returns the content of summary() as text for the user.
   [[nodiscard]] Legible words() const;
 
  private:
   struct ModeFelt {
-    std::int64_t active = 0;  ///< Ticks in which the mode contributed to the force.
+    std::int64_t active = 0;  ///< Ticks in which the mode gave force.
     std::int64_t last_active = -1;
-    /// Number of contacts: the force began after at least 50 ms without force.
-    std::int64_t touches = 0;
-    std::int64_t yields = 0;  ///< Number of times the proxy was pushed through a surface.
-    double impulse = 0.0;     ///< Sum over all ticks of the magnitude of the mode's force [N].
-    double held = 0.0;        ///< Largest force of the mode [N].
-    Vec3 at = Vec3::Zero();   ///< Position of the proxy in the tick of that force [m].
+    std::int64_t touches = 0;  ///< Contacts that follow at least 50 ms without force.
+    std::int64_t yields = 0;   ///< Number of times the proxy was pushed through a surface.
+    double impulse = 0.0;      ///< Sum of the force's magnitude over all ticks [N].
+    double held = 0.0;         ///< Largest force of the mode [N].
+    Vec3 at = Vec3::Zero();    ///< Proxy in the tick with the largest force [m].
   };
   /// Side of each surface on which the proxy was after the last tick, for the modes of one graph.
   struct Contacts {
     std::size_t part = NearPart::kNone;
     std::array<Side, kMaxModes> of{};
   };
-  /// Results for one scene.
   struct SceneFelt {
-    std::uint64_t id = 0;  ///< Scene::id. The scene itself may be freed.
+    std::uint64_t id = 0;
     std::vector<std::string> names;
-    std::vector<MotionPtr> motions;  ///< Graph::motions of the scene.
-    std::vector<int> motion_of;      ///< Graph::mode_motions of the scene.
-    std::size_t volumes = 0;         ///< Number of volumes that are read.
+    std::vector<MotionPtr> motions;
+    std::vector<int> motion_of;  ///< Graph::mode_motions of the scene.
+    std::size_t volumes = 0;
     std::vector<ModeFelt> modes;
     std::size_t own = 0;       ///< Number of modes outside parts; the modes of parts follow them.
-    std::vector<int> load_of;  ///< For each mode outside parts: index of its carrier; -1: none.
-    /// Index of each part's first mode; parts of one group share their modes.
-    std::vector<std::size_t> modes_of_part;
+    std::vector<int> load_of;  ///< Index of each mode's carrier; -1: no carrier.
+    std::vector<std::size_t> modes_of_part;  ///< First mode of each part.
   };
   /// The data of Most in the form that a tick can store without allocation.
   struct Moment {
     double worth = 0.0;  ///< Force, halved if the hand is fast [N].
-    double force = 0.0;  ///< Magnitude of the force [N].
+    double force = 0.0;
     double time = 0.0;
     Vec3 probe = Vec3::Zero();
     Vec3 proxy = Vec3::Zero();
@@ -132,18 +120,16 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::size_t mode = 0;
     Pose pose;
   };
-  /// Forces of the modes of one tick, while addMode() adds them.
   struct TickForces {
-    std::span<const Vec3> left;    ///< Forces of the primitives whose modes were not added yet.
-    double most = 0.0;             ///< Largest force of a mode [N].
-    std::size_t main = 0;          ///< Index of the mode with that force.
+    std::span<const Vec3> left;  ///< Forces of the primitives of later modes.
+    double most = 0.0;           ///< Largest force of a mode [N].
+    std::size_t main = 0;
     Vec3 of_parts = Vec3::Zero();  ///< Sum of the forces of all parts' modes [N].
   };
-  /// State of one mode in one tick.
   struct ModeTick {
-    const Vec3& proxy;         ///< Position of the proxy [m].
-    const ModeMemory& memory;  ///< State of the mode after the tick.
-    Side& last;  ///< Side of the surface after the previous tick; countMode() updates it.
+    const Vec3& proxy;
+    const ModeMemory& memory;
+    Side& last;
   };
   void countTick(const Telemetry& tick) noexcept;
   void addTank(const StepReport& r, const ProxyState& state) noexcept;
@@ -160,10 +146,9 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   double rate_;
   std::vector<std::string> carriers_;
-  bool parts_ = false;  ///< True if the last carrier is "parts".
+  bool parts_ = false;
   Loads loads_{};
-  /// All scenes of the run; only the thread that calls expect() uses them.
-  std::vector<std::shared_ptr<SceneFelt>> scenes_;
+  std::vector<std::shared_ptr<SceneFelt>> scenes_;  ///< Used only by the thread of expect().
   /// Carries a scene from expect() to the loop's thread.
   Mailbox<std::shared_ptr<SceneFelt>> expected_;
   Durations durations_;
@@ -171,13 +156,12 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::int64_t late_ = 0;
   double last_time_ = 0.0;
   Fault fault_ = Fault::kNone;
-  std::array<std::int64_t, kFaults> faults_{};  ///< For each fault, how often it cut the force.
+  std::array<std::int64_t, kFaults> faults_{};  ///< How often each fault cut the force.
   std::array<std::int64_t, kStepStatuses> statuses_{};
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;
-  /// Ticks that read a coarser brick level, because finer bricks were not loaded.
-  std::int64_t coarse_ = 0;
+  std::int64_t coarse_ = 0;  ///< Ticks that read a coarser brick level.
   std::int64_t traced_ = 0;
   std::int64_t walked_ = 0;
   std::int64_t substeps_ = 0;
@@ -188,15 +172,14 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double net_energy_ = 0.0;
   std::int64_t still_ = 0;    ///< Ticks in which the force faded because the arm did not move.
   std::int64_t drained_ = 0;  ///< Ticks in which the energy tank reduced the force.
-  double lost_ = 0.0;         ///< Sum over all ticks of the force that the tank removed [N].
-  double asked_ = 0.0;        ///< Sum over all ticks of the force before the tank's reduction [N].
+  double lost_ = 0.0;         ///< Sum of the force that the tank removed [N].
+  double asked_ = 0.0;        ///< Sum of the force before the tank's reduction [N].
   double least_energy_ = 0.0;
   double debt_ = 0.0;
   double refilled_ = 0.0;
   TankUse tank_ = TankUse::kOff;
   double injected_ = 0.0;
-  // Parts.
-  std::int64_t near_ = 0;  ///< Sum over all ticks of the number of parts that were near the hand.
+  std::int64_t near_ = 0;  ///< Sum of the parts near the hand.
   std::int64_t most_near_ = 0;
   std::int64_t crowded_ = 0;  ///< Ticks in which the near parts did not all fit.
   double missing_ = 0.0;      ///< Largest force of parts that did not fit [N].

@@ -36,7 +36,7 @@ std::string reasonOf() {
   return said.substr(0, said.find('\''));
 }
 
-/// A handle of the library, closed at the end of its scope.
+/// Closes a handle of the library at the end of its scope.
 class Id {
  public:
   using Close = herr_t (*)(hid_t);
@@ -57,10 +57,9 @@ class Id {
   Close close_;
 };
 
-/// An HDF5 file while it is written.
 class Hdf5File {
  public:
-  /// `place`: where the file is written; `name`: its name in messages.
+  /// `name` is the file's name in messages.
   Hdf5File(const std::string& place, std::string name) : name_(std::move(name)) {
     // This program reports errors itself. Failed writes are not tried again at exit.
     H5dont_atexit();
@@ -136,7 +135,6 @@ class Hdf5File {
     check(made.close());
   }
 
-  /// Passes all data to the system.
   void close() { check(file_->close()); }
 
  private:
@@ -154,7 +152,7 @@ class Hdf5File {
     check(H5Tset_cset(type, H5T_CSET_UTF8));
     return type;
   }
-  /// Returns properties of a dataset without its creation time.
+  /// Omits the creation time, so that equal recordings give equal bytes.
   [[nodiscard]] Id quiet() const {
     Id layout = id(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
     check(H5Pset_obj_track_times(layout, 0));
@@ -212,7 +210,6 @@ class Hdf5File {
 
 void writeFile(const Recording& recording, const std::string& place, const std::string& name,
                const std::function<void(double)>& progress) {
-  // Same form as in a recording's own header.
   const auto head = nlohmann::ordered_json::parse(recordingHeader(recording.setting()));
   Hdf5File file(place, name);
   file.attribute("rate", recording.setting().rate);

@@ -1,5 +1,3 @@
-/// palpate info: lists the content of a .vdb or of a volume in bricks, and the properties that
-/// modes can read from it.
 #include <cmath>
 
 #include <fmt/format.h>

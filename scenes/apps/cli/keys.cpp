@@ -9,8 +9,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Returns true if this process is in the foreground. A background process must not change or read
-/// the terminal.
+/// A background process must not change or read the terminal.
 bool ours() {
   return tcgetpgrp(0) == getpgrp();
 }

@@ -11,16 +11,15 @@
 
 namespace palpate::cli {
 
-/// Reads keys from the terminal during a run: Esc cuts the force, Enter restores it. If a sequence
-/// is played, these keys control it: space, 0 , . - + r. A separate thread reads the keys, so that
-/// they also work while the main thread is blocked by output. While another program is in the
-/// foreground, the terminal is left unchanged.
+/// Esc cuts the force, Enter restores it; space 0 , . - + r control the playback. A separate thread
+/// reads the keys, so that output cannot delay them. A background process leaves the terminal
+/// alone.
 class Keys {
  public:
-  /// @param frame  Length of a step of the playback [s]. If it is above 0, keys control `clock`.
+  /// @param frame  Step of the playback [s]; if 0, keys do not control `clock`.
   Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame);
   ~Keys();
-  /// Sets the length of a playback step [s] for a new scene.
+  /// Sets the playback step of a new scene [s].
   void step(double frame) { frame_ = frame; }
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;

@@ -1,5 +1,4 @@
-/// `palpate`: the main program, with one source file for each verb. docs/verbs.md describes the
-/// verbs; docs/scene.md and docs/formats.md describe their input and output.
+/// `palpate`: the main program; docs/verbs.md describes its verbs.
 #include <algorithm>
 #include <array>
 #include <csignal>
@@ -24,8 +23,7 @@ namespace palpate::cli {
 
 using Body = std::function<int()>;
 
-// Each verb's source file defines its function, which adds the verb to the program. The verb's body
-// runs after parsing and returns the exit status.
+// Each verb's source file defines its function. The verb's body returns the exit status.
 void addInfo(CLI::App& app, Body& body);
 void addImport(CLI::App& app, Body& body);
 void addBrick(CLI::App& app, Body& body);
@@ -57,7 +55,6 @@ constexpr std::array kVerbs{addInfo,      addImport,  addBrick,   addScene,   ad
 
 namespace {
 
-/// Returns several lines: name, version and commit, then the build and the installed importer.
 std::string versionLines() {
   using namespace palpate;
   const bool with_vtk = std::filesystem::exists(cli::programFolder() / "palpate-import");
@@ -67,18 +64,17 @@ std::string versionLines() {
 
 int run(const std::vector<std::string>& words);
 
-/// Adds the verb `help`, which calls run() with the option --help.
 void addHelp(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("help", "Prints the help of a verb");
+  CLI::App* verb = app.add_subcommand("help", "Prints the help of a command");
   auto about = std::make_shared<std::string>();
-  verb->add_option("VERB", *about, "The verb; if omitted, prints the help of palpate");
+  verb->add_option("VERB", *about, "The command; if omitted, prints the help of palpate");
   verb->footer("Example:\n  palpate help feel");
   verb->callback([=, &body] {
     body = [=] { return about->empty() ? run({"--help"}) : run({*about, "--help"}); };
   });
 }
 
-/// Runs the program. `words` is the command line without the program's name.
+/// `words` is the command line without the program's name.
 int run(const std::vector<std::string>& words) {
   using namespace palpate;
   // The synchronised std::cin would report a read error of C's stdin as the end of the input.
@@ -95,14 +91,14 @@ int run(const std::vector<std::string>& words) {
   for (const auto& add : cli::kVerbs) add(app, body);
   addHelp(app, body);
 
-  // Reports an unknown verb before CLI11 does, and suggests the verb with the nearest name.
+  // Reports an unknown verb before CLI11 does, to suggest the nearest name.
   const std::string first = words.empty() ? "" : words[0];
   std::vector<std::string> verbs;
   for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
   if (!first.empty() && first[0] != '-' &&
       std::find(verbs.begin(), verbs.end(), first) == verbs.end()) {
     const std::string near = nearestName(first, verbs);
-    throw Error("usage", "\"" + first + "\" is not a verb",
+    throw Error("usage", "\"" + first + "\" is not a command of palpate",
                 near.empty() ? "see palpate --help" : "did you mean \"" + near + "\"?");
   }
 
@@ -121,26 +117,24 @@ int run(const std::vector<std::string>& words) {
     return cli::kBadInput;
   }
   const int status = body();
-  // If the output could not be written completely, the run has failed.
+  // An incomplete output means that the run has failed.
   if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
     throw Error("standard output", "it cannot be written", "check the disk or the pipe");
   }
   return status;
 }
 
-/// Opens /dev/null for closed standard streams. Otherwise the next opened files would get the
-/// numbers of these streams.
+/// Opens /dev/null for closed standard streams; otherwise new files would get their numbers.
 void holdStandardStreams() {
   for (const int fd : {0, 1, 2}) {
     if (fcntl(fd, F_GETFD) == -1) (void)open("/dev/null", fd == 1 ? O_RDONLY : O_RDWR);
   }
-  // Then a write to a closed pipe, or beyond the file size limit, returns an ordinary error.
+  // A write to a closed pipe or beyond the file size limit then returns an error.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
 }
 
-/// Restores the default handling of SIGCHLD, because the exit status of child processes is needed.
-/// A parent process may have set SIGCHLD to be ignored.
+/// Restores SIGCHLD, which a parent may ignore, to get the exit status of child processes.
 void hearChildren() {
   std::signal(SIGCHLD, SIG_DFL);
 }

@@ -1,4 +1,3 @@
-/// palpate make: writes volumes that are computed from formulas, for examples and first tests.
 #include <optional>
 
 #include <fmt/format.h>

@@ -18,21 +18,20 @@ namespace palpate::cli {
 namespace {
 
 constexpr int kPixels = 256;  // Number of values along the longest side of a slice
-constexpr int kArrows = 18;   // Number of arrows along the longest side of a slice
+constexpr int kArrows = 18;
 constexpr std::size_t kMostFields = 2;
 constexpr double kLeastShare = 0.01;  // Fields with a smaller share of the force are not drawn
 constexpr std::size_t kMostTicks = 20000;
-constexpr double kTouched = 0.05;  // [N]: smallest force of a contact
-// Number of contacts that are examined to choose the fields
-constexpr std::size_t kMostTouches = 500;
-constexpr std::size_t kMostParts = 12;  // Number of parts that are drawn in one picture
+constexpr double kTouched = 0.05;          // [N]: smallest force of a contact
+constexpr std::size_t kMostTouches = 500;  // Contacts that are examined to choose the fields
+constexpr std::size_t kMostParts = 12;
 // Horizontal and vertical axis of each slice: x always points to the right, z always up.
 constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
 
 /// Value of a field at a position in W, read in the field's rest pose.
 struct Look {
-  Vec3 vector = Vec3::Zero();  ///< Value of a vector field.
-  double value = 0.0;          ///< Value of a scalar field, or the vector's magnitude.
+  Vec3 vector = Vec3::Zero();
+  double value = 0.0;  ///< Value of a scalar field, or the vector's magnitude.
   bool inside = false;
 };
 using Read = std::function<Look(const Vec3&)>;
@@ -58,7 +57,6 @@ bool isVector(const FieldPtr& field) {
   return std::holds_alternative<std::shared_ptr<const VectorField>>(field);
 }
 
-/// Coordinate frame of a picture.
 struct Frame {
   Placement world;              ///< Transform from this frame to W.
   Box bounds;                   ///< Box about the drawn volumes, in this frame.
@@ -69,7 +67,7 @@ struct Frame {
   [[nodiscard]] Vec3 of(const Vec3& p_W) const {
     return world.rotation.transpose() * (p_W - world.translate) / world.scale;
   }
-  /// Extends `bounds` by a box, whose corners `map` transforms to W.
+  /// Extends `bounds` by a box; `world_from_box` transforms its corners to W.
   template <class Map>
   void take(const Box& box, const Map& world_from_box) {
     for (int corner = 0; corner < 8; ++corner) {
@@ -80,8 +78,7 @@ struct Frame {
   }
 };
 
-/// Returns the values on a slice through the frame, row by row. The longest side of the frame's box
-/// has `most` values.
+/// Returns the values on a slice, row by row, with `most` values along the box's longest side.
 template <class ValueAt>
 OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value_at) {
   const auto [a, b] = kPlanes[plane];
@@ -103,8 +100,7 @@ OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value
   return json;
 }
 
-/// Returns the parts whose bounds contain the proxy in some of these ticks, at most kMostParts.
-/// Parts with the most such ticks come first.
+/// Returns at most kMostParts parts: those that contain the proxy in the most ticks.
 std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& touches) {
   std::vector<std::pair<std::size_t, std::size_t>> counts;
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
@@ -127,13 +123,11 @@ std::string nameOf(const GraphSpec& graph, std::size_t mode) {
   return name.empty() ? fmt::format("/modes/{}", mode) : name;
 }
 
-constexpr std::size_t kLongestText = 40;  // [characters]: longest text in a picture
-/// Shortens text for a picture.
+constexpr std::size_t kLongestText = 40;  // [characters]
 std::string cut(const std::string& text) {
   return Legible(text, kLongestText).text();
 }
 
-/// Returns the last component of a path, as the scene's name in a picture.
 std::string lastOf(const std::filesystem::path& path) {
   const auto name = path.filename();
   return (name.empty() ? path.parent_path().filename() : name).string();
@@ -173,8 +167,7 @@ class Drawing {
   }
 
  private:
-  /// Returns the volume that a volume or a chain of derived fields finally reads; an empty name if
-  /// it is missing.
+  /// Returns the volume at the end of a chain of derived fields; an empty name if it is missing.
   [[nodiscard]] std::string sourceOf(std::string name) const {
     while (built_.fields.count(name) == 0) {
       const auto derived = spec_.graph.fields.find(name);
@@ -184,7 +177,7 @@ class Drawing {
     return name;
   }
 
-  /// Returns the volume whose metadata apply to a field; null if there is none.
+  /// Returns the volume that has the metadata of a field, or null.
   [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const std::string& name) const {
     const auto computed = built_.computed.find(name);
     const auto volume =
@@ -192,14 +185,13 @@ class Drawing {
     return volume == built_.volumes.end() ? nullptr : volume->second;
   }
 
-  /// Returns the pose of a field at a position in W [m].
   [[nodiscard]] Pose poseOf(const std::string& name, const Vec3& p_W, double time) const {
     const auto motion = built_.motions.find(name);
     return motion == built_.motions.end() ? Pose{} : motion->second->poseAbout(p_W, time);
   }
 
-  /// Returns the fields whose modes gave most of the force. If no mode gave a force, returns the
-  /// field whose data contained the hand for the longest time of all fields.
+  /// Returns the fields of the modes that gave most of the force; without any force, the field that
+  /// contained the hand for the longest time.
   [[nodiscard]] std::vector<std::string> strongest(const Felt& felt,
                                                    const std::vector<Telemetry>& touches) const {
     const std::map<std::string, double> impulses = felt.impulses();
@@ -242,8 +234,7 @@ class Drawing {
     return names;
   }
 
-  /// Uses the patient's frame if the file of the strongest field has such a frame and the field
-  /// does not move. Otherwise uses W.
+  /// Uses W, or the patient's frame if the strongest field has one and does not move.
   void setFrame() {
     frame_.world.scale = 1e-3;
     const std::string name = names_.empty() ? "" : names_.front();
@@ -255,8 +246,7 @@ class Drawing {
       frame_.world = built_.placements.at(name);
     }
     if (frame_.patient) {
-      // Uses the boxes of the volumes, because a box in W would be larger if W is not aligned with
-      // the patient's axes.
+      // A box in W would be larger if W is not aligned with the patient's axes.
       for (const std::string& drawn : names_) {
         frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
       }
@@ -298,7 +288,6 @@ class Drawing {
     return json;
   }
 
-  /// Returns the scalar values on a slice; null where the field has no data.
   [[nodiscard]] OrderedJson values(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
     const auto volume = volumeOf(name);
@@ -309,8 +298,7 @@ class Drawing {
     });
   }
 
-  /// Returns the horizontal and the vertical component of the vectors on a slice; null where the
-  /// field has no data.
+  /// Returns the components of the vectors in the slice's plane; null without data.
   [[nodiscard]] OrderedJson vectors(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
     return rowsOf(frame_, plane, kArrows, [&](const Vec3& p_W) {
@@ -331,8 +319,7 @@ class Drawing {
     return built_.computed.count(name) == 0 && volume && metadataOf(*volume).axial;
   }
 
-  /// Returns the scalar field that the strength of a direction field's mode depends on. Returns
-  /// `name` itself if there is no such field.
+  /// Returns the scalar field that sets the strength of a direction field's mode; else `name`.
   [[nodiscard]] std::string scalarBeside(const std::string& name) const {
     for (const ModeSpec& mode : spec_.graph.modes) {
       if (sourceOf(mode.of) != name) continue;
@@ -346,7 +333,6 @@ class Drawing {
     return name;
   }
 
-  /// Returns the unit of a field's values; an empty text if it is unknown.
   [[nodiscard]] std::string unitOf(const std::string& name) const {
     const auto derived = spec_.graph.fields.find(name);
     if (derived != spec_.graph.fields.end() &&

@@ -15,15 +15,13 @@ namespace palpate::cli {
 
 /// Returns `path` if its ending is .png. Otherwise throws Error.
 [[nodiscard]] const std::string& pngName(const std::string& path);
-/// Returns the format of a picture for print: "png", "pdf" or "svg". Throws Error for other
-/// endings.
+/// Returns "png", "pdf" or "svg" by the ending of `path`. Throws Error for other endings.
 [[nodiscard]] std::string formatOf(const std::string& path);
 
 /// Collects the ticks of a run for its picture, which feel_picture.py (matplotlib) draws.
 class Picture {
  public:
-  /// Throws Error if the file cannot be written, if its ending is not that of a known format, or if
-  /// matplotlib is missing.
+  /// Throws Error if the file cannot be written, its ending is unknown, or matplotlib is missing.
   explicit Picture(const std::string& path);
   void add(const Telemetry& tick);
   /// Draws the picture. Throws Error; then leaves no partial file.
@@ -34,7 +32,7 @@ class Picture {
   std::string format_;
   WholeFile file_;
   Script script_;
-  std::vector<Telemetry> ticks_;  ///< The ticks whose number is a multiple of stride_.
+  std::vector<Telemetry> ticks_;  ///< Every stride_-th tick.
   std::size_t stride_ = 1;
   std::size_t seen_ = 0;
 };

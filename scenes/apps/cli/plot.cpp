@@ -1,4 +1,3 @@
-/// palpate plot: draws several traces of `palpate feel` side by side, for a paper.
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -28,7 +27,7 @@ namespace {
 constexpr std::size_t kMostTraces = 6;
 constexpr std::size_t kLongestRow = 65536;     // [bytes]
 constexpr std::size_t kLongestTitle = 40;      // [characters]
-constexpr std::size_t kRowsAtOnce = 1U << 16;  // Number of rows between two checks for an interrupt
+constexpr std::size_t kRowsAtOnce = 1U << 16;  // Rows between two checks for an interrupt
 constexpr const char* kOut = "write one with palpate feel SCENE --trace T.csv";
 
 struct PlotOptions {
@@ -42,7 +41,6 @@ struct CloseFile {
 };
 using File = std::unique_ptr<std::FILE, CloseFile>;
 
-/// Opens a file without a name. A child process can read it through the inherited descriptor.
 File scratch() {
   File file(std::tmpfile());
   if (!file) {
@@ -75,7 +73,7 @@ std::vector<std::string_view> fieldsOf(std::string_view line) {
   }
 }
 
-/// An open trace file whose column names were checked. checkRows() reads the rows.
+/// An open trace file. The constructor checks its column names; checkRows() reads the rows.
 class TraceFile {
  public:
   /// Throws Error if the file cannot be read, or if a needed column is missing.
@@ -102,7 +100,7 @@ class TraceFile {
     status_ = columnOf(names, "status");
   }
 
-  /// Reads all rows. Throws Error if a row is invalid, or if there are no rows.
+  /// Throws Error if a row is invalid, or if the trace is empty.
   void checkRows() {
     std::size_t rows = 0;
     double before = 0.0;
@@ -125,8 +123,7 @@ class TraceFile {
     }
   }
 
-  /// Returns the path from which the drawing program reads the trace. Call checkRows() first: it
-  /// completes the copy of a pipe.
+  /// Returns the path for the drawing program. Call checkRows() first: it copies a pipe.
   [[nodiscard]] std::string place() const { return handed(copy_ ? copy_ : file_); }
   [[nodiscard]] std::string stem() const {
     return path_ == "-" ? "stdin" : std::filesystem::path(path_).stem().string();
@@ -162,7 +159,6 @@ class TraceFile {
     return static_cast<std::size_t>(found - names.begin());
   }
 
-  /// Checks a row and returns its time [s].
   double checkRow(std::string_view line) const {
     const std::vector<std::string_view> fields = fieldsOf(line);
     if (fields.size() != columns_) {
@@ -200,8 +196,7 @@ class TraceFile {
   std::size_t status_ = 0;
 };
 
-/// Returns a title for each column of the picture. The second and later uses of a title get a
-/// number.
+/// Returns a title for each column. A repeated title gets a number.
 std::vector<std::string> titlesOf(const std::vector<std::unique_ptr<TraceFile>>& traces) {
   std::vector<std::string> titles;
   std::vector<std::string> stems;

@@ -1,5 +1,3 @@
-/// palpate press: prints the force-depth curve of a hand that moves straight into a scene and out
-/// again.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -22,7 +20,7 @@ struct PressOptions {
   std::string scene;
   std::string at;
   std::string along;
-  double speed = 0.05;  // [m/s]: speed of the hand
+  double speed = 0.05;  // [m/s]
   double rate = 1000.0;
   std::string csv;
   std::string picture;
@@ -33,7 +31,7 @@ struct PressOptions {
 struct Way {
   Vec3 at;
   Vec3 along;
-  int steps = 1;  ///< Number of steps in each direction.
+  int steps = 1;
 
   [[nodiscard]] double length() const { return along.norm(); }
   [[nodiscard]] Vec3 direction() const { return along / length(); }
@@ -51,7 +49,7 @@ struct Row {
   double depth = 0.0;         ///< Depth of the hand [m].
   double force_along = 0.0;   ///< Component along the path [N]; positive: pushes the hand out.
   double force_across = 0.0;  ///< Magnitude of the component across the path [N].
-  double proxy_depth = 0.0;   ///< Depth of the proxy [m].
+  double proxy_depth = 0.0;   ///< [m]
   double proxy_across = 0.0;  ///< Distance of the proxy from the path [m].
   double injected = 0.0;      ///< Energy that the proxy's own motion added [J].
   StepStatus status = StepStatus::kConverged;
@@ -59,12 +57,10 @@ struct Row {
   std::string contacts;  ///< State of each mode, for example "bone=holds; blood=yields"
 };
 
-/// The first tick in which a mode yields.
 struct Yield {
-  double depth = 0.0;        ///< Depth of the hand [m].
-  double proxy_depth = 0.0;  ///< Depth of the proxy [m].
-  /// Load of the mode without friction and drag [N]. No value if the proxy passed the mode's
-  /// surface within the tick.
+  double depth = 0.0;        ///< [m]
+  double proxy_depth = 0.0;  ///< [m]
+  /// Load without friction and drag [N]; unset if the proxy passed the surface in this tick.
   std::optional<double> force;
   double force_along = 0.0;  ///< Component of the hand's force along the path [N]; positive: out.
 };
@@ -75,11 +71,9 @@ struct ModePressed {
   double held = 0.0;              ///< Largest load on both ways [N].
   bool ready = false;             ///< True if the mode held without yielding in at least one tick.
   std::optional<Yield> yield;     ///< First yield after a tick in which the mode held.
-  /// Depth of the hand at which the mode's load ends after the yield [m].
-  std::optional<double> let_go;
+  std::optional<double> let_go;   ///< Depth of the hand at which the load ends after the yield [m].
 };
 
-/// Collects the rows of the curve and their totals.
 class Curve {
  public:
   Curve(const Opened& opened, const Way& way)
@@ -118,8 +112,7 @@ class Curve {
     return row;
   }
 
-  /// Returns true if mode i reached its full strength in any sub-step of the tick, even if it does
-  /// not yield at the tick's end.
+  /// Returns true if mode i yielded in any sub-step, even if it holds at the tick's end.
   static bool yielded(const StepTrace& trace, std::size_t i) {
     const auto steps = trace.steps();
     return std::any_of(steps.begin(), steps.end(), [i](const StepTrace::Step& step) {
@@ -135,8 +128,7 @@ class Curve {
     mode.held = std::max(mode.held, held);
     if (!row.in) return;
     if (carries && !mode.touched) mode.touched = row.depth;
-    // If the proxy passed a surface within the tick, the last loads of the tick do not contain that
-    // surface.
+    // The last loads of a tick do not contain a surface that the proxy has passed.
     const bool gone = yielded && !carries;
     const bool yields = gone || holdOf(loads) == Hold::kYields;
     if (yields && mode.ready && !mode.yield) {
@@ -154,7 +146,7 @@ class Curve {
     row.contacts += (row.contacts.empty() ? "" : "; ") + names_[i] + "=" + word;
   }
 
-  /// Adds the energies of a tick at the hand. The force of a tick acts until the next tick.
+  /// The force of a tick acts until the next tick.
   void count(int tick, const StepReport& r, const Row& row) {
     const Vec3 hand = way_.hand(tick);
     if (rows_.empty()) {
@@ -174,16 +166,14 @@ class Curve {
     last_stiffness_ = r.stiffness;
   }
 
-  /// Returns the slope of a straight line fitted to the curve from the first force to the first
-  /// yield [N/m].
+  /// Returns the slope of a line fitted from the first force to the first yield [N/m].
   [[nodiscard]] std::optional<double> slope() const;
 
   const Scene& scene_;
   const Way way_;
   std::vector<Row> rows_;
   std::vector<ModePressed> modes_;
-  /// Names of the modes in the rows; several modes may share a name.
-  std::vector<std::string> names_;
+  std::vector<std::string> names_;  ///< Several modes may share a name.
   std::array<int, kStepStatuses> statuses_{};
   Vec3 last_force_ = Vec3::Zero();
   double last_stiffness_ = 0.0;
@@ -273,7 +263,7 @@ OrderedJson Curve::summary(const PressOptions& options, const std::string& sourc
   return json;
 }
 
-/// Returns a text as a field of a CSV row, in quotes if necessary.
+/// Quotes a CSV field if necessary.
 std::string field(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
   std::string quoted = "\"";
@@ -294,7 +284,7 @@ std::string csv(const std::vector<Row>& rows) {
   return text;
 }
 
-/// Prints about twelve rows, evenly spaced, for the user.
+/// Prints at most eleven rows, evenly spaced.
 void printTable(const Curve& curve, int steps) {
   constexpr int kLines = 10;
   say("{:>12} {:>12} {:>12} {:>12}  contacts while moving in\n", "depth mm", "in N", "out N",
@@ -372,13 +362,11 @@ Way wayOf(const PressOptions& options) {
   return way;
 }
 
-/// Rejects two outputs with the same path, and an output that is also an input.
 void checkOutputs(const PressOptions& options, const SceneSpec& spec) {
   checkOutputsApart({options.csv, options.picture, options.json ? "-" : ""},
                     inputsOf(options.scene, spec));
 }
 
-/// Runs the ticks of the whole path. Returns true if none of them had a fault.
 template <class Seen>
 bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   Reader reader;

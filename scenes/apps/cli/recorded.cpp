@@ -45,13 +45,11 @@ OrderedJson stateOf(const fs::path& file) {
   return {{"bytes", bytes}, {"crc32c", crc}};
 }
 
-/// Returns the data that identify remote bricks.
 OrderedJson stateOf(const BrickManifest& manifest) {
   return {{"identity", fmt::format("{:016x}", manifest.identity())}};
 }
 
-/// Returns the present state of a volume's file or folder; null if it cannot be read. In that case
-/// loading the scene reports the error.
+/// Returns null if the state cannot be read: loading the scene then reports the error.
 OrderedJson stateNow(const fs::path& place) {
   if (!isRemote(place)) return stateOf(place);
   try {
@@ -61,7 +59,6 @@ OrderedJson stateNow(const fs::path& place) {
   }
 }
 
-/// Returns the JSON of a recorded scene. Throws Error if it is invalid.
 OrderedJson jsonOf(const RecordedScene& scene) {
   OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
   const auto good = [&] {
@@ -75,8 +72,7 @@ OrderedJson jsonOf(const RecordedScene& scene) {
   return json;
 }
 
-/// Returns the files of a recorded scene whose state differs from the recorded state, with their
-/// present state.
+/// Returns the present state of each file that differs from its recorded state.
 std::map<std::string, OrderedJson> changedFiles(const OrderedJson& json) {
   std::map<std::string, OrderedJson> changed;
   for (const OrderedJson& volume : json["volumes"]) {
@@ -87,8 +83,6 @@ std::map<std::string, OrderedJson> changedFiles(const OrderedJson& json) {
   return changed;
 }
 
-/// Restores a scene and its gains from a recording. Throws Error if a file is missing, or if this
-/// version cannot read the scene.
 SceneInput parseSceneInput(const OrderedJson& json) {
   SceneInput out;
   out.file = json["file"].get<std::string>();
@@ -106,8 +100,7 @@ SceneInput parseSceneInput(const OrderedJson& json) {
   return out;
 }
 
-/// Restores a scene as parseSceneInput does, and reports its files that have changed since the
-/// recording.
+/// Calls parseSceneInput, and reports files that have changed since the recording.
 SceneInput sceneInputOf(const RecordedScene& scene) {
   try {
     const OrderedJson json = jsonOf(scene);
@@ -123,8 +116,7 @@ SceneInput sceneInputOf(const RecordedScene& scene) {
   }
 }
 
-/// Returns the scene of the first tick that had a scene. Throws Error if the recording lacks that
-/// scene.
+/// Returns the scene of the first tick that had one. Throws Error if the recording lacks it.
 const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
   const auto& scenes = recording.scenes();
   std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
@@ -146,8 +138,7 @@ const RecordedScene& firstFelt(const Recording& recording, const std::string& fi
   return *found;
 }
 
-/// Adds the files of a recorded scene to `files`. Ignores an invalid scene, because parseSceneInput
-/// reports it.
+/// Adds the files of a recorded scene; ignores an invalid scene, which parseSceneInput reports.
 void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
   const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
   if (!json.is_object() || !json.contains("file") || !json["file"].is_string()) return;

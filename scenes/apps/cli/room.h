@@ -9,9 +9,8 @@
 
 namespace palpate::cli {
 
-/// Returns the stability margin of a coupling on a device as JSON; null if the arm's mass or
-/// friction is unknown. `coupling` is the stiffest coupling of the scene. `rate` is the rate of the
-/// loop [Hz]; if the device takes forces at a lower rate, that rate applies.
+/// Returns the stability margin as JSON; null if the arm's mass or friction is unknown. `coupling`
+/// is the scene's stiffest. The device's output rate may limit the loop's `rate` [Hz].
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
 /// Returns true if the coupling is unstable even while a relaxed hand holds the arm. Here and
@@ -19,10 +18,10 @@ namespace palpate::cli {
 [[nodiscard]] bool swingsUp(const OrderedJson& room);
 /// Returns advice about the coupling, as a sentence without a full stop.
 [[nodiscard]] std::string roomWords(const OrderedJson& room);
-/// Returns the numbers on which roomWords bases its advice: all three limits.
+/// Returns all three limits, on which roomWords bases its advice.
 [[nodiscard]] std::string roomNumbers(const OrderedJson& room);
-/// Prints the lines `stability` of a report, with their text starting at `column`. Prints the
-/// numbers only if `verbose` is set. Prints no line if `room` is null.
+/// Prints the lines `stability`, with text from `column` on. Prints no line if `room` is null, and
+/// the numbers only if `verbose`.
 void sayRoom(const OrderedJson& room, int column, bool verbose);
 
 }  // namespace palpate::cli

@@ -1,5 +1,3 @@
-/// palpate sample: prints a grid's value and derivatives at points, which are given in the file's
-/// own space.
 #include <algorithm>
 #include <array>
 #include <string_view>
@@ -14,7 +12,6 @@
 namespace palpate::cli {
 namespace {
 
-/// Possible values of --derive.
 constexpr std::array<std::string_view, 7> kDerived{"curl", "divergence", "jacobian", "magnitude",
                                                    "unit", "q",          "lambda2"};
 

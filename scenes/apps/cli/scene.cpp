@@ -1,4 +1,3 @@
-/// palpate scene: prints the scene guess for a .vdb, and the reason for each of its modes.
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -32,8 +31,7 @@ void addScene(CLI::App& app, std::function<int()>& body) {
       "  palpate scene atlas.vdb --for labels > atlas.json");
   verb->callback([=, &body] {
     body = [=] {
-      // File names in a scene are relative to the scene's folder. This folder is unknown until the
-      // user saves the scene.
+      // File names are relative to the scene's folder, which is unknown until the user saves it.
       std::filesystem::path place(*file);
       if (place.has_parent_path()) place = absolutePlace(place);
       const Guess guess = guessVdb(place, *what, showProgress("loading"));

@@ -1,4 +1,3 @@
-/// palpate schema: prints the JSON Schema of scene files or of arm profiles, for editors.
 #include <memory>
 
 #include "palpate/devices/hid/hid_profile.h"

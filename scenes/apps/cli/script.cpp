@@ -14,17 +14,15 @@
 namespace palpate::cli {
 namespace {
 
-/// Runs a program with `input` on its standard input and `output` as its standard output. Returns
-/// the program's exit status; -1 if it could not run. If the user interrupts, ends the program and
-/// throws Interrupted.
+/// Runs a program that reads `input` and writes to `output`. Returns its exit status, or -1 if it
+/// could not run. After an interrupt, ends the program and throws Interrupted.
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
-    // A terminal sends Ctrl-C to both processes. The child ignores it, because the parent decides
-    // and ends the child.
+    // Ctrl-C reaches both processes: the parent decides, and ends the child.
     signal(SIGINT, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     dup2(pipe_ends[0], STDIN_FILENO);
@@ -49,7 +47,7 @@ int run(std::vector<std::string> command, const std::string& input, int output) 
       if (n > 0) rest.remove_prefix(static_cast<std::size_t>(n));
       if (rest.empty() || (n < 0 && errno != EAGAIN && errno != EINTR)) {
         close(ear.fd);
-        ear.fd = -1;  // poll() ignores negative descriptors
+        ear.fd = -1;
       }
     }
     (void)poll(&ear, 1, kLook);

@@ -9,8 +9,7 @@
 
 namespace palpate::cli {
 
-/// A Python program that reads JSON from its standard input and writes a picture to its standard
-/// output.
+/// A Python program that reads JSON from standard input and writes a picture to standard output.
 class Script {
  public:
   /// Throws Error if Python or matplotlib is missing; the message names `option`, which needs them.

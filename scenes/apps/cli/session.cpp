@@ -37,10 +37,8 @@ class OnTime {
     }
   }
   [[nodiscard]] HapticThread& thread() { return *thread_; }
-  /// Returns the hand's state at the last call of look().
   [[nodiscard]] const IgtlHand& shown() const { return shown_; }
-  /// Prints new faults and warnings of this hand and updates shown(). Returns false if its loop has
-  /// stopped or has run all its ticks.
+  /// Prints new faults and warnings. Returns false once the loop has stopped or run all its ticks.
   bool look() {
     hand_.drain();
     hand_.tellUnwritten(name_);
@@ -61,8 +59,7 @@ class OnTime {
                "check the firmware and the encoders");
     }
     told_still_ = still;
-    // If the motors give less than half of the requested force, a surface feels much softer than
-    // the scene defines.
+    // At less than half of the requested force, a surface feels too soft.
     const bool weak = now.input.given < 0.5;
     if (weak && !told_weak_) {
       complain(name_ +
@@ -83,8 +80,7 @@ class OnTime {
   }
   void end() {
     thread_->stop();
-    // After this, the guardian does not write to the arm: otherwise it could overwrite the last
-    // output of the profile.
+    // The guardian could otherwise overwrite the last output of the profile.
     if (watch_.heart != nullptr) guardian_.forget(watch_);
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
@@ -105,7 +101,6 @@ class OnTime {
   }
 
  private:
-  /// Returns a text that says when the loop will restore the force by itself.
   [[nodiscard]] std::string returns() const {
     const double after = run_.options.reengage.value_or(kReengage);
     if (!(after > 0.0)) return "";
@@ -132,7 +127,7 @@ class OnTime {
 class Pacer {
  public:
   explicit Pacer(std::optional<double> speed) : speed_(speed) {}
-  /// Waits until a tick at `time` [s] is due. The first call defines the time of the start.
+  /// Waits until a tick at `time` [s] is due. The first call starts the clock.
   void wait(double time) {
     if (!speed_) return;
     using Clock = std::chrono::steady_clock;
@@ -150,8 +145,7 @@ class Pacer {
   std::optional<Begin> begun_;
 };
 
-/// Returns the step of the keys , and . : the shortest frame interval of all sequences [s]; 0 if
-/// the scene has no sequence.
+/// Returns the step of the keys , and . [s]: the shortest frame interval; 0 without a sequence.
 double stepOf(const Fetched& of) {
   double shortest = 0.0;
   for (const auto& [name, sequence] : of.sequences()) {
@@ -189,13 +183,11 @@ class Obeyed {
   IgtlServer* server_;
 };
 
-/// Returns true if a late tick can cut the force of this hand.
 bool canBeLate(const Device* device) {
   constexpr double kAnyTime = 1.0;  // [s]: with a greater limit, no delay counts as late
   return device->info().hand && device->info().watch.late < kAnyTime;
 }
 
-/// Prints a warning if this machine woke an idle thread late.
 void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
   if (!seen || seen->late == 0) return;
   complain(
@@ -276,8 +268,7 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   SiteParams params = siteFrom(options.site, options.with);
   params.keys = options.site_keys;
   name_ = params.name;
-  // Other sites may edit the scene only if they are known: either all programs run on this machine,
-  // or the sites have keys.
+  // Only known sites may edit the scene: those on this machine, or those with keys.
   const bool known = options.with.empty() || !options.site_keys.empty();
   params.scene = shares_ = known && !options.own_scene && !from.text.empty();
   if (!known && options.watch && !options.own_scene) {
@@ -289,11 +280,10 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
   LinkParams link;
-  // Limits the links' stiffness and force, so that the scene's own coupling remains stable.
+  // Limits the links, so that the scene's own coupling remains stable.
   link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
   link.peak = std::min(link.peak, 0.5 * device.limits.peak);
-  // A recorded path has no encoder, so its positions are exact. A device without motors cannot do
-  // work on a hand.
+  // A step of 0 means exact positions if no force can reach a hand; otherwise an unknown step.
   const double step = device.limits.tank.arm.step;
   if (step > 0.0 || !device.hand) link.step = step;
   links_.emplace(static_cast<std::uint64_t>(life), link);
@@ -439,7 +429,7 @@ void runOnTime(Run& run, Guardian& guardian) {
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // Number of looks between two checks of the scene
   std::chrono::steady_clock::time_point next_image;
-  constexpr double kMeasured = 5.0;  // [s]: duration of the measurement
+  constexpr double kMeasured = 5.0;  // [s]
   std::optional<BareLoop> bare;
   if (std::any_of(devices.begin(), devices.end(), canBeLate)) {
     try {
@@ -469,8 +459,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
       keys.step(stepOf(run.fetched));
-      // If the edit leaves the scene's playback unchanged, keeps the playback that the keys have
-      // set.
+      // An edit that leaves the scene's playback unchanged keeps the user's playback.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built, *watcher);
       if (run.igtl != nullptr) run.igtl->expect(*built);

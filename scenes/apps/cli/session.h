@@ -1,5 +1,4 @@
-/// Runs the hands of `palpate feel` in real time or in virtual time. Each hand has its device and
-/// its results.
+/// Runs the hands of `palpate feel` in real time or in virtual time.
 #pragma once
 
 #include <algorithm>
@@ -41,7 +40,6 @@ class Watcher;
 /// Default of LoopParams::reengage in `palpate feel` and `palpate view` [s].
 inline constexpr double kReengage = 2.0;
 
-/// Options of `palpate feel` and `palpate view`.
 struct FeelOptions {
   std::string scene;
   std::vector<std::string> devices{"simulated"};
@@ -55,13 +53,11 @@ struct FeelOptions {
   std::string site;  ///< This site, in the format of siteFrom; empty: no connection to other sites.
   std::vector<std::string> with;  ///< Addresses of the machines of other sites.
   std::string site_keys;          ///< SiteParams::keys.
-  /// If true, the site does not exchange edits of the scene with other sites.
-  bool own_scene = false;
+  bool own_scene = false;         ///< If true, exchanges no edits of the scene.
   bool window = false;
-  /// Speed of a replay relative to the recording; unset: as fast as possible.
-  std::optional<double> speed;
-  std::string still;  ///< File for a picture that the window's program draws; empty: no picture.
-  std::string igtl;   ///< Address at which 3D Slicer connects; empty: no server.
+  std::optional<double> speed;  ///< Relative to the recording; unset: as fast as possible.
+  std::string still;            ///< File for a picture of the last tick.
+  std::string igtl;             ///< Address at which 3D Slicer connects; empty: no server.
   double igtl_rate = kIgtlRate;
   std::string record;
   std::string trace;
@@ -71,8 +67,7 @@ struct FeelOptions {
   bool json = false;
 };
 
-/// Receives every tick of a hand. Adds it to the results at once. If rows are wanted, also queues
-/// it for the thread that writes the trace.
+/// Receives every tick of a hand: adds it to the results, and queues it for the trace.
 class Log final : public TickSink {
  public:
   Log(const Scene& scene, double rate, bool rows) : felt(scene, rate) {
@@ -84,7 +79,7 @@ class Log final : public TickSink {
     if (recorder != nullptr) recorder->take(tick);
     if (ring_ && !ring_->try_emplace(tick, felt.loads())) ++lost_;
   }
-  /// Calls `take` for each queued row, on the thread that writes the trace.
+  /// Calls `take` for each queued row. Call this on the thread that writes the trace.
   template <class Take>
   void drain(const Take& take) {
     if (!ring_) return;
@@ -93,11 +88,10 @@ class Log final : public TickSink {
       ring_->pop();
     }
   }
-  /// Returns the number of rows that were lost because the queue was full.
+  /// Returns the number of rows that a full queue has lost.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
 
-  /// Announces the scene of the next ticks, before it is published. `dials` holds the gains of its
-  /// modes.
+  /// Announces the scene of the next ticks before it is published, with its gains.
   void expect(const Scene& scene, const std::vector<LiveDial>& dials) {
     felt.expect(scene);
     if (live != nullptr) live->expect(scene, dials);
@@ -116,12 +110,11 @@ class Log final : public TickSink {
     Loads loads;  ///< Loads of the carriers, in the order of Felt::carriers().
   };
   static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
-  // Does not grow, because try_emplace does not allocate memory.
+  // try_emplace does not allocate, so the queue does not grow.
   std::optional<moodycamel::ReaderWriterQueue<Row>> ring_;
   std::int64_t lost_ = 0;
 };
 
-/// One hand: its device, its results and their outputs.
 struct Hand {
   Log log;  // first member: the queue in it is aligned to cache lines
   std::unique_ptr<Device> device;
@@ -158,14 +151,12 @@ using Hands = std::vector<std::unique_ptr<Hand>>;
 /// Data that are loaded during a run: bricks near the hands, and frames ahead of the playback.
 class Fetched {
  public:
-  /// Stores the brick windows and the sequences of a new scene.
   void now(const BuiltScene& built) {
     windows_ = built.windows;
     sequences_ = built.sequences;
   }
-  /// Prints the load errors since the last call.
   void tellTroubles() const;
-  /// Adds the objects "bricks" and "sequences" to the summary, with an entry for each volume.
+  /// Adds "bricks" and "sequences" to the summary, with an entry for each volume.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
   [[nodiscard]] const std::map<std::string, std::shared_ptr<const FrameSequence>>& sequences()
@@ -181,21 +172,16 @@ class Fetched {
 /// Connects the first hand with the hands at other sites, in the same scene.
 class WithSites {
  public:
-  /// Connects to no site if the options name no site. `from` is the scene of the run. Throws Error.
+  /// Makes no connection without a site in the options. Throws Error.
   WithSites(const FeelOptions& options, const DeviceInfo& device, const SceneInput& from);
-  /// Returns the links that the first hand's loop uses; null: not connected.
+  /// Returns the links for the first hand's loop; null: not connected.
   [[nodiscard]] HandLinks* links() noexcept { return links_ ? &*links_ : nullptr; }
-  /// Prints messages about other sites that have arrived since the last call.
   void tellNews();
   /// Returns true if this site exchanges edits of the scene with other sites.
   [[nodiscard]] bool share() const noexcept { return shares_; }
-  /// Starts the exchange of edits, with `from` as the first scene.
   void begin(Watcher& watcher, const SceneInput& from) const;
-  /// Passes edits that have arrived from other sites to `watcher`.
   void hear(Watcher& watcher);
-  /// Sends new edits of this site's user to the other sites.
   void tell(Watcher& watcher);
-  /// Adds the object "sites" to the summary, with an entry for each site.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
 
@@ -211,21 +197,19 @@ struct Run {
   const FeelOptions& options;
   Hands& hands;
   std::shared_ptr<const Scene> scene;
-  const SceneSpec& spec;  ///< Description of the scene.
-  /// Time at which the scene file was last written.
-  std::optional<std::filesystem::file_time_type> written;
+  const SceneSpec& spec;
+  std::optional<std::filesystem::file_time_type> written;  ///< Last write of the scene file.
   SceneCache& cache;
-  const SceneInput& from;  ///< Scene with its text and files.
+  const SceneInput& from;
   std::int64_t ticks = 0;  ///< Largest number of ticks of the run.
   bool whole_path = false;
   Window* window = nullptr;
   WithSites* sites = nullptr;
   IgtlServer* igtl = nullptr;
   Fetched fetched{};
-  PlayParams play{};  ///< Playback of `scene`.
+  PlayParams play{};
 
-  /// Returns the prefix of messages about a hand. It contains the hand's number if there are
-  /// several hands.
+  /// Returns the prefix of messages about a hand, with its number if there are several.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {
     return hands.size() == 1 ? "feel" : fmt::format("feel: hand {}", hand + 1);
   }
@@ -233,9 +217,9 @@ struct Run {
 
 /// Runs the ticks in virtual time, as fast as possible. The results are the same in every run.
 void runInVirtualTime(const Run& run);
-/// Replays recorded hands, with the recorded results. Every device must be a ReplayDevice. Runs at
-/// `run.options.speed`, and ends early if the window is closed. `scenes` has the scenes of the
-/// ticks by their recorded ids; a tick without an entry uses `run.scene`.
+/// Replays recorded hands at `run.options.speed`; every device must be a ReplayDevice. Ends early
+/// if the window is closed. `scenes` has the scenes by their recorded ids; ticks of other scenes
+/// use `run.scene`.
 void runAgain(const Run& run, const ScenesById& scenes);
 /// Runs the hands in real time, each in its own thread.
 void runOnTime(Run& run, Guardian& guardian);

@@ -1,4 +1,3 @@
-/// palpate solve: computes the balance for each line of the input. Input and output are JSON Lines.
 #include <algorithm>
 #include <cmath>
 #include <istream>
@@ -15,7 +14,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Thrown for an invalid input line.
 class LineError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

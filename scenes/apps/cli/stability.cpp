@@ -1,5 +1,3 @@
-/// palpate stability: maps the stiffness and the damping of couplings at which an arm comes to
-/// rest, oscillates or diverges.
 #include "palpate/devices/simulated/stability.h"
 
 #include <algorithm>
@@ -42,7 +40,7 @@ struct StabilityOptions {
 };
 
 constexpr double kLeastStiffness = 50.0;  // [N/m]: lowest stiffness of the maps
-constexpr double kMostDamping = 50.0;     // [N s/m]: highest damping of the maps
+constexpr double kMostDamping = 50.0;     // [N s/m]
 
 struct Setup {
   std::string name;
@@ -50,8 +48,7 @@ struct Setup {
   std::vector<MapMethod> methods;
 };
 
-/// A contact found on an exploring path, at which the force is nearest to --load; and the parts
-/// near it.
+/// Contact on an exploration path with the force nearest to --load, and the parts near it.
 struct Touch {
   MapContact contact;
   Near near;
@@ -97,7 +94,6 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
   return touch;
 }
 
-/// Prepares the contact and the methods. Throws Error if a path of `outputs` is also an input.
 Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& outputs) {
   Setup setup;
   if (options.scene.empty()) {
@@ -123,8 +119,7 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   return setup;
 }
 
-/// Copies to `options` the parameters of an arm that has passed `palpate devices --test`. Options
-/// that the user has given take precedence.
+/// Copies the measured parameters of a tested arm, except those that the user gives as options.
 void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
@@ -189,7 +184,7 @@ void check(const StabilityOptions& options) {
         fmt::format("{} s is {} ticks", options.delay, rounded(options.delay * options.rate)),
         fmt::format("give at most {} ticks, or a lower rate", kMostPeriods));
   }
-  // At a larger angle the hand would lie between the planes and touch neither of them.
+  // At a larger angle the hand would touch neither plane.
   if (options.planes) within("--planes", *options.planes, 0.1, 170.0);
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "it cannot be combined with a scene", "leave out one of the two");
@@ -216,7 +211,6 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
                  {"delay", options.delay}};
   json["hand"] = {
       {"stiffness", options.grip}, {"damping", options.grip_damping}, {"load", options.load}};
-  // Adds the stability limits for one wall, which formulas give.
   json["boundaries"] = OrderedJson::array();
   for (int i = 0; i <= 40; ++i) {
     const double b = i == 0 ? 0.0 : kMostDamping * std::pow(1e-3, 1.0 - i / 40.0);
@@ -233,8 +227,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
     one["tried"] = map.tried;
     one["stiffness"] = map.stiffness;
     one["damping"] = map.damping;
-    // Adds a text for each row of the map, with a letter for each cell: r rests, c cycles, l
-    // leaves. A capital letter means that the coupling generated energy.
+    // Letters: r rests, c cycles, l leaves; a capital letter: the coupling generated energy.
     one["rows"] = OrderedJson::array();
     const std::size_t n = map.stiffness.size();
     long rests = 0;
@@ -249,7 +242,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
       one["rows"].push_back(word);
     }
     one["rests"] = static_cast<double>(rests) / static_cast<double>(n * n);
-    // Finds the highest stiffness up to which all cells without damping come to rest.
+    // Finds the highest stiffness up to which all undamped cells come to rest.
     std::size_t first = 0;
     while (first < n && map.cells[first].outcome == MapOutcome::kRests) ++first;
     one["rests_to"] = first == 0 ? OrderedJson() : OrderedJson(map.stiffness[first - 1]);
@@ -305,7 +298,6 @@ MapSetting settingOf(const StabilityOptions& options) {
   return setting;
 }
 
-/// Computes a map for each method, with stiffnesses up to `most` [N/m].
 std::vector<StabilityMap> drawMaps(const Setup& setup, const MapSetting& setting, int size,
                                    double most) {
   std::vector<StabilityMap> maps;
@@ -350,7 +342,6 @@ void sayMaps(const StabilityOptions& options, const Setup& setup, const MapSetti
 
 int draw(const StabilityOptions& options) {
   check(options);
-  // Checks all input before the computation starts.
   const MapFiles out = openMapFiles(options.map);
   const Setup setup = setupOf(options, out.names);
   const MapSetting setting = settingOf(options);
@@ -377,7 +368,7 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   auto o = std::make_shared<StabilityOptions>();
   verb->add_option("SCENE", o->scene, "A scene to press on (default: a wall)");
   verb->add_option("--planes", o->planes,
-                   "Two planes instead of a wall; the angle between them [degrees]");
+                   "Two planes instead of a wall, with this angle between them [degrees]");
   verb->add_option("--device", o->device,
                    "hid:PROFILE: uses the measured rate, mass, friction, encoder step and delay of "
                    "this arm, which must have passed `palpate devices --test`");

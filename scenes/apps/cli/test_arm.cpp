@@ -33,15 +33,14 @@ constexpr double kMostForce = 3.0;  // [N]: largest force of a test
 constexpr double kPatience = 5.0;   // [s]: longest wait until the arm is ready
 
 struct Tested {
-  ArmAxes axes;  ///< Axes along which the arm was tested.
+  ArmAxes axes;
   SelfTestResult result;
   Fault fault = Fault::kNone;
-  std::string not_ready;  ///< Reason why the arm was not ready; empty if it was.
+  std::string not_ready;  ///< Reason; empty if the arm was ready.
 };
 
-/// Sends zero force until the user presses Enter, then returns the tip's position [m]. Keys pressed
-/// before the call do not count. Returns no value if standard input has ended or the user
-/// interrupts.
+/// Sends zero force until the user presses Enter; ignores earlier keys. Returns the tip's position
+/// [m]; no value after an interrupt or at the end of standard input.
 std::optional<Vec3> atEnter(Arm& arm) {
   (void)tcflush(STDIN_FILENO, TCIFLUSH);
   for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
@@ -66,15 +65,14 @@ std::optional<Vec3> atEnter(Arm& arm) {
   return std::nullopt;
 }
 
-/// Result of the user's measurement with a ruler.
 struct Ruled {
-  /// Measured distance divided by the ruler's length, for each axis (SelfTestResult::scale).
+  /// Measured distance divided by the ruler's length, for each axis.
   std::array<double, 3> scale{};
-  std::string trouble;  ///< First error that rulerTrouble reported; empty: none.
+  std::string trouble;  ///< First error that rulerTrouble reported.
 };
 
-/// Lets the user move the tip by a ruler's length along each movable axis in turn. Each move starts
-/// at the end of the previous move. Returns no value if the user skips the measurement.
+/// Lets the user move the tip by a ruler's length along each movable axis, each time from where the
+/// last move ended. Returns no value if the user skips or ends the measurement.
 std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   if (ruler == 0.0) return std::nullopt;
   const ArmAxes axes = axesWithin(arm.traits().moves);
@@ -112,8 +110,7 @@ double rulerFor(const ArmTraits& traits) {
   return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
 }
 
-/// Observes the guardian. look() returns the guardian's fault, or kNone while the loop may
-/// continue.
+/// look() returns the guardian's fault, or kNone while the loop may continue.
 class GuardianSays {
  public:
   explicit GuardianSays(const LoopWatch& watch)
@@ -135,8 +132,7 @@ class GuardianSays {
   Pulse guard_;
 };
 
-/// Runs the test in real time. The force limiter bounds every force, and the guardian watches the
-/// loop.
+/// Runs the test in real time, under the force limiter and the guardian.
 Tested run(Arm& arm, Guardian& guardian, double force) {
   LoopWatch watch;
   if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
@@ -189,15 +185,13 @@ Tested run(Arm& arm, Guardian& guardian, double force) {
   }
   arm.carry(false);
   arm.write(Vec3::Zero());
-  // After this, the guardian does not write to the arm: otherwise it could overwrite the last
-  // output of the profile.
+  // The guardian could otherwise overwrite the last output of the profile.
   if (watch.heart != nullptr) guardian.forget(watch);
   out.result = test.result();
   return out;
 }
 
-/// Returns the stability margin of the measured arm, for the stiffest coupling that the profile
-/// allows.
+/// Returns the measured arm's stability margin with the stiffest coupling of the profile.
 OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
   DeviceInfo info = arm.info();
   ArmDissipation& known = info.limits.tank.arm;
@@ -264,7 +258,6 @@ OrderedJson describe(const Tested& tested, const Arm& arm, bool passed) {
   return json;
 }
 
-/// Prints the results of the measurement.
 void sayMeasured(const Tested& tested, const Arm& arm) {
   const SelfTestResult& r = tested.result;
   const ArmAxes moves = axesWithin(arm.traits().moves);
@@ -301,7 +294,6 @@ void sayMeasured(const Tested& tested, const Arm& arm) {
   }
 }
 
-/// Prints the reasons why an arm has not passed.
 void complainOf(const Tested& tested) {
   for (const std::string& problem : tested.result.problems) complain("devices: " + problem);
   if (tested.fault != Fault::kNone) {
@@ -317,8 +309,8 @@ void complainOf(const Tested& tested) {
 void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, bool json) {
   if (!ruled) {
     complain(
-        fmt::format("devices: the arm has passed, but its scale was not measured: it stays limited "
-                    "to {} N and {} N/m: repeat the test with a ruler",
+        fmt::format("devices: the arm has passed, but its scale was not measured, so the arm stays "
+                    "limited to {} N and {} N/m: repeat the test with a ruler",
                     kUntestedForce, kUntestedStiffness));
     return;
   }
@@ -331,9 +323,9 @@ void remember(const ArmIdentity& identity, const SelfTestResult& r, bool ruled, 
   }
   rememberTest(identity, r);
   if (!identity.numbered) {
-    complain("devices: the arm has no serial number and is identified by its port, " +
-             identity.own +
-             ": repeat the test on another port, and for every other arm on this port");
+    complain(
+        "devices: the arm has no serial number and is identified by its port, " + identity.own +
+        ": if you move it to another port, or connect another arm to this port, repeat the test");
   }
   if (!json) say("passed     saved in {}\n", testedArmsFile().string());
 }
@@ -364,8 +356,7 @@ int testArm(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.tests = true;
-  // Allows a force up to kMostForce, because the test moves the arm by centimetres only and the
-  // user has been asked to let go.
+  // The test moves the arm by centimetres only, and the user has been asked to let go.
   host.carries = kMostForce;
   const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {

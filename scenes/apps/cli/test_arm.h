@@ -9,11 +9,10 @@ namespace palpate::cli {
 
 inline constexpr const char* kNoMotor = "no motor along this axis, and no force";
 
-/// Returns the names of the axes in `axes`.
 [[nodiscard]] OrderedJson axisNames(const ArmAxes& axes);
 
-/// Tests the arm that `options.test` names: measures it, prints the results, and stores that it has
-/// passed. Returns the exit status. Throws Error.
+/// Tests the arm `options.test` and stores that it has passed. Returns the exit status. Throws
+/// Error.
 [[nodiscard]] int testArm(const DevicesOptions& options);
 
 }  // namespace palpate::cli

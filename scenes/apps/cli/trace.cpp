@@ -10,8 +10,7 @@ namespace palpate::cli {
 
 namespace {
 
-/// Returns the column names of the carriers. The names are unique, and have no characters that end
-/// a field or a row.
+/// Returns unique column names without characters that end a field or a row.
 std::vector<std::string> columnsOf(std::span<const std::string> carriers) {
   std::vector<std::string> columns;
   std::set<std::string> taken;

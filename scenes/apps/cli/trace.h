@@ -11,13 +11,10 @@
 
 namespace palpate::cli {
 
-/// Writes a CSV row for each tick. Does nothing if no file is requested.
+/// Writes a CSV row for each tick, if a file is requested.
 class Trace {
  public:
-  /// @param path      Output file; empty: none.
-  /// @param carriers  Names of the loads; each gets a column.
-  ///
-  /// Throws Error if the file cannot be written.
+  /// Throws Error if `path` cannot be written; empty: no file. Each of `carriers` gets a column.
   Trace(const std::string& path, std::span<const std::string> carriers);
   /// `loads` has the force of each carrier [N].
   void add(const Telemetry& tick, std::span<const double> loads);

@@ -133,7 +133,7 @@ void Watcher::tellOfEdits(const Made& made) {
       changed[edit.stamp.site].push_back(key);
     }
   }
-  // Limits the output, because any program may claim to be many sites
+  // Any program may claim to be many sites.
   constexpr std::size_t kMostLines = 4;
   std::size_t lines = 0;
   for (const auto& [site, keys] : changed) {
@@ -169,8 +169,7 @@ std::optional<BuiltScene> Watcher::takeBuilt() {
     if (image != nullptr) news_ = error.what();
     complain(std::string(error.what()) + "; the previous scene stays active");
   }
-  // If the file, an edit or an image is invalid, the gains may still be valid. The next build tries
-  // the gains with the present scene.
+  // The gains may still be valid: the next build tries them with the present scene.
   if (read_ && edited_) shared_->renew();
   if (read_ || edited_ || image != nullptr) return std::nullopt;
   refused_ = trying_;
@@ -205,8 +204,7 @@ void Watcher::startBuild() {
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;
-  // Builds changed gains before it takes over an image. A user who reduces a strength must not wait
-  // for a client that sends images continuously.
+  // Gains precede images: a reduction of a strength must not wait for a stream of images.
   making_image_ = !read_ && !edited_ && image_ != nullptr && wanted_ == felt_;
   if (!read_ && !edited_ && !making_image_ && wanted_ == felt_) return;
   const bool still = wanted_ == felt_ || making_image_;

@@ -23,14 +23,12 @@
 
 namespace palpate::cli {
 
-/// Lowers the stiffness of the coupling to the limits of all devices, unless the user has set the
-/// stiffness. Returns true if it was lowered. Throws SceneError if a device still cannot render the
-/// coupling.
+/// Lowers the coupling's stiffness to the limits of all devices, unless the user has set it.
+/// Returns true if it was lowered. Throws SceneError if a device cannot render the coupling.
 [[nodiscard]] bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices);
 
-/// Rebuilds a scene if its file, its gains or the image of a volume changes, or if another site
-/// edits the scene. A separate thread builds the scene, so that the main thread can handle keys and
-/// faults. If the new scene has errors, reports them and keeps the present scene.
+/// Rebuilds a scene on its own thread if its file, its gains or a volume's image changes, or if
+/// another site edits it. If the new scene has errors, reports them and keeps the present scene.
 class Watcher {
  public:
   /// @param spec   Present scene as in its file, fitted to `devices`.
@@ -46,44 +44,36 @@ class Watcher {
         cache_(cache),
         seen_(seen) {}
 
-  /// Changes gains at the next look(). Ignores gains of modes that the scene does not have by then.
-  /// `request` is LiveWishes::dialled.
+  /// Changes gains at the next look(). Ignores missing modes. `request` is LiveWishes::dialled.
   void turn(const std::vector<LiveDial>& dials, std::uint64_t request);
-  /// Returns true if the watcher can take an image: it has finished with the previous image.
+  /// Returns true if the watcher can take the next image.
   [[nodiscard]] bool takesImage() const noexcept { return image_ == nullptr && !made_.valid(); }
-  /// Starts the exchange of edits with other sites. `site` is the name of this site; `file` and
-  /// `text` belong to the present scene (SceneInput).
+  /// Starts the exchange of edits. `site` is this site; `file` and `text` are of the present scene.
   void share(const std::string& site, const std::string& file, const std::string& text) {
     shared_.emplace(site, text);
     source_ = file;
   }
-  /// Merges the scene text of another site, and prints the lines for the user. Call share() before.
+  /// Merges the scene text of another site, and prints messages. Call share() before.
   void hear(const std::string& site, const std::string& text);
   /// Returns the text of the scene for other sites, once after each change; otherwise no value.
   [[nodiscard]] std::optional<std::string> takeTold() {
     return shared_ ? shared_->takeTold() : std::nullopt;
   }
-  /// Replaces the volume that has the image's name, from the next look() on. The replacement
-  /// remains if the scene file changes.
+  /// From the next look() on, the image replaces the volume of its name, in later scenes too.
   void replace(std::shared_ptr<const IgtlImage> image) { image_ = std::move(image); }
-  /// Returns the result of the last image, once; an empty text while there is none.
+  /// Returns the result of the last image, once; otherwise an empty text.
   [[nodiscard]] std::string takeNews() { return std::exchange(news_, {}); }
-  /// Returns a new scene once it is built; otherwise no value. Starts to build a scene if something
-  /// has changed.
+  /// Returns a new scene once it is built; otherwise no value. Starts to build after a change.
   std::optional<BuiltScene> look();
-  /// Returns the gains of the latest scene, in the order of its modes.
   [[nodiscard]] std::vector<LiveDial> dials() const { return inOrder(felt_, ids_); }
   /// Returns the latest scene, to which no gains are applied.
   [[nodiscard]] const SceneSpec& spec() const noexcept { return spec_; }
-  /// Returns the text of the latest scene with the edits of other sites (SceneInput::text). Returns
-  /// an empty text while the run has its first scene.
+  /// Returns the latest scene's text with edits of other sites; empty for the run's first scene.
   [[nodiscard]] const std::string& text() const noexcept { return text_; }
-  /// Returns the last rejected request for gains (LiveWishes::dialled). A rejected request leaves
-  /// the gains unchanged.
+  /// Returns the last rejected request for gains (LiveWishes::dialled).
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
 
  private:
-  /// Result of building a scene.
   struct Made {
     SceneSpec spec;
     ModeIds ids;
@@ -93,39 +83,34 @@ class Watcher {
     std::optional<SharedScene> shared;
     /// Rejected edits of other sites, with reasons; one line each.
     std::vector<std::string> refused;
-    bool same = false;  ///< True if the scene has not changed.
+    bool same = false;
   };
   /// Input for the thread that builds a scene.
   struct Task {
-    bool read;    ///< True if the file must be read again.
-    bool edited;  ///< True if edits of other sites must be taken over.
-    bool still;   ///< True if the gains have not changed.
+    bool read;    ///< The file must be read again.
+    bool edited;  ///< Edits of other sites must be taken over.
+    bool still;   ///< The gains have not changed.
     Dials dials;
     std::optional<SharedScene> shared;
-    std::shared_ptr<const IgtlImage> image;  ///< Image to take over; null: none.
+    std::shared_ptr<const IgtlImage> image;
   };
-  /// Least time between two edits of other sites. Each edit may start an engagement, which must end
-  /// before the next edit.
+  /// Least time between two edits of other sites: an engagement must end before the next edit.
   static constexpr auto kBetweenEdits = std::chrono::seconds(2);
 
   [[nodiscard]] bool changed();
-  /// Starts a thread that builds the scene, if the file, an edit, the image or the gains have
-  /// changed.
+  /// Starts a build if the file, an edit, the image or the gains have changed.
   void startBuild();
-  /// Returns the scene that a thread has built. If the build has failed, reports the errors and
-  /// returns no value. Also returns no value if the scene is unchanged.
+  /// Returns a built scene that has changed. Reports a failed build.
   [[nodiscard]] std::optional<BuiltScene> takeBuilt();
-  /// Makes a built scene the present scene and returns it; no value if it is unchanged. `image` is
-  /// the image that was taken over, or null.
+  /// Makes a built scene the present scene and returns it, unless it is unchanged. `image`
+  /// may be null.
   [[nodiscard]] std::optional<BuiltScene> adopt(Made made, const IgtlImage* image);
-  /// Builds the scene of a task. Runs on the building thread.
+  /// Runs on the building thread.
   [[nodiscard]] Made make(const Task& task) const;
   /// Builds `spec` with the gains and the images. If it throws, `made` remains unchanged.
   void build(Made& made, SceneSpec spec, const Dials& dials) const;
-  /// Builds the scene with as many valid edits of other sites as possible. `read`: reads the scene
-  /// file again. `still`: the gains have not changed.
+  /// Builds with as many valid edits of other sites as possible. `read`, `still`: as in Task.
   void buildShared(Made& made, bool read, bool still, const Dials& dials) const;
-  /// Prints which edits of other sites are now in the scene, and which were rejected.
   void tellOfEdits(const Made& made);
 
   SceneSpec spec_;
@@ -136,20 +121,19 @@ class Watcher {
   std::vector<const Device*> devices_;
   SceneCache& cache_;
   std::optional<std::filesystem::file_time_type> seen_;
-  Dials wanted_;               ///< Gains that the user wants.
-  Dials tried_;                ///< Gains of the scene that is being built.
-  Dials felt_;                 ///< Gains of the present scene.
+  Dials wanted_;
+  Dials tried_;
+  Dials felt_;
   std::uint64_t request_ = 0;  ///< LiveWishes::dialled of wanted_.
   std::uint64_t trying_ = 0;   ///< LiveWishes::dialled of tried_.
   std::uint64_t refused_ = 0;
-  bool read_ = false;    ///< True if the build reads the scene file again.
-  bool edited_ = false;  ///< True if the build includes edits of other sites.
+  bool read_ = false;
+  bool edited_ = false;
   std::optional<SharedScene> shared_;
   std::string source_;  ///< The scene file. Differs from `file_` if `file_` is a recording.
-  std::set<std::string> refused_edits_;  ///< Rejected edits that were already reported.
+  std::set<std::string> refused_edits_;
   std::chrono::steady_clock::time_point next_edits_;
-  /// Volumes that images have replaced.
-  std::map<std::string, std::shared_ptr<const Volume>> replaced_;
+  std::map<std::string, std::shared_ptr<const Volume>> replaced_;  ///< Volumes from images.
   std::shared_ptr<const IgtlImage> image_;  ///< Image to take over next, or being taken over.
   bool making_image_ = false;
   std::string news_;

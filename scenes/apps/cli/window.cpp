@@ -17,8 +17,7 @@
 namespace palpate::cli {
 namespace {
 
-/// Time between two checks of the window's program.
-constexpr auto kLook = std::chrono::milliseconds(10);
+constexpr auto kLook = std::chrono::milliseconds(10);  ///< Time between two checks.
 
 std::string programPath() {
   return (programFolder() / "palpate-view").string();
@@ -26,11 +25,12 @@ std::string programPath() {
 
 [[noreturn]] void refuse(int error) {
   throw Error("palpate-view",
-              error == ENOENT ? "the window is not installed" : std::strerror(error),
+              error == ENOENT ? "this program, which draws the window, is not installed"
+                              : std::strerror(error),
               "install the package palpate-view, or build with VTK");
 }
 
-/// Returns, for example, "it was ended by signal 9 (Killed)".
+/// Example: "it was ended by signal 9 (Killed)".
 std::string endOf(int status) {
   if (status < 0) return "its exit status is unknown";
   if (WIFSIGNALED(status)) {
@@ -75,8 +75,7 @@ void Window::start(const std::vector<std::string>& arguments) {
   words.insert(words.end(), arguments.begin(), arguments.end());
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
-  // Duplicating a descriptor to itself clears its close-on-exec flag, so that the program inherits
-  // it.
+  // Duplicating a descriptor to itself clears its close-on-exec flag.
   posix_spawn_file_actions_adddup2(&files, share_.descriptor(), share_.descriptor());
   posix_spawnattr_t with;
   posix_spawnattr_init(&with);

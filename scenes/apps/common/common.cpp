@@ -46,7 +46,7 @@ void forgetPartial(const std::filesystem::path& file) {
   }
 }
 
-/// Handles a signal. Makes only system calls that are allowed in a signal handler.
+/// Signal handler: makes only async-signal-safe calls.
 void endNow(int /*signal*/) {
   for (const auto& place : partials) {
     if (const char* file = place.load()) unlink(file);
@@ -72,8 +72,7 @@ void handle(void (*handler)(int)) noexcept {
   }
 }
 
-/// A progress line on a terminal. A separate thread redraws the line, so that its time advances
-/// even if the work reports no progress.
+/// A progress line. A thread advances its time even if the work reports no progress.
 class Line {
  public:
   explicit Line(std::string what) : what_(std::move(what)), drawer_([this] { draw(); }) {}
@@ -164,8 +163,7 @@ std::filesystem::path behindLinks(std::filesystem::path path) {
   std::error_code error;
   for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {
     const auto behind = path.parent_path() / std::filesystem::read_symlink(path, error);
-    // If the target of the link is not a file with a name, such as a pipe behind /dev/stdout, keeps
-    // the link itself.
+    // Keeps a link to a target without a file name, such as a pipe behind /dev/stdout.
     if (!std::filesystem::exists(std::filesystem::symlink_status(behind, error)) &&
         std::filesystem::exists(std::filesystem::status(path, error))) {
       break;
@@ -222,7 +220,8 @@ int WholeFile::descriptor() const {
 
 std::filesystem::path WholeFile::place() const {
   if (file_ == stdout) {
-    throw Error("standard output", "this output cannot go there", "give the name of a file");
+    throw Error("standard output", "it cannot receive this output, which must be a file",
+                "give the name of a file");
   }
   return partial_;
 }
@@ -263,7 +262,7 @@ void checkOutputsApart(const std::vector<std::string>& outputs,
       if (outputs[i].empty() || outputs[j].empty() || !isSamePlace(outputs[i], outputs[j])) {
         continue;
       }
-      throw Error(outputs[i], "two outputs have the same place", "give each output its own place");
+      throw Error(outputs[i], "two outputs are the same file", "give each output its own file");
     }
   }
   for (const std::string& output : outputs) {

@@ -13,7 +13,6 @@ const Vec3& seenFrom(const ExplainedTick& tick, int motion) {
   return motion < 0 ? tick.place() : tick.state.bodies()[static_cast<std::size_t>(motion)].seen;
 }
 
-/// Reports whether a field was read in the tick, and the reason.
 OrderedJson fieldReport(const ExplainedTick& tick, const std::string& name, const FieldFrame& frame,
                         int motion, const FieldSet& field, bool inside) {
   const bool around = holds(frame.bounds, seenFrom(tick, motion));
@@ -23,9 +22,9 @@ OrderedJson fieldReport(const ExplainedTick& tick, const std::string& name, cons
   json["sampled"] = sampled;
   json["inside"] = inside;
   if (!around) {
-    json["because"] = "the proxy is outside its bounds";
+    json["because"] = "the proxy is outside the bounds of the field";
   } else if (!sampled) {
-    json["because"] = "the modes that read it act only in the bounds of other fields";
+    json["because"] = "the modes that read the field act only in the bounds of other fields";
   } else {
     json["because"] = inside ? "it has data here" : "it is read, but has no data here";
   }

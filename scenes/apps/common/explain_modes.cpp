@@ -32,24 +32,21 @@ Primitive primitiveOf(const ExplainedTick& tick, const GuideMode& guide) {
   return primitive;
 }
 
-/// The inputs that modes of all kinds may have.
 struct Parts {
-  int scalar = -1;  ///< Scalar property that must have data; -1: none.
-  int vector = -1;  ///< Vector property that must have a direction; -1: none.
+  int scalar = -1;  ///< Scalar property that must have data, or -1.
+  int vector = -1;  ///< Vector property that must have a direction, or -1.
   const Transfer* strength = nullptr;
   const Transfer* friction = nullptr;
   const Transfer* viscosity = nullptr;
-  /// Input of a transfer function that reads no property: a guide's distance to the hand [m].
-  double own = 0.0;
+  double own = 0.0;  ///< Input of factors without a property: a guide's distance to the hand [m].
 };
 
-/// Collects the inputs of a mode by the names of its members.
 template <class M>
 Parts partsOf(const ExplainedTick& /*tick*/, const M& m) {
   static_assert(
       std::is_same_v<M, UserMode> || requires { m.strength, m.scalar; } ||
           requires { m.strength, m.vector; } || requires { m.strength, m.skin; },
-      "explain knows what a mode reads by these names");
+      "partsOf() does not know the members of this mode: add an overload");
   Parts parts;
   if constexpr (requires { m.scalar; }) parts.scalar = m.scalar;
   if constexpr (requires { m.vector; }) parts.vector = m.vector;
@@ -65,7 +62,7 @@ Parts partsOf(const ExplainedTick& tick, const GuideMode& m) {
   return {-1, -1, &m.strength, nullptr, nullptr, distanceTo(primitiveOf(tick, m), tick.hand)};
 }
 
-/// Returns a text that says which factor of a transfer function is zero; names only the first one.
+/// Names the first factor of a transfer function that is zero.
 std::string whyZero(const OrderedJson& transfer) {
   for (const OrderedJson& factor : transfer["factors"]) {
     if (factor["output"].get<double>() != 0.0) continue;
@@ -74,10 +71,9 @@ std::string whyZero(const OrderedJson& transfer) {
     if (factor["input"].is_null()) return reads + " has no data here";
     return fmt::format("0 where {} is {}", reads, shown(factor["input"].get<double>()));
   }
-  return "it is 0";
+  return "the product of its factors is 0";
 }
 
-/// Returns the names of the fields in `set`.
 std::vector<std::string> fieldNames(const Graph& graph, const FieldSet& set) {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < graph.scalar_names.size(); ++i) {
@@ -124,7 +120,7 @@ std::string whyIdle(const ExplainedTick& tick, const Mode& mode, const ModeMemor
     return "the mode has released its front and takes the next one where the proxy comes to rest";
   }
   if (std::holds_alternative<VortexTubeMode>(mode)) {
-    return "the flow does not rotate here, except for rounding";
+    return "the flow does not rotate here, except for rounding errors";
   }
   return "the mode placed no primitive";
 }
@@ -134,7 +130,7 @@ bool outOfReach(const ExplainedTick& tick, const Mode& mode) {
   return guide != nullptr && !(distanceTo(primitiveOf(tick, *guide), tick.proxy()) <= guide->snap);
 }
 
-/// Explains why mode i has no primitive: names the first condition for a primitive that is not met.
+/// Names the first condition for a primitive that mode i does not meet.
 std::string whySilent(const ExplainedTick& tick, std::size_t i, const Parts& parts,
                       const OrderedJson& of) {
   const Graph& graph = tick.graph();
@@ -158,7 +154,6 @@ std::string whySilent(const ExplainedTick& tick, std::size_t i, const Parts& par
   return whyIdle(tick, graph.modes[i], tick.state.memory(i));
 }
 
-/// Returns the word for what a primitive does in its mode.
 const char* roleOf(const Mode& mode, const Load& load) {
   if (load.friction) return "friction";
   const bool body =
@@ -167,7 +162,6 @@ const char* roleOf(const Mode& mode, const Load& load) {
   return load.primitive.kind == PrimitiveKind::kPoint ? "viscosity" : "surface";
 }
 
-/// Reports a primitive and its load.
 OrderedJson loadReport(const Mode& mode, const Load& load) {
   const Primitive& primitive = load.primitive;
   const double size = load.force.norm();
@@ -185,7 +179,6 @@ OrderedJson loadReport(const Mode& mode, const Load& load) {
   return json;
 }
 
-/// Returns a text such as "holds with 0.5 of 3 N".
 std::string words(Hold hold, bool friction, double size, double strength) {
   const std::string state = wordFor(hold, friction);
   if (hold == Hold::kHolds) {
@@ -197,7 +190,6 @@ std::string words(const Load& load) {
   return words(load.hold, load.friction, load.force.norm(), load.primitive.strength);
 }
 
-/// Returns the direction of a primitive's force as a text.
 const char* directionWords(PrimitiveKind kind) {
   switch (kind) {
     case PrimitiveKind::kPlane:
@@ -212,7 +204,7 @@ const char* directionWords(PrimitiveKind kind) {
   return "";
 }
 
-/// Returns true if the loads are two opposed planes, which hold the proxy in both directions.
+/// Returns true for two opposed planes, which hold the proxy in both directions.
 bool isSlab(const std::vector<Load>& loads) {
   return loads.size() == 2 && loads[0].primitive.kind == PrimitiveKind::kPlane &&
          loads[1].primitive.kind == PrimitiveKind::kPlane &&
@@ -277,7 +269,7 @@ OrderedJson modeReport(const ExplainedTick& tick, std::size_t i) {
   json["mode"] = wordFor(spec.kind);
   json["of"] = spec.of.empty() ? OrderedJson() : OrderedJson(spec.of);
   json["active"] = !loads.empty();
-  json["because"] = "";  // inserted here so that it comes first; set at the end
+  json["because"] = "";  // set at the end; inserted here for the order of the fields
   json["contact"] = std::holds_alternative<IsosurfaceMode>(mode)
                         ? OrderedJson(wordFor(sideOf(tick.state.memory(i))))
                         : OrderedJson();

@@ -10,7 +10,6 @@
 namespace palpate::cli {
 namespace {
 
-/// Reports the balance between the spring force and the loads of the primitives.
 OrderedJson balanceReport(const ExplainedTick& tick) {
   const StepReport& r = tick.report;
   const Vec3 spring = r.stiffness * (r.proxy - tick.hand);
@@ -58,7 +57,7 @@ OrderedJson forceReport(const ExplainedTick& tick) {
   return json;
 }
 
-/// Describes what the limiter did; an empty text if it left the force unchanged.
+/// Returns an empty text if the limiter left the force unchanged.
 std::string limiterWords(const ExplainedTick& tick) {
   if (tick.limited.slewed) {
     return fmt::format("the limiter lets the force grow by {} N per tick",
@@ -69,7 +68,6 @@ std::string limiterWords(const ExplainedTick& tick) {
   return "";
 }
 
-/// Describes the loads of all modes in one sentence.
 std::string loadsSentence(const ExplainedTick& tick) {
   std::string text;
   for (std::size_t i = 0; i < tick.modes(); ++i) {
@@ -80,7 +78,6 @@ std::string loadsSentence(const ExplainedTick& tick) {
   return text.empty() ? "No primitive holds the proxy." : text + ".";
 }
 
-/// Describes the steps from the spring's force to the force that is sent.
 std::string forceSentence(const ExplainedTick& tick) {
   const StepReport& r = tick.report;
   const double length = (r.proxy - tick.hand).norm();
@@ -102,7 +99,6 @@ std::string forceSentence(const ExplainedTick& tick) {
   return text + ".";
 }
 
-/// Explains the force in one or two sentences.
 OrderedJson because(const ExplainedTick& tick) {
   const StepStatus status = tick.report.status;
   OrderedJson json = OrderedJson::array();
@@ -125,8 +121,7 @@ OrderedJson because(const ExplainedTick& tick) {
   return json;
 }
 
-/// Reports the balance of one sub-step, and the move of the proxy after it. For a foreseen
-/// sub-step, reports the move of the next reading instead.
+/// The move of a foreseen sub-step is that of the next reading, not of the proxy.
 OrderedJson stepReport(const ExplainedTick& tick, const StepTrace::Step& step) {
   OrderedJson json;
   json["foreseen"] = step.foreseen;

@@ -10,7 +10,7 @@ struct Explained {
   bool fault = false;  ///< True if a value that is not finite has cut the force.
 };
 
-/// Explains a tick of length 1/rate, in which the hand moves from rest at `at` [m] by `push` [m].
+/// Explains a tick of 1/rate [s], in which the hand moves from rest at `at` [m] by `push` [m].
 /// Throws Error as openFor does, and if a position is out of reach or the rate is invalid.
 [[nodiscard]] Explained explainTick(SceneSpec spec, const Vec3& at, const Vec3& push, double rate,
                                     const Progress& progress, const Say& say);

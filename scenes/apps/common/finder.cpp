@@ -14,7 +14,6 @@
 namespace palpate::cli {
 namespace {
 
-// Speeds, times and lengths of the hand's motion.
 constexpr double kTravel = 0.1;     // [m/s]: between two contacts
 constexpr double kPressing = 0.05;  // [m/s]: along a ray, into the scene
 constexpr double kStroking = 0.04;  // [m/s]: across a surface
@@ -29,9 +28,8 @@ constexpr std::size_t kMostStops = 3;
 
 /// Depths along a ray [m] at which the hand strokes and presses one mode.
 struct Stop {
-  /// Depth at which the mode's force reaches 70 % of its largest force on this ray [m].
-  double stroke = 0.0;
-  double press = 0.0;  ///< Depth at which the mode's force reaches 95 % of it [m].
+  double stroke = 0.0;  ///< At 70 % of the mode's largest force on this ray.
+  double press = 0.0;   ///< At 95 % of this force.
 };
 
 /// Depth of the first contact on a ray [m], and the stops behind it.
@@ -41,7 +39,6 @@ struct Profile {
 };
 
 Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<double>& top) {
-  // Moves the probe along the ray again, in small steps.
   const int steps = std::max(1, static_cast<int>(std::ceil(ray.length / kFine)));
   std::vector<std::vector<float>> held;  // force of each mode at each step
   held.resize(top.size());
@@ -70,8 +67,7 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
     };
     stops.push_back({most, {reach(0.7), reach(0.95)}});
   }
-  // Keeps the strongest stops and puts them in the order of depth. Modes at equal depth share one
-  // stop.
+  // Keeps the strongest stops, in the order of depth. Stops within 2 mm count as one.
   std::stable_sort(stops.begin(), stops.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   for (const auto& [worth, stop] : stops) {
@@ -86,8 +82,7 @@ Profile profileOf(SearchProbe& probe, const ProbeRay& ray, const std::vector<dou
   return profile;
 }
 
-/// Plans the hand's path. A probe moves along the path during planning, so that the plan knows the
-/// forces.
+/// Plans the hand's path, along which a probe senses the forces.
 class Plan {
  public:
   Plan(const Scene& scene, const HandRange& within)
@@ -100,8 +95,7 @@ class Plan {
   [[nodiscard]] std::vector<PathPoint> take() { return std::move(path_); }
   [[nodiscard]] long reads() const { return probe_.reads() + scout_.reads(); }
 
-  /// Returns the ray with the highest value at present, and the mode that contributes most to this
-  /// value. Returns null if the search found no ray.
+  /// Returns the ray of the highest value, or null, and the mode that contributes most.
   [[nodiscard]] std::pair<const ProbeRay*, std::size_t> choose(const RaySearch& found) const {
     std::pair<const ProbeRay*, std::size_t> best{nullptr, 0};
     double most = 0.0;
@@ -138,8 +132,7 @@ class Plan {
     return best;
   }
 
-  /// Adds a visit to the path: approach, press, stroke and withdraw. If the mode's volume moves
-  /// slowly, the path moves with it.
+  /// Adds a visit: approach, press, stroke, withdraw. The path follows a slowly moving volume.
   void visit(const ProbeRay& ray, std::size_t mode, const std::vector<double>& top) {
     ride(mode);
     scout_.lift();
@@ -168,13 +161,11 @@ class Plan {
     ride_ = nullptr;
   }
 
-  /// Adds the way back to the start of the path.
   void close() { travel(first_, first_clear_); }
 
  private:
-  /// Lets the path follow the motion of the mode's volume from its present pose on.
   void ride(std::size_t mode) {
-    constexpr double kRidden = 0.05;  // [m/s]: the path does not follow volumes that are faster
+    constexpr double kRidden = 0.05;  // [m/s]: the path does not follow faster volumes
     const Graph& graph = scene_.graph;
     const int motion = mode < graph.mode_motions.size() ? graph.mode_motions[mode] : -1;
     if (motion < 0) return;
@@ -189,15 +180,14 @@ class Plan {
     const Vec3 moved = ride_->poseOf(rest, time)(rest);
     return moved * std::min(1.0, within_.radius / std::max(within_.radius, moved.norm()));
   }
-  /// Returns the force on the probe, in the frame that the followed volume had at the start of the
-  /// visit.
+  /// Returns the force on the probe, rotated to the volume's pose at the start of the visit.
   [[nodiscard]] Vec3 force() const {
     if (!ride_) return probe_.force();
     return from_.linear * (ride_->poseOf(from_.toRest(at_), time()).back * probe_.force());
   }
 
-  /// Moves the probe to `to` within dt. The target of the hand lies beyond `to`, so that the spring
-  /// of the hand's grip and the force on the probe cancel at `to`.
+  /// Moves the probe to `to` within dt [s]. Offsets the hand's target, so that the grip's spring
+  /// and the force on the probe cancel at `to`.
   void step(const Vec3& to, double dt) {
     const Vec3 place = here(to, time() + dt);
     probe_.touch(place, dt);
@@ -207,8 +197,7 @@ class Plan {
     }
     const double most = kHardestPress / std::max(kHardestPress, probe_.force().norm());
     const Vec3 target = place - most / GripParams{}.stiffness * probe_.force();
-    // If a contact yields suddenly, the target jumps. Then takes more time, so that the hand keeps
-    // its speed limit.
+    // If a contact yields, the target jumps: a longer step keeps the hand's speed limit.
     const double longer = (target - path_.back().p).norm() / kTravel - dt;
     if (longer > 0.0) {
       probe_.touch(place, longer);
@@ -228,9 +217,8 @@ class Plan {
     for (int k = 0; k < kTimes; ++k) step(at_, kRest / kTimes);
   }
 
-  /// Moves the probe in circles perpendicular to the force and controls the depth so that the force
-  /// stays constant. If the probe loses the contact, it moves backwards along the circle. If the
-  /// contact does not return within 0.4 s, the stroke ends.
+  /// Moves the probe in circles perpendicular to the force, at a depth with constant force.
+  /// Reverses if the contact is lost, and ends after 0.4 s without contact.
   void stroke() {
     const double newtons = probe_.force().norm();
     if (!(newtons > kLeastContact)) return;
@@ -242,7 +230,7 @@ class Plan {
     double sense = 1.0;
     double deep = 0.0;
     double kept = 0.0;
-    constexpr double kLost = 0.4;  // [s]: longest time without contact
+    constexpr double kLost = 0.4;  // [s]
     bool held = true;
     double since = time();
     const double end = time() + kStroke;
@@ -268,9 +256,8 @@ class Plan {
     }
   }
 
-  /// Moves to a place before the contact of a ray. Moves along a straight line if the contacts on
-  /// it are light. Otherwise moves out along the last ray, outside around the scene, and in along
-  /// the next ray.
+  /// Moves to a place before a ray's contact: straight if the contacts on the way are light.
+  /// Otherwise moves out along the last ray, around the scene, and in along the next ray.
   void travel(const ProbeRay& to, double clear) {
     const Vec3 place = to.at(clear);
     if (path_.empty()) {
@@ -281,7 +268,7 @@ class Plan {
       path_.push_back({0.0, at_});
       return;
     }
-    constexpr double kEasy = 1.0;  // [N]: a contact with a smaller force is light
+    constexpr double kEasy = 1.0;  // [N]: largest force of a light contact
     scout_.lift();
     const Vec3 from = at_;
     const int steps = static_cast<int>(std::ceil((place - from).norm() / kCoarse));
@@ -315,13 +302,12 @@ class Plan {
   SearchProbe scout_;  ///< Examines rays without advancing the scene's time.
   std::vector<PathPoint> path_;
   Vec3 at_ = Vec3::Zero();
-  MotionPtr ride_;            ///< Motion that the path follows; null: none.
+  MotionPtr ride_;            ///< Motion that the path follows, or null.
   Pose from_;                 ///< Pose of this motion at the start of the visit.
   Vec3 last_ = Vec3::Zero();  ///< Start of the last ray [m].
   ProbeRay first_;
   double first_clear_ = 0.0;
-  /// For each mode, its visits so far; a visit with less than the mode's largest force counts as
-  /// that fraction.
+  /// Visits of each mode; a visit counts by its share of the mode's largest force.
   std::vector<double> credit_;
   std::vector<double> felt_;  ///< Largest force of each mode in the present visit [N].
   std::vector<std::pair<Vec3, Vec3>> visited_;
@@ -348,7 +334,7 @@ HandTarget findingHand(const Scene& scene, const Box& bounds, double radius, dou
     }
     const auto [ray, mode] = plan.choose(*found);
     if (ray == nullptr) {
-      // Moves through the middle of the range and back.
+      // Without a mode, moves through the middle of the range.
       ProbeRay through;
       const auto [from, to] = within.part(within.box.centre(), through.along);
       through.from = within.box.centre() + from * through.along;

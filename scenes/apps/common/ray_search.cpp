@@ -11,7 +11,6 @@
 namespace palpate::cli {
 namespace {
 
-// Limits of the search.
 constexpr int kLeastRays = 256;
 constexpr int kMostRays = 4096;
 constexpr int kEnough = 32;           // rays on which each mode acted, after which the search ends
@@ -19,7 +18,7 @@ constexpr int kSteps = 96;            // steps of a ray as long as the diagonal 
 constexpr long kMostReads = 1000000;  // readings of fields
 constexpr std::size_t kMostBoxes = 512;  // boxes of parts at which rays are aimed
 
-/// Returns boxes in which contacts are possible, at their positions at the given time.
+/// Returns boxes in which contacts are possible, at the given time.
 std::vector<Box> boxesOf(const Scene& scene, double time) {
   std::vector<Box> boxes;
   const auto add = [&](const Box& at_rest, int motion) {
@@ -68,8 +67,7 @@ std::array<double, 5> spread(int n) {
   return out;
 }
 
-/// Moves the probe along a ray until the force against it exceeds kHardestPress. Records the
-/// largest force of each mode.
+/// Moves the probe along a ray until the force against it exceeds kHardestPress.
 void cast(SearchProbe& probe, ProbeRay& ray, double step) {
   probe.lift();
   const auto modes = probe.forces().size();

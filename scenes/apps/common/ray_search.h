@@ -11,30 +11,28 @@ namespace palpate::cli {
 
 inline constexpr double kHardestPress = 5.0;   ///< Largest force with which the hand presses [N].
 inline constexpr double kLeastContact = 0.02;  ///< Smallest force that counts as a contact [N].
-/// Distance before the first contact at which a visit begins and ends [m].
-inline constexpr double kClearance = 8e-3;
+inline constexpr double kClearance =
+    8e-3;  ///< Distance between a visit's start and the contact [m].
 
-/// A probe that forces do not deflect, and the force of each mode on it. Modes of parts count as
-/// one mode if they have equal names.
+/// A probe that forces do not deflect, with the force of each mode on it. Parts with equal lists of
+/// mode names share these modes.
 class SearchProbe {
  public:
   /// The scene has to outlive the probe.
   explicit SearchProbe(const Scene& scene);
 
-  /// Moves the probe away from all fields. The probe then has no contacts.
+  /// Moves the probe away from all fields, which ends its contacts.
   void lift();
-  /// Evaluates a tick with the probe at a position. If dt is 0, the scene's time does not advance.
+  /// Evaluates a tick with the probe at `at` [m]. If dt [s] is 0, the scene's time stands still.
   void touch(const Vec3& at, double dt);
 
   [[nodiscard]] double time() const { return state_.time(); }
   /// Returns the force on the probe in the last tick [N].
   [[nodiscard]] const Vec3& force() const { return report_.wanted; }
-  /// Returns the coupling's stiffness in the last tick [N/m].
+  /// Returns the stiffness of the coupling in the last tick [N/m].
   [[nodiscard]] double stiffness() const { return report_.stiffness; }
-  /// Returns the force of each mode on the probe [N]. Their sum is the probe's force without
-  /// damping.
+  /// Returns the force of each mode on the probe [N]; their sum is force() without damping.
   [[nodiscard]] const std::vector<Vec3>& forces() const { return forces_; }
-  /// Returns the number of readings of fields so far.
   [[nodiscard]] long reads() const { return reads_; }
 
  private:
@@ -54,44 +52,36 @@ struct HandRange {
   Box box;              ///< Box about the scene and the margin [m].
   double radius = 0.0;  ///< Radius of the workspace about the origin of W [m].
 
-  /// Returns the interval of t in which the line p + t u lies in the range; u is a unit vector. The
-  /// interval is empty if first >= second.
+  /// Returns the interval of t in which the line p + t u, with a unit vector u, lies in the range.
+  /// The interval is empty if first >= second.
   [[nodiscard]] std::pair<double, double> part(const Vec3& p, const Vec3& u) const;
 };
 
-/// Returns the range of a hand in a scene. If the scene lies outside the workspace, the range is
-/// the workspace.
-/// @param bounds  Box about the scene [m].
-/// @param radius  Radius of the arm's workspace [m].
+/// Returns the range in a scene with the given bounds [m], within `radius` of the origin of W [m].
+/// If the scene lies outside the workspace, the range is the workspace.
 [[nodiscard]] HandRange handRangeOf(const Scene& scene, const Box& bounds, double radius);
 
-/// A straight path of the probe, and the modes that acted on the probe.
 struct ProbeRay {
-  Vec3 from = Vec3::Zero();    ///< Start of the path [m].
-  Vec3 along = Vec3::UnitX();  ///< Direction, a unit vector.
-  /// Length up to the point at which the force would exceed kHardestPress [m].
-  double length = 0.0;
-  std::vector<float> held;  ///< Largest force of each mode against the probe's direction [N].
-  /// Distance from the start at which this force occurs, for each mode [m].
-  std::vector<float> depth;
-  double hardest = 0.0;  ///< Largest total force against the probe's direction [N].
+  Vec3 from = Vec3::Zero();    ///< [m]
+  Vec3 along = Vec3::UnitX();  ///< A unit vector.
+  double length = 0.0;         ///< Up to where the force exceeds kHardestPress [m].
+  std::vector<float> held;     ///< Largest force of each mode against the probe's direction [N].
+  std::vector<float> depth;    ///< Distance from the start to each mode's largest force [m].
+  double hardest = 0.0;        ///< Largest total force against the probe's direction [N].
 
-  /// Returns the position at a distance t from the start [m].
   [[nodiscard]] Vec3 at(double t) const { return from + t * along; }
 };
 
 /// Results of the search at one time of the scene.
 class RaySearch {
  public:
-  /// Searches until each mode acted on enough rays, or until a limit is reached.
-  /// @param time   Time of the scene [s].
-  /// @param share  Share of both limits that this search may use, in (0, 1].
+  /// Searches at `time` [s]. `share`, in (0, 1], scales the limits of rays and readings.
   RaySearch(const Scene& scene, const HandRange& within, double time, double share);
 
   std::vector<ProbeRay> rays;  ///< Rays on which a mode acted.
   std::vector<double> top;     ///< Largest force of each mode on any ray [N].
-  int rays_cast = 0;           ///< Number of all rays, with those on which no mode acted.
-  long reads = 0;              ///< Readings of fields.
+  int rays_cast = 0;           ///< Number of rays, with those on which no mode acted.
+  long reads = 0;              ///< Field readings.
 };
 
 }  // namespace palpate::cli

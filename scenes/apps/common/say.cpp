@@ -14,8 +14,7 @@ struct Character {
   bool valid = false;
 };
 
-/// Returns the first character of a text, which must not be empty. Overlong forms and surrogates
-/// are invalid.
+/// `text` must not be empty. Overlong forms and surrogates are invalid.
 Character firstOf(std::string_view text) {
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
   const unsigned lead = byte(0);
@@ -37,11 +36,9 @@ Character firstOf(std::string_view text) {
   return {bytes, point, true};
 }
 
-/// Returns true for characters that a terminal must not get, because they move the cursor, change
-/// the writing direction, or are invisible. Two different names could otherwise look alike. These
-/// are control characters, line ends and format characters (Unicode categories Cc, Zl, Zp, Cf),
-/// noncharacters, and ignorable characters (Default_Ignorable_Code_Point). Variation selectors of
-/// 16 bits, which emoji contain, are allowed.
+/// Returns true for characters that move the cursor, change the writing direction, or are
+/// invisible. These are the Unicode categories Cc, Zl, Zp and Cf, noncharacters, and
+/// Default_Ignorable_Code_Point. The 16-bit variation selectors, which emoji contain, are allowed.
 bool isHidden(char32_t point) {
   constexpr std::array<std::pair<char32_t, char32_t>, 27> kHidden{
       {{0x00, 0x1f},       {0x7f, 0x9f},       {0xad, 0xad},       {0x34f, 0x34f},
@@ -113,15 +110,14 @@ Legible::Legible(std::string_view text, std::size_t most) {
 
 std::string dump(const OrderedJson& json, int indent) {
   const std::string plain = json.dump(indent, ' ', false, OrderedJson::error_handler_t::replace);
-  // Hidden characters beyond ASCII occur only within the strings of JSON, where an escape is
-  // allowed.
+  // Hidden characters beyond ASCII occur only in JSON strings, where escapes are allowed.
   std::string out;
   out.reserve(plain.size());
   for (std::string_view rest = plain; !rest.empty();) {
     const Character character = firstOf(rest);
     if (character.point >= 0x7f && isHidden(character.point)) {
       const auto point = static_cast<unsigned>(character.point);
-      // A character beyond 16 bits becomes an escaped pair of surrogates.
+      // JSON escapes a character beyond 16 bits as a pair of surrogates.
       out += point < 0x10000 ? fmt::format("\\u{:04x}", point)
                              : fmt::format("\\u{:04x}\\u{:04x}", 0xd7c0U + (point >> 10U),
                                            0xdc00U + (point & 0x3ffU));

@@ -1,6 +1,5 @@
-/// All text for the terminal goes through these functions. Names from files, scenes, devices and
-/// the command line may contain any character. The functions make sure that a name cannot move the
-/// cursor, change the writing direction, begin a new line or fill the screen.
+/// Output to the terminal. These functions keep names from files, scenes, devices and the command
+/// line from moving the cursor, starting a new line or filling the screen.
 #pragma once
 
 #include <cstddef>
@@ -22,24 +21,20 @@ inline constexpr std::size_t kLongestName = 200;
 inline constexpr std::size_t kLongestLine = 1000;
 
 class Legible;
-/// Type to which words() converts an argument of type T.
 template <class T>
 using Formatted = std::conditional_t<std::is_arithmetic_v<T>, T, std::string>;
-/// Formats like fmt::format, but converts text arguments to Legible first and shortens them like
-/// names. The format itself is not converted, because it is the program's own text and may contain
-/// line ends.
+/// Formats like fmt::format, but converts text arguments to Legible first. The format itself is the
+/// program's own text: it is not converted, and may contain line ends.
 template <class... Args>
 [[nodiscard]] Legible words(fmt::format_string<Formatted<Args>...> format, const Args&... args);
 
 /// Text that is safe for a terminal.
 class Legible {
  public:
-  /// Converts `text` to one line of printable UTF-8 with at most `most` characters (>= 40).
-  /// A line end becomes \n. An invalid byte or a control character becomes an escape such as \x1b.
-  /// An invisible character beyond ASCII (controls, marks of the writing direction, characters
-  /// without width) becomes an escape such as \u202e or \U000e0041. If the text is too long, its
-  /// middle is replaced by a note with the text's length. Legible text stays unchanged. Needs about
-  /// four times the memory of `text`.
+  /// Converts `text` to one line of printable UTF-8 with at most `most` characters (>= 40). Line
+  /// ends, control characters, invalid bytes and invisible characters become escapes, such as \n,
+  /// \x1b, \u202e or \U000e0041. If the text is too long, a note with its length replaces the
+  /// middle. Legible text stays unchanged. Needs about four times the memory of `text`.
   explicit Legible(std::string_view text, std::size_t most = kLongestName);
 
   [[nodiscard]] const std::string& text() const noexcept { return text_; }
@@ -61,19 +56,15 @@ class Legible {
   return Legible(text, kLongestLine);
 }
 
-/// Returns JSON as text in valid UTF-8, even if names contain invalid bytes. Characters that
-/// Legible would escape become JSON escapes.
+/// Returns JSON as valid UTF-8, with escapes for the characters that Legible escapes.
 [[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
 
-/// Writes data to standard output without conversion: CSV, or JSON from dump(). Throws
-/// std::system_error if writing fails.
+/// Writes data to standard output without conversion. Throws std::system_error.
 void sayRaw(std::string_view data);
-/// Writes JSON and a line end to standard output.
 void sayJson(const OrderedJson& json, int indent = 2);
 /// Writes the line `palpate: ...` to standard error.
 void complain(std::string_view line);
 
-/// Converts an argument of words() to a value that fmt can format safely.
 template <class T>
 [[nodiscard]] Formatted<T> legible(const T& value) {
   if constexpr (std::is_same_v<T, Legible>) {

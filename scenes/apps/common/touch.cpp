@@ -22,8 +22,7 @@ DeviceInfo pathDevice() {
   return PathDevice({PathPoint{}}, 1000.0).info();
 }
 
-/// Returns the state of a primitive from its load. If several primitives share a load, a primitive
-/// may carry its full strength and still hold: it yields only if the proxy has left it.
+/// A primitive that shares a load can hold at full strength: it yields if the proxy has left it.
 Hold holdOf(const Load& load, const StepReport& report) {
   if (load.primitive.kind == PrimitiveKind::kForce) return Hold::kPushes;
   const double carried = load.force.norm();
@@ -117,8 +116,7 @@ Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress, 
     try {
       opened.built = buildScene(opened.told, nullptr, &cache);
     } catch (const SceneError&) {
-      // The whole scene was already built without errors, and no name occurs twice. The error
-      // therefore means that the parts exceed the limits of one graph.
+      // The whole scene is valid, so the parts near the hand exceed the limits of one graph.
       throw Error(scene,
                   fmt::format("the hand comes near {} of its {} parts; a report covers at most {} "
                               "volumes, {} properties and {} modes",
@@ -175,7 +173,7 @@ Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& rep
   Load load;
   load.primitive = primitive;
   load.force = force;
-  // Uncertainty of the load that the error bound of the balance leaves.
+  // Uncertainty due to the error bound of the balance.
   load.known = 1e-9 * primitive.strength + report.stiffness * report.error_bound;
   load.hold = holdOf(load, report);
   return load;

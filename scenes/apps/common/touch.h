@@ -1,5 +1,4 @@
-/// Functions that the verbs `check`, `explain` and `press` use: they move a hand in a scene and
-/// describe what each mode does.
+/// Moves a hand in a scene and describes the modes, for `check`, `explain` and `press`.
 #pragma once
 
 #include <cstdint>
@@ -15,66 +14,59 @@
 
 namespace palpate::cli {
 
-/// Reads "x,y,z" in metres. The numbers must be finite and below 1,000 km. Otherwise throws Error,
-/// which names `option`.
+/// Reads "x,y,z" [m]. Throws Error about `option` unless all numbers are finite and below 1,000 km.
 [[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
 
 /// Returns true if p is in the box or on its faces.
 [[nodiscard]] bool holds(const Box& box, const Vec3& p);
 
-/// Returns the scene file and the files that the scene loads. Outputs must not overwrite these.
+/// Returns the scene file and the files that it loads, which outputs must not overwrite.
 [[nodiscard]] std::vector<std::filesystem::path> inputsOf(const std::string& scene,
                                                           const SceneSpec& spec);
 
-/// Throws Error if a coordinate exceeds the limit of hapticStep for a hand. The error names `name`:
-/// an option, or the argument of a function.
+/// Throws Error about `name`, an option or an argument, if a coordinate exceeds hapticStep's limit.
 void checkReach(const std::string& name, const Vec3& p);
 
-/// Throws Error unless the rate is 10 to 100,000 ticks per second.
+/// Throws Error unless the rate is 10 to 100,000 Hz.
 void checkRate(const std::string& name, double rate);
 
 /// An open scene. Its notes were printed, and its coupling fits the device `path`.
 struct Opened {
-  SceneSpec spec;  ///< Description of the scene as in its file.
-  /// Description of the scene that was built. If `spec` has parts, it contains only the parts near
-  /// the hand, in one graph.
+  SceneSpec spec;
+  /// Description of `built`. If `spec` has parts, it has only the parts near the hand, in one
+  /// graph.
   SceneSpec told;
-  BuiltScene built;  ///< The scene built from `told`.
+  BuiltScene built;
 };
-/// Parts that were near the hand in a run.
 struct Near {
   std::set<std::size_t> parts;  ///< Indices into Scene::parts.
   double missing = 0.0;         ///< Largest force of parts that did not fit in a tick [N].
 
-  /// Adds the parts that were near the hand in the last tick.
+  /// Adds the parts that were near the hand in a tick.
   void add(const ProxyState& state, const StepReport& report);
 };
 /// Moves the caller's hand through a scene with parts, and returns the parts near the hand.
 using TrialRun = std::function<Near(const BuiltScene&)>;
 /// Receives messages to the user, one line each.
 using Say = std::function<void(const std::string&)>;
-/// Writes a message to standard error.
 void complainOf(const std::string& line);
 [[nodiscard]] Opened openFor(SceneSpec spec, const TrialRun& trial, const Progress& progress,
                              const Say& say);
 /// Opens a scene from a file, and shows the progress on a terminal.
 [[nodiscard]] Opened openFor(const std::string& scene, const TrialRun& trial);
 
-/// Returns the modes that read a field, and the coupling if it does: the reasons why the field is
-/// sampled.
+/// Returns the names of the modes, and of the coupling, that read a field.
 [[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);
 
-/// Returns the force limits of the device `path`, which has no motors that could limit them.
+/// Returns the force limits of the device `path`.
 [[nodiscard]] ForceLimits pathLimits();
 
-/// Result of restAt.
 struct Rest {
-  StepReport report;  ///< Report of the last tick.
+  StepReport report;
   int ticks = 0;
 };
-/// Runs ticks with the hand at rest at `at`: one tick, so that the contacts are known. If the
-/// coupling's stiffness varies, runs ticks until the stiffness is constant, for at most two
-/// seconds.
+/// Runs one tick with the hand at rest at `at` [m], which finds the contacts. If the stiffness
+/// varies, runs ticks until it is constant, for at most 2 s.
 [[nodiscard]] Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at,
                           double dt);
 
@@ -86,33 +78,27 @@ enum class Hold : std::uint8_t {
   kPushes,  ///< A directed force, which always has its full strength.
 };
 
-/// Load of one primitive in the last balance of a tick.
 struct Load {
   Primitive primitive;
   Vec3 force = Vec3::Zero();  ///< Force on the proxy [N].
   double known = 0.0;         ///< Uncertainty of the force [N].
   Hold hold = Hold::kIdle;
-  /// True for a friction line. Its strength is mu times the load of its plane.
-  bool friction = false;
+  bool friction = false;     ///< A friction line: its strength is mu times its plane's load.
   double coefficient = 0.0;  ///< Friction coefficient mu; 0 without friction.
-  /// For a friction line: index of its plane among the primitives of the mode.
-  std::size_t plane = 0;
+  std::size_t plane = 0;     ///< For a friction line: index of its plane in the mode.
 };
 
-/// Returns the load of a primitive in the last balance of a tick, with its uncertainty and its
-/// state.
 [[nodiscard]] Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& report);
-/// Returns the loads of the primitives of mode i in the last sub-step; an empty list after a fault.
+/// Returns the loads of mode i in the last sub-step; an empty list after a fault.
 [[nodiscard]] std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report,
                                         std::size_t i);
 /// Returns the sum of the loads: the mode's force on the proxy [N].
 [[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
-/// Returns the loads that decide whether a mode holds: those of its planes, or all loads if it has
-/// no plane. Friction and the drag of a surface do not count, because they depend on the planes.
-/// Two opposed planes count as one load, their sum.
+/// Returns the loads that decide whether a mode holds: its planes, or all loads if it has no plane.
+/// Friction and a surface's drag do not count, because they depend on the planes. Two opposed
+/// planes count as their sum.
 [[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
-/// Returns the strongest state of these loads: kYields before kHolds. Returns kIdle if their sum is
-/// zero.
+/// Returns the most severe state of the loads; kIdle if their sum is zero.
 [[nodiscard]] Hold holdOf(const std::vector<Load>& loads);
 
 /// Returns "idle", "holds", "yields" or "pushes"; for friction lines "idle", "sticks" or "slips".

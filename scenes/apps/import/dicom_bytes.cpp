@@ -21,11 +21,10 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kPreamble = 128;
-constexpr std::size_t kPrefix = kPreamble + 4;  ///< Preamble and the letters DICM.
+constexpr std::size_t kPrefix = kPreamble + 4;
 constexpr std::string_view kPlainSyntax = "1.2.840.10008.1.2.1";
 constexpr std::string_view kDeflatedSyntax = "1.2.840.10008.1.2.1.99";
 
-/// Returns a little-endian number; 0 beyond the end of the bytes.
 std::uint32_t numberAt(std::string_view bytes, std::size_t at, std::size_t size) {
   if (at + size > bytes.size()) return 0;
   std::uint32_t number = 0;
@@ -35,14 +34,12 @@ std::uint32_t numberAt(std::string_view bytes, std::size_t at, std::size_t size)
   return number;
 }
 
-/// The head of a data element.
 struct ElementHead {
   std::uint32_t tag = 0;
-  std::size_t value = 0;  ///< Place of the value in the file.
-  std::size_t size = 0;   ///< Length of the value [bytes].
+  std::size_t value = 0;  ///< Offset of the value in the file.
+  std::size_t size = 0;
 };
 
-/// Parses the head of an element. Returns no value if it is not valid.
 std::optional<ElementHead> elementAt(std::string_view bytes, std::size_t at, bool is_explicit) {
   if (at + 12 > bytes.size()) return std::nullopt;
   ElementHead head;
@@ -78,14 +75,12 @@ bool beginsAsDataSet(std::string_view bytes, bool is_explicit) {
   return second.has_value() && second->tag > first->tag && second->tag >> 16U <= 0x0010;
 }
 
-/// Places of the transfer syntax and of the data set in a file.
 struct SyntaxField {
   std::size_t at = 0;
   std::string text;
   std::size_t data_set = 0;
 };
 
-/// Finds the transfer syntax in the elements of group 0002.
 SyntaxField syntaxOf(std::string_view bytes) {
   SyntaxField field;
   field.data_set = bytes.substr(std::min(kPreamble, bytes.size()), 4) == "DICM" ? kPrefix : 0;
@@ -110,7 +105,6 @@ bool writeAll(int to, const char* data, std::size_t size) {
   return true;
 }
 
-/// Ends the use of zlib when it goes out of scope.
 struct InflateEnd {
   z_stream* stream;
   explicit InflateEnd(z_stream* s) : stream(s) {}
@@ -119,7 +113,7 @@ struct InflateEnd {
   ~InflateEnd() { inflateEnd(stream); }
 };
 
-/// Inflates the rest of a file into `to`. Returns the defect; an empty text if the file is valid.
+/// Inflates the rest of a file into `to`. Returns the defect; "" if the file is valid.
 std::string inflateInto(int to, std::istream& in) {
   // The length of an element has 32 bits, so a larger data set has no image that can be read.
   constexpr std::uint64_t kMost = std::uint64_t{1} << 32U;
@@ -190,8 +184,7 @@ bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {
   constexpr std::size_t kHeader = 64;
   const std::size_t first = numberAt(item, 4, 4);
   if (item.size() < kHeader || numberAt(item, 0, 4) != 1 || first < kHeader) return false;
-  // PackBits: a count from 0 to 127 precedes count + 1 bytes; a count from -127 to -1 precedes one
-  // byte that occurs 1 - count times.
+  // PackBits: a count from 0 precedes count + 1 bytes, a negative count precedes one repeated byte.
   std::vector<unsigned char> bytes;
   for (std::size_t at = first; at < item.size() && bytes.size() < pixels;) {
     const auto count = static_cast<signed char>(item[at++]);
@@ -207,8 +200,7 @@ bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out) {
     }
     at += taken;
   }
-  // Eight pixels per byte, the lowest bit first; a frame may end with padding. Some encoders write
-  // one byte per pixel instead.
+  // Eight pixels per byte, the lowest bit first, or one byte per pixel. A frame may have padding.
   const std::size_t packed = (pixels + 7) / 8;
   if (bytes.size() >= pixels) {
     for (std::size_t i = 0; i < pixels; ++i) out[i] = bytes[i] != 0 ? 1 : 0;

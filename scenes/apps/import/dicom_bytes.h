@@ -1,5 +1,4 @@
-/// Private to the importer: detects DICOM files by their first bytes, and inflates those with a
-/// deflated data set.
+/// Private to the importer: detects DICOM files, and inflates deflated data sets.
 #pragma once
 
 #include <cstddef>
@@ -9,13 +8,11 @@
 
 namespace palpate::importer {
 
-/// Returns true if a file with these first bytes is a DICOM file: with the preamble of 128 bytes,
-/// or without it, as old scanners and some archives write. Without a preamble, the first two
-/// elements must be in groups 0002 to 0010, in order, with little-endian numbers.
+/// Returns true if a file with these first bytes is a DICOM file. Without the preamble of 128
+/// bytes, the first two elements must be little-endian, in order, and in groups 0002 to 0010.
 [[nodiscard]] bool beginsAsDicom(std::string_view bytes);
 
-/// A DICOM file for readers that cannot inflate (vtk-dicom). If the transfer syntax is Deflated
-/// Explicit VR Little Endian, the constructor makes an inflated copy in memory.
+/// A DICOM file for vtk-dicom, which cannot inflate. Inflates a deflated data set in memory.
 class PlainDicom {
  public:
   /// Throws VolumeError, which names `file`, if the data set is damaged or needs more than 4 GiB.
@@ -24,7 +21,7 @@ class PlainDicom {
   PlainDicom& operator=(const PlainDicom&) = delete;
   ~PlainDicom();
 
-  /// Returns the path of the file or of its inflated copy. The copy exists as long as this object.
+  /// Returns the path of the file, or of the inflated copy that this object owns.
   [[nodiscard]] const std::string& path() const { return path_; }
 
  private:
@@ -32,12 +29,9 @@ class PlainDicom {
   int memory_ = -1;  ///< File descriptor of the copy; -1 without a copy.
 };
 
-/// Decodes a frame of an image with one bit per pixel that is compressed with RLE (DICOM PS3.5,
-/// annex G).
-/// @param item    The frame's item: a header of 64 bytes, then the segment.
-/// @param pixels  Number of pixels of a frame.
-/// @param out     `pixels` values, 0 or 1.
-/// @return        False if the item is damaged or has another number of pixels.
+/// Decodes a frame with one bit per pixel and RLE compression (DICOM PS3.5, annex G) to values 0 or
+/// 1. `item` has a header of 64 bytes and the segment. Returns false if it is damaged or has
+/// another number of pixels.
 [[nodiscard]] bool decodeBits(std::string_view item, std::size_t pixels, unsigned char* out);
 
 }  // namespace palpate::importer

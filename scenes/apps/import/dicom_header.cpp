@@ -26,17 +26,14 @@ namespace fs = std::filesystem;
 
 /// Tolerance for perpendicular unit vectors, because files round them.
 constexpr double kPerpendicular = 1e-3;
-/// Value of the length field if the pixel data are compressed.
 constexpr unsigned kPacked = 0xffffffffU;
 
-/// Returns the text of a header value, without control characters.
 std::string textOf(const vtkDICOMValue& value) {
   std::string text = value.AsUTF8String();
   std::erase_if(text, [](char c) { return static_cast<unsigned char>(c) < ' ' || c == '\x7f'; });
   return text;
 }
 
-/// Returns the number of a header value; NaN if it is missing.
 double numberOf(const vtkDICOMValue& value) {
   return value.GetNumberOfValues() == 0 ? kUnsaid : value.GetDouble(0);
 }
@@ -52,8 +49,7 @@ double secondsOf(const std::string& clock) {
   }
 }
 
-/// Sets the position and the directions of a slice. Leaves `placed` false if the header lacks a
-/// position or has an invalid one.
+/// Sets `placed` only if the header has a valid position and valid directions.
 void place(Slice& slice, vtkDICOMMetaData* meta) {
   const vtkDICOMValue& position = meta->Get(0, slice.frame, DC::ImagePositionPatient);
   const vtkDICOMValue& directions = meta->Get(0, slice.frame, DC::ImageOrientationPatient);
@@ -81,8 +77,7 @@ void place(Slice& slice, vtkDICOMMetaData* meta) {
   slice.placed = true;
 }
 
-/// Returns PixelPaddingValue in the range of the stored values. Some files write it as signed
-/// although their values are unsigned, or the reverse.
+/// Converts PixelPaddingValue to the range of the values: some files write the wrong sign.
 double paddingOf(const vtkDICOMValue& value, const Slice& slice) {
   double stored = numberOf(value);
   const int bits = slice.format[2];
@@ -124,8 +119,7 @@ Slice sliceOf(vtkDICOMMetaData* meta, int frame) {
   return slice;
 }
 
-/// Returns true if a file of this SOP class is an image, even if the file ends before it states the
-/// image size. A file without a class may be an image that ends before its class.
+/// Returns true for images, and for files without a class, which may end before the class.
 bool isImageClass(const std::string& uid) {
   if (uid.empty()) return true;
   static constexpr std::array kClasses = {"2", "2.1", "2.2", "4", "4.1", "4.4", "20", "128", "130"};
@@ -134,13 +128,12 @@ bool isImageClass(const std::string& uid) {
          std::find(kClasses.begin(), kClasses.end(), uid.substr(begin.size())) != kClasses.end();
 }
 
-/// Returns the SOP class. Files without the elements of group 0002 state it in the data set only.
+/// Files without group 0002 state the SOP class in the data set only.
 std::string classOf(vtkDICOMMetaData* meta) {
   const std::string uid = meta->Get(0, DC::MediaStorageSOPClassUID).AsString();
   return uid.empty() ? meta->Get(0, DC::SOPClassUID).AsString() : uid;
 }
 
-/// Sets the members that state the purpose of an image.
 void takePurpose(File& file, vtkDICOMMetaData* meta) {
   // Secondary Capture Image Storage; the classes for several frames have this prefix
   constexpr std::string_view kCapture = "1.2.840.10008.5.1.4.1.1.7";
@@ -151,8 +144,7 @@ void takePurpose(File& file, vtkDICOMMetaData* meta) {
   file.is_localiser = kind.find("LOCALIZER") != std::string::npos;
 }
 
-/// Returns true if the codec can read this transfer syntax: still images with any compression, but
-/// no films.
+/// Returns true if the codec reads this transfer syntax: still images with any compression.
 bool isReadable(const std::string& syntax) {
   constexpr std::array kPlain = {"",  // old files do not state it
                                  "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"};
@@ -163,8 +155,7 @@ bool isReadable(const std::string& syntax) {
 
 constexpr const char* kTooFew = "the file has fewer pixels than its header states";
 
-/// Returns the defect of compressed pixel data; an empty text if valid. The decoders would fill in
-/// missing parts, so this checks that all parts are present.
+/// Checks that all parts are present, because the decoders would fill in missing parts.
 std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int frames) {
   std::ifstream in(path, std::ios::binary);
   auto at = static_cast<std::int64_t>(parser->GetFileOffset());
@@ -173,7 +164,6 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
     std::array<unsigned char, 8> head{};
     in.seekg(at);
     in.read(reinterpret_cast<char*>(head.data()), head.size());
-    // An item tag begins a part; any other tag ends the sequence of parts.
     if (!in || head[0] != 0xfe || head[1] != 0xff || head[2] != 0x00 || head[3] != 0xe0) break;
     std::int64_t bytes = 0;
     for (std::size_t i = 0; i < 4; ++i) bytes |= static_cast<std::int64_t>(head[4 + i]) << (8 * i);
@@ -186,7 +176,7 @@ std::string damageOfParts(const fs::path& path, vtkDICOMParser* parser, int fram
   return parts < frames ? kTooFew : "";
 }
 
-/// Returns the defect of an image file, found without decoding pixels; an empty text if valid.
+/// Returns the defect of an image file, without decoding pixels; "" if valid.
 std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames) {
   if (!parser->GetPixelDataFound()) return "the file ends before its pixels";
   const std::string syntax = textOf(meta->Get(0, DC::TransferSyntaxUID));
@@ -203,8 +193,7 @@ std::string damageOf(vtkDICOMParser* parser, vtkDICOMMetaData* meta, int frames)
                         meta->Get(0, DC::BitsAllocated).AsInt() *
                         std::max(1, meta->Get(0, DC::SamplesPerPixel).AsInt()) * frames / 8.0;
   if (bytes < needed) {
-    // Colours in 4:2:2 format need fewer bytes than computed below. Colour images are rejected
-    // later.
+    // Colour images are rejected later. In 4:2:2 format, they need fewer bytes.
     if (meta->Get(0, DC::SamplesPerPixel).AsInt() > 1) return "";
     return kTooFew;
   }

@@ -1,5 +1,4 @@
-/// Private to the importer: reads headers of DICOM files with vtk-dicom, except for the fields that
-/// identify a patient.
+/// Private to the importer: reads DICOM headers, without the fields that identify a patient.
 #pragma once
 
 #include <array>
@@ -18,8 +17,8 @@ namespace palpate::importer {
 
 inline constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
-/// A tag that gives the time of an image. kTimeTags is in the order of preference. `seconds` is the
-/// tag's unit [s]; 0 means that the tag gives only the order of the images.
+/// A tag with the time of an image. kTimeTags begins with the preferred tag. `seconds` is the tag's
+/// unit [s]; 0: the tag gives only the order of the images.
 struct TimeTag {
   DC::EnumType tag;
   double seconds;
@@ -33,8 +32,7 @@ inline constexpr std::array kTimeTags = {
     TimeTag{DC::AcquisitionTime, 1.0},
 };
 
-/// A tag whose value differs between images of different kinds. Images at one position that differ
-/// in such a tag are not time steps.
+/// A tag that differs between kinds of images. Images that differ in this tag are not time steps.
 struct KindTag {
   DC::EnumType tag;
   const char* name;
@@ -57,11 +55,11 @@ struct Slice {
   std::array<int, 5> format{};
   bool placed = false;  ///< True if the next members, down to `down`, are known.
   Vec3 position = Vec3::Zero();
-  Vec3 row = Vec3::Zero();  ///< Unit vector along which the column number grows.
+  Vec3 row = Vec3::Zero();  ///< Direction in which the column number grows.
   Vec3 column = Vec3::Zero();
   double across = 0.0;      ///< Distance between columns [mm].
   double down = 0.0;        ///< Distance between rows [mm].
-  double depth = 0.0;       ///< Position along the normal of the slices [mm].
+  double depth = 0.0;       ///< Position along the slices' normal [mm].
   double number = kUnsaid;  ///< InstanceNumber; NaN: not stated, or a frame of a larger file.
   bool has_rescale = false;
   double slope = 1.0;
@@ -74,17 +72,16 @@ struct Slice {
 
 using Slices = std::vector<Slice>;
 
-/// Header of a DICOM file.
 struct File {
   std::filesystem::path path;
-  std::string damage;  ///< Defect of the file; empty if valid.
+  std::string damage;
   bool is_image = false;
   bool is_colour = false;
   bool is_packed = false;  ///< True if the pixels are compressed and GDCM must decode them.
   bool is_lossy = false;
-  bool is_capture = false;    ///< True for a screen save (secondary capture).
-  bool is_localiser = false;  ///< True if ImageType states that the image is a localiser.
-  /// Place of the pixels' first item in the file [bytes], if the pixels are bits under RLE; else 0.
+  bool is_capture = false;
+  bool is_localiser = false;
+  /// Position of the first item of RLE pixels with one bit [bytes]; else 0.
   std::int64_t bits_at = 0;
   /// True if a lookup table maps the stored values, instead of slope and intercept.
   bool has_table = false;
@@ -99,7 +96,6 @@ struct File {
   std::vector<Slice> slices;
 };
 
-/// Returns true if the file begins as DICOM files do (beginsAsDicom).
 [[nodiscard]] bool isDicom(const std::filesystem::path& path);
 
 /// Reads a header without pixels. Writes defects of the file to File::damage.

@@ -16,10 +16,9 @@
 namespace palpate::importer {
 namespace {
 
-/// Largest deviation of a slice from its regular position, as a fraction of the distance between
-/// slices.
+/// Largest deviation of a slice from its regular position, relative to the slice distance.
 constexpr double kUneven = 0.05;
-/// Images belong to the same position if their distance is below this fraction of a pixel's edge.
+/// Largest distance of images at the same position, relative to a pixel's edge.
 constexpr double kSamePlace = 1e-3;
 /// Tolerance for equal and for perpendicular unit vectors, because files round them.
 constexpr double kSameDirection = 1e-3;
@@ -29,8 +28,7 @@ Vec3 toRas(const Vec3& lps) {
   return {-lps.x(), -lps.y(), lps.z()};
 }
 
-/// Describes positions of slices for messages: the coordinate along the axis that is closest to the
-/// slices' normal.
+/// Describes positions for messages, along the axis that is closest to the slices' normal.
 class Ruler {
  public:
   explicit Ruler(const Vec3& normal) { normal.cwiseAbs().maxCoeff(&axis_); }
@@ -45,7 +43,7 @@ class Ruler {
   Eigen::Index axis_ = 2;
 };
 
-using Group = Slices;  ///< Slices at one position.
+using Group = Slices;
 
 std::vector<Group> byPlace(std::vector<Slice> slices) {
   std::stable_sort(slices.begin(), slices.end(),
@@ -59,8 +57,8 @@ std::vector<Group> byPlace(std::vector<Slice> slices) {
   return groups;
 }
 
-/// Sorts the slices of each group by time. Returns the index in kTimeTags of the tag that
-/// distinguishes their times; no value if there is none.
+/// Sorts each group by time. Returns the index in kTimeTags of the tag that distinguishes the
+/// times, or no value.
 std::optional<std::size_t> sortByTime(std::vector<Group>& groups) {
   for (std::size_t tag = 0; tag < kTimeTags.size(); ++tag) {
     const auto earlier = [&](const Slice& a, const Slice& b) {
@@ -86,14 +84,12 @@ bool hasPlace(const File& file) {
                      [](const Slice& slice) { return slice.placed; });
 }
 
-/// Returns true for a secondary capture that cannot be a slice. Some programs write slices as
-/// secondary captures.
+/// Some programs write slices as secondary captures, so a slice must have a place and no colour.
 bool isScreenSave(const File& file) {
   return file.is_capture && (file.is_colour || !hasPlace(file));
 }
 
-/// Returns the reason why a series cannot be a volume; an empty text if it can be one. A damaged
-/// file may belong to a volume.
+/// Returns the reason why a series cannot be a volume, or "". A damaged file may belong to one.
 std::string reasonAgainst(const Series& series) {
   const auto all = [&](const auto& is) {
     return std::all_of(series.files.begin(), series.files.end(),
@@ -133,8 +129,7 @@ class Stacker {
     throw VolumeError(what_, why, remedy);
   }
 
-  /// Returns all images. Throws VolumeError unless all have the same size, orientation and number
-  /// format.
+  /// Returns all images. Throws VolumeError unless their size, orientation and format are equal.
   std::vector<Slice> alike() const {
     std::vector<Slice> slices;
     std::vector<std::string> colour;
@@ -175,7 +170,6 @@ class Stacker {
                          rescaled, slices.size(), fileOf(*stray)),
              "export the series again");
     }
-    // Compares all images with the format that most images have.
     const auto same = [](const Slice& a, const Slice& b) {
       return a.format == b.format && (a.row - b.row).norm() < kSameDirection &&
              (a.column - b.column).norm() < kSameDirection &&
@@ -205,8 +199,7 @@ class Stacker {
     return series_.files[slice.file]->path.filename().string();
   }
 
-  /// Checks that several images at each position are time steps, and sets their times. Throws
-  /// VolumeError if they are not.
+  /// Sets the times of several images at each position. Throws VolumeError without times.
   void separate(std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
     const auto fewer = [](const Group& a, const Group& b) { return a.size() < b.size(); };
     const auto [fewest, most] = std::minmax_element(groups.begin(), groups.end(), fewer);
@@ -263,9 +256,8 @@ class Stacker {
     }
   }
 
-  /// Computes the transform from voxels to positions. Throws VolumeError if slices are missing or
-  /// not on a line. The step between slices follows their positions instead of the normal, because
-  /// a tilted gantry shears the volume. Sets `out.depths` if the distances change.
+  /// The step between slices follows their positions, because a tilted gantry shears the volume.
+  /// Sets `out.depths` if the distances change. Throws VolumeError if slices are missing.
   Affine mapOf(const std::vector<Group>& groups, const Vec3& normal, const Ruler& ruler,
                Stack& out) const {
     const Slice& first = groups.front().front();
@@ -296,11 +288,10 @@ class Stacker {
     return map;
   }
 
-  /// Returns the step between slices that are evenly spaced, or that become so by resampling.
   Vec3 stepOf(const std::vector<Group>& groups, const Ruler& ruler, Stack& out) const {
     const Slice& first = groups.front().front();
     const Vec3 whole = groups.back().front().position - first.position;
-    const double length = groups.back().front().depth - first.depth;  // along the normal
+    const double length = groups.back().front().depth - first.depth;
     const auto even = static_cast<double>(groups.size() - 1);
     std::vector<double> gaps;
     for (std::size_t i = 1; i < groups.size(); ++i) {
@@ -319,9 +310,12 @@ class Stacker {
       const double depth = slice.depth - first.depth;
       const Vec3 off = slice.position - first.position - whole * (depth / length);
       if (off.norm() > kUneven * whole.norm() / even) {
-        refuse(fmt::format("the slices are not on a line: the slice at {} mm is {:.3g} mm off",
-                           ruler.at(slice), off.norm()),
-               "import the slices before or after it from a folder of their own");
+        refuse(
+            fmt::format(
+                "the slices are not on a line: the slice at {} mm is {:.3g} mm away from the line",
+                ruler.at(slice), off.norm()),
+            "copy the slices before this slice to one folder and the others to another, and import "
+            "each folder");
       }
       const double deviation = depth - length * static_cast<double>(i) / even;
       is_even = is_even && std::abs(deviation) <= kUneven * length / even;
@@ -353,8 +347,8 @@ class Stacker {
         std::min(length / finest, kVoxelsPerPoint * static_cast<double>(gaps.size())));
   }
 
-  /// Returns the differences between the numbers of neighbouring images, in units of the smallest
-  /// difference. Empty if the numbers are unknown or do not follow the positions.
+  /// Returns the steps between image numbers, relative to the smallest; empty if the numbers are
+  /// unknown or out of order.
   static std::vector<double> jumpsOf(const std::vector<Group>& groups) {
     std::vector<double> jumps;
     for (std::size_t i = 1; i < groups.size(); ++i) {
@@ -370,11 +364,8 @@ class Stacker {
     return jumps;
   }
 
-  /// Returns the number of slices that are missing in a gap.
-  ///
-  /// If the images have numbers, slices are missing where the numbers jump and the gap is larger
-  /// than one beside it. Without numbers, a gap must be a multiple of both gaps beside it: a
-  /// scanner that changes the distance does so for several slices.
+  /// Returns the number of missing slices: the numbers of the images jump, and the gap is larger
+  /// than one beside it. Without numbers, the gap must be a multiple of both gaps beside it.
   static std::size_t missingIn(const std::vector<double>& gaps, const std::vector<double>& jumps,
                                std::size_t i) {
     std::vector<double> ratios;  // to the gaps beside it; i - 1 wraps around for the first gap
@@ -422,7 +413,6 @@ std::string nameOf(std::size_t number, const Series& series) {
                      series.images == 1 ? "1 image" : fmt::format("{} images", series.images));
 }
 
-/// Sorts the series by series number, then by UID.
 std::vector<Series> seriesOf(const std::vector<File>& files) {
   std::vector<Series> all;
   for (const File& file : files) {
@@ -441,7 +431,6 @@ std::vector<Series> seriesOf(const std::vector<File>& files) {
   return all;
 }
 
-/// Compares the request with the number, the UID and the description of each series.
 const Series& chosen(const std::vector<Series>& all, const Request& request,
                      std::vector<std::string>& notes) {
   std::vector<std::string> names;

@@ -9,7 +9,7 @@
 
 namespace palpate::importer {
 
-/// Differences of scalars or vectors. relativeTo() divides them by a range of values.
+/// Differences between values before and after resampling.
 struct Differences {
   struct Sum {
     double squares = 0.0;
@@ -26,7 +26,7 @@ struct Differences {
     }
   };
   Sum within;
-  Sum edge;  ///< Points with voxels without data beside them.
+  Sum edge;  ///< Points beside voxels without data.
   std::uint64_t lost_points = 0;
 
   [[nodiscard]] ResamplingError relativeTo(double range) const {

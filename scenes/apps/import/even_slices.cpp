@@ -15,8 +15,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Two neighbouring slices, and the weight of the second one. If the weight is 0, only the first
-/// one counts.
+/// The first of two neighbouring slices, and the weight of the second one.
 struct Neighbours {
   std::size_t first = 0;
   double weight = 0.0;
@@ -32,7 +31,6 @@ Neighbours slicesAround(const std::vector<double>& depths, double depth) {
   return {first, (depth - depths[first]) / (depths[first + 1] - depths[first])};
 }
 
-/// Interpolates an array linearly between its slices.
 class SliceReader {
  public:
   SliceReader(const Values& values, const Values& hidden, const std::vector<double>& depths)
@@ -41,7 +39,7 @@ class SliceReader {
         depths_(&depths),
         each_(values.tuples() / depths.size()) {}
 
-  /// Returns a component of the value at point `point` of the plane at `depth`; NaN: no data.
+  /// Returns NaN without data.
   [[nodiscard]] double at(const Neighbours& slices, std::size_t point, int component) const {
     const double one = in(slices.first, point, component);
     if (slices.weight == 0.0) return one;
@@ -61,10 +59,9 @@ class SliceReader {
   const Values* values_;
   const Values* hidden_;
   const std::vector<double>* depths_;
-  std::size_t each_;  ///< Points of a slice.
+  std::size_t each_;
 };
 
-/// Compares the resampled values with those of the file.
 ResamplingError errorBetween(const SliceReader& before, const SliceReader& after,
                              const std::vector<double>& depths, std::size_t plane, int components) {
   Differences differences;
@@ -117,7 +114,6 @@ ResamplingError evenSlices(Piece& image, Array& array) {
   const Values none;
   const ResamplingError error =
       errorBetween(before, SliceReader(out, none, even), depths, plane, components);
-  // Values without data are NaN now.
   image.hidden = {};
   image.size[2] = static_cast<int>(count);
   array.values = out;

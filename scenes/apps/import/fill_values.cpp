@@ -21,8 +21,7 @@ namespace {
 /// Largest number of fill values at each end of the range, for example "no data" and "land".
 constexpr std::size_t kMostFills = 2;
 
-/// The outermost distinct finite values of an array, in the order of `Before`. Missing ones are
-/// NaN. The last one belongs to the data.
+/// Outermost different finite values, in the order of `Before`. The last one belongs to the data.
 template <class Before>
 struct Outermost {
   std::array<double, kMostFills + 1> values{};
@@ -36,7 +35,6 @@ struct Outermost {
       if (std::isnan(value)) return;
     }
   }
-  /// Returns true if add(value) would have no effect.
   [[nodiscard]] bool isInner(double value) const { return Before()(values.back(), value); }
 };
 
@@ -74,15 +72,13 @@ Ends endsOf(const Values& values, const Shared& shared) {
   return all;
 }
 
-/// Fill values at both ends, and the range of the other values.
 struct Fills {
-  std::size_t low = 0;   ///< Number of fill values at the lower end.
-  std::size_t high = 0;  ///< Number of fill values at the upper end.
+  std::size_t low = 0;
+  std::size_t high = 0;
   double lowest = 0.0;
   double highest = 0.0;
 };
 
-/// Returns true if these outermost values are fill values.
 bool areFills(const Ends& ends, const Fills& fills) {
   const double range = fills.highest - fills.lowest;
   if (!(range > 0.0)) return false;
@@ -97,7 +93,6 @@ bool areFills(const Ends& ends, const Fills& fills) {
   return true;
 }
 
-/// Returns the largest set of fill values; `low` and `high` are 0 if the array has no fill value.
 Fills fillsOf(const Ends& ends) {
   for (std::size_t count = 2 * kMostFills; count > 0; --count) {
     for (std::size_t low = std::min(count, kMostFills) + 1; low-- > 0;) {
@@ -110,7 +105,6 @@ Fills fillsOf(const Ends& ends) {
   return {};
 }
 
-/// Replaces values outside of a range by NaN. Returns the array in a floating-point type.
 Values onlyWithin(const Values& values, const Fills& fills) {
   const bool is_float = values.type() == Type::kFloat32 || values.type() == Type::kFloat64;
   // Doubles represent all numbers of four bytes.

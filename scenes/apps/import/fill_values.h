@@ -1,4 +1,3 @@
-/// Finds values that stand for missing data, although the file's header does not state them.
 #pragma once
 
 #include <string>
@@ -9,13 +8,10 @@
 
 namespace palpate::importer {
 
-/// Replaces fill values of an array by NaN, and adds a note about each.
-///
-/// A fill value satisfies two conditions. First, programs write this number for missing data
-/// (isFillNumber). Second, it stands alone: its distance to all other values is at least the range
-/// of the other values. The other values must differ, so labels stay unchanged. The result is in
-/// the memory of the array if it has floats or doubles.
-/// @param shared  Process group. All ranks find the same fill values.
+/// Replaces fill values of an array by NaN, and adds a note about each. A fill value is a number
+/// that programs write for missing data (isFillNumber), at a distance of at least the range of all
+/// other values. The other values must differ, so labels stay unchanged. Changes floats and doubles
+/// in place. All ranks find the same fill values.
 void hideFillValues(Array& array, std::vector<std::string>& notes, const Shared& shared);
 
 /// Returns true for numbers that programs write for missing data: -999, -9999 and more numbers

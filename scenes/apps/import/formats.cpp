@@ -1,5 +1,4 @@
-/// Selects the reader of a file by the file's first bytes. If these identify no format, selects it
-/// by the file's name.
+/// Selects the reader of a file by the file's first bytes, or else by its name.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -17,7 +16,6 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the first bytes of a file, decompressed if the file is gzipped.
 std::string beginningOf(const std::filesystem::path& file) {
   constexpr std::size_t kBytes = 4096;
   std::string text(kBytes, '\0');
@@ -30,7 +28,6 @@ bool has(const std::string& text, std::size_t at, std::string_view what) {
   return text.size() >= at + what.size() && text.compare(at, what.size(), what) == 0;
 }
 
-/// Returns true if a line of the text begins with "KEY =".
 bool hasKey(const std::string& text, std::string_view key) {
   for (auto at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
     if (at > 0 && text[at - 1] != '\n') continue;
@@ -58,11 +55,10 @@ struct Format {
   bool (*begins)(const std::string& bytes);
   /// Opens the file; null if the importer recognizes the format but cannot import it.
   std::unique_ptr<Reader> (*open)(const Request& request);
-  const char* remedy = nullptr;  ///< Advice to the user if the format cannot be imported.
-  const char* option = "";       ///< Command-line option that only this format uses.
+  const char* remedy = nullptr;
+  const char* option = "";
 };
 
-/// Throws Error for options that this format would ignore.
 void refuseUnused(const Request& request, const std::string& format, std::string_view used) {
   const auto refuse = [&](const char* name, bool given) {
     if (!given || used == name) return;
@@ -93,8 +89,7 @@ bool isMinc(const std::string& b) {
                        b.find("xspace") != std::string::npos;
   return classic || (has(b, 0, "\x89HDF") && b.find("minc-2.0") != std::string::npos);
 }
-/// Recognizes MGH, the format of FreeSurfer: version, four sizes and a type, as big-endian
-/// integers.
+/// Recognizes MGH, FreeSurfer's format: version, four sizes and a type, as big-endian integers.
 bool isMgh(const std::string& b) {
   if (b.size() < 284 || !has(b, 0, {"\0\0\0\1", 4})) return false;
   const auto number = [&](std::size_t at) {
@@ -122,7 +117,6 @@ bool isVtkXml(const std::string& b) {
   return b.find("<VTKFile") != std::string::npos;
 }
 
-/// Formats in the order in which they are tried.
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
     Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
@@ -178,8 +172,7 @@ const std::array kFormats = {
            "give a volume"},
 };
 
-/// Recognizes GRIB by its first bytes. Also recognizes it by name, because a bulletin's heading may
-/// precede these bytes.
+/// Recognizes GRIB also by name, because a bulletin's heading may precede its first bytes.
 bool isGrib(const std::filesystem::path& file, const std::string& bytes) {
   std::string end = file.extension().string();
   for (char& c : end) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
@@ -204,7 +197,6 @@ bool isText(const std::string& bytes) {
   });
 }
 
-/// Throws VolumeError if the folder is a Zarr store.
 void refuseZarr(const std::filesystem::path& folder) {
   std::error_code error;
   for (const char* name : {".zarray", ".zgroup", "zarr.json"}) {

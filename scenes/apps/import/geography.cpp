@@ -34,7 +34,6 @@ double standardHeight(double pressure) {
   return 11.0 + 6.341623 * std::log(kTropopause / pressure);
 }
 
-/// Returns the length of a unit [km]; 0 if the unit is not a length.
 double kilometres(std::string unit) {
   for (char& c : unit) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   struct Length {
@@ -81,13 +80,11 @@ bool isSameUnit(const std::string& a, const std::string& b) {
 void unwrap(std::vector<double>& longitudes) {
   for (std::size_t i = 1; i < longitudes.size(); ++i) {
     const double step = std::remainder(longitudes[i] - longitudes[i - 1], 360.0);
-    // A difference of exactly 180 degrees stays unchanged.
     if (std::abs(longitudes[i] - longitudes[i - 1]) > 180.0)
       longitudes[i] = longitudes[i - 1] + step;
   }
 }
 
-/// Throws VolumeError if a position is not an angle within `most` degrees.
 void checkDegrees(const std::vector<double>& at, double most, const char* what,
                   const std::string& file) {
   for (const double degrees : at) {
@@ -97,7 +94,6 @@ void checkDegrees(const std::vector<double>& at, double most, const char* what,
   }
 }
 
-/// Returns +1 if the positions increase, and -1 if they decrease. Throws VolumeError otherwise.
 int directionOf(const std::vector<double>& at, const char* axis, const std::string& file) {
   const bool rises = at.size() < 2 || at[1] > at[0];
   for (std::size_t i = 0; i < at.size(); ++i) {
@@ -110,7 +106,7 @@ int directionOf(const std::vector<double>& at, const char* axis, const std::stri
   return rises ? 1 : -1;
 }
 
-/// Returns the smallest number 1, 2 or 5 times a power of ten that is at least x.
+/// Rounds up to 1, 2 or 5 times a power of ten.
 double roundUp(double x) {
   const double power = std::pow(10.0, std::floor(std::log10(x)));
   for (const double digit : {1.0, 2.0, 5.0}) {
@@ -123,7 +119,6 @@ double spanOf(const std::vector<double>& at) {
   return at.empty() ? 0.0 : std::abs(at.back() - at.front());
 }
 
-/// Converts the positions in a file to the axes of a volume.
 class Layout {
  public:
   Layout(EarthGrid& grid, const std::string& file, Content& content)
@@ -149,7 +144,6 @@ class Layout {
     }
   }
 
-  /// Returns the factor by which heights were stretched.
   [[nodiscard]] double stretch() const { return stretch_; }
 
  private:
@@ -182,8 +176,7 @@ class Layout {
       for (double& at : z.at) at = standardHeight(at);
       note("pressures became heights in the standard atmosphere");
     } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
-      // Spaces the levels evenly from height 0, whatever their numbers are. If the numbers count
-      // downwards, the next levels lie below.
+      // Spaces the levels evenly from height 0 and ignores their numbers. Depths go down.
       const double step =
           side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
       const double up = z.along == Along::kDepth ? -step : step;
@@ -212,7 +205,6 @@ class Layout {
         fmt::format("{}heights times {:g}", content_.description.empty() ? "" : ", ", stretch_);
   }
 
-  /// If all axes have the same unit, keeps it. If their units of length differ, converts all to km.
   void takeUnit() {
     const bool same = axes_[0].unit == axes_[1].unit && axes_[0].unit == axes_[2].unit;
     const auto is_length = [](const Axis& axis) { return kilometres(axis.unit) > 0.0; };
@@ -229,7 +221,6 @@ class Layout {
   double stretch_ = 1.0;
 };
 
-/// Names of a flow's eastward, northward and upward component, and of their vector.
 struct Flow {
   const char* vector;
   std::array<const char*, 3> parts;
@@ -249,8 +240,6 @@ constexpr std::array kFlowsByName{
     Flow{"current", {"uo", "vo", "wo"}},
 };
 
-/// Joins arrays that are components of a flow to a vector. `names` has the name or the standard
-/// name of each array.
 template <class Flows>
 void joinBy(const Flows& flows, const std::vector<std::string>& names, double stretch,
             const std::vector<std::string>& fields, EarthGrid& grid,
@@ -297,7 +286,6 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
   }
 }
 
-/// Reverses axes with decreasing positions, so that all positions increase.
 Values risen(const Values& values, const std::array<std::size_t, 3>& size,
              const std::array<int, 3>& direction) {
   if (direction == std::array{1, 1, 1}) return values;
@@ -379,8 +367,7 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     content.value_unit[array.name] = array.unit;
   }
   std::vector<Piece> pieces = piecesOf(points, file, content.notes);
-  // The VTK arrays do not own their memory. Gives each piece the array of `grid` that owns the same
-  // memory.
+  // The VTK arrays do not own their memory. Uses the arrays of `grid` that own the same memory.
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {

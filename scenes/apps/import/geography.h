@@ -10,7 +10,6 @@
 
 namespace palpate::importer {
 
-/// Meaning of the positions along an axis.
 enum class Along : std::uint8_t {
   kOther,      ///< Positions in `unit`; indices if `unit` is empty.
   kLongitude,  ///< Longitude [degrees].
@@ -23,30 +22,28 @@ enum class Along : std::uint8_t {
 struct Axis {
   Along along = Along::kOther;
   std::vector<double> at;
-  std::string unit;  ///< Unit of the positions, as in the file.
+  std::string unit;
 };
 
 /// Fields on one grid. Values are in the order of `axes`, with the first axis fastest.
 struct EarthGrid {
-  std::array<Axis, 3> axes;  ///< The axes x, y and z.
+  std::array<Axis, 3> axes;
   /// True if x and y are coordinates of a map projection, such as Lambert's.
   bool projected = false;
   std::vector<Array> arrays;
-  std::vector<std::string> standard;  ///< The CF standard_name of each array; empty if it has none.
+  std::vector<std::string> standard;  ///< CF standard_name of each array; may be empty.
 };
 
-/// Returns the size of a pressure unit [hPa], for the names in the CF conventions; 0 if it is not a
-/// pressure.
+/// Returns the size of a pressure unit of the CF conventions [hPa]; 0 for other units.
 [[nodiscard]] double hectopascals(const std::string& unit);
 
 /// Converts one grid to pieces: an image if its points form an even lattice, else a mesh.
 ///
 /// Longitudes and latitudes become km on a plane, at the scale of the middle latitude. Pressures
-/// become heights in the standard atmosphere (ISO 2533). If heights above this plane are small,
-/// they are multiplied by a round number, so that the volume's height is at least a quarter of its
-/// longer side. Without this the volume would be a thin sheet. Components of wind or current become
-/// one vector, whose z is multiplied by the same number. Sets the unit of length, and adds a note
-/// for each change. Throws VolumeError if positions along an axis neither increase nor decrease.
+/// become heights in the standard atmosphere (ISO 2533). Small heights are stretched by a round
+/// number, so that the height is at least a quarter of the longer side. Components of wind or
+/// current become one vector, with the same factor for z. Adds a note for each change. Throws
+/// VolumeError if positions along an axis neither increase nor decrease.
 [[nodiscard]] std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                              const std::string& file, Content& content);
 

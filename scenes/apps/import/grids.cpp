@@ -22,7 +22,6 @@ namespace {
 
 using openvdb::Coord;
 
-/// Values of an image in memory, with C numbers for each point.
 template <class T, int C>
 struct Native {
   const T* data = nullptr;
@@ -65,7 +64,6 @@ std::size_t pointAt(const Piece& image, int i, int j, int k) {
          static_cast<std::size_t>(i);
 }
 
-/// Typical values around the object in an image.
 struct Surroundings {
   float middle = 0.0F;  ///< Median of the values on the image's faces.
   /// 99 % of the values on the image's faces differ from `middle` by at most this.
@@ -96,10 +94,8 @@ Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, cons
   return out;
 }
 
-/// Content of a voxel: a value, no data, or outside the image.
 enum class Found : std::uint8_t { kValue, kHole, kOutside };
 
-/// Reads the voxels of the image itself.
 template <class T, int C>
 struct OwnVoxels {
   const Piece& image;
@@ -119,7 +115,7 @@ struct Cubes {
   const Piece& image;
   Native<T, C> values;
   std::array<int, 3> size;
-  Affine index_from_cube;  ///< Transform from the index space of the cubes to that of the image.
+  Affine index_from_cube;
 
   Found at(const Coord& c, typename Native<T, C>::Value& value) const {
     // Due to rounding, the last voxels of the image can lie just outside the last cubes.
@@ -158,12 +154,11 @@ struct Cubes {
   }
 };
 
-/// Counts of voxels, added up over all tasks.
 struct Counts {
   std::uint64_t voxels = 0;
   std::uint64_t active = 0;
   std::uint64_t holes = 0;
-  std::uint64_t loud = 0;  ///< Voxels whose difference from the background exceeds the spread.
+  std::uint64_t loud = 0;  ///< Voxels that differ from the background by more than the spread.
   double lowest = std::numeric_limits<double>::infinity();
   double highest = -std::numeric_limits<double>::infinity();
 
@@ -177,13 +172,11 @@ struct Counts {
   }
 };
 
-/// Ranges of slices along the last axis of a lattice.
 struct Made {
-  Slab all;      ///< Slices whose voxels are made.
-  Slab counted;  ///< Slices among these whose voxels count in the report.
+  Slab all;      ///< Slices to make.
+  Slab counted;  ///< Slices among these that count in the report.
 };
 
-/// Makes one leaf of a grid; returns null if it has no active voxel.
 template <class Leaf, class Voxels, class Value>
 std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Made& slices,
                                const Value& background, double tolerance, double spread,
@@ -226,7 +219,6 @@ template <class GridT, class Voxels, class Value>
 Gridded build(const Voxels& voxels, const Made& slices, const Value& background, double tolerance,
               double spread, const Progress& progress, ProcessGroup& group) {
   using Leaf = typename GridT::TreeType::LeafNodeType;
-  // Each task makes a row of leaves along y.
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
   std::array<int, 3> leaves{};
   for (std::size_t a = 0; a < 3; ++a) leaves[a] = (voxels.size[a] + kEdge - 1) / kEdge;
@@ -276,7 +268,6 @@ Gridded build(const Voxels& voxels, const Made& slices, const Value& background,
   return out;
 }
 
-/// Positions of a grid's voxels: those of the image, or the cubes if `cubes` is true.
 struct Lattice {
   std::array<int, 3> size{};
   Affine index_from_cube;
@@ -323,15 +314,13 @@ Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& 
   return out;
 }
 
-/// Throws VolumeError for voxels that are too small: OpenVDB treats a transform as singular if the
-/// volume of a voxel is very small.
+/// OpenVDB treats a transform as singular if the volume of a voxel is very small.
 [[noreturn]] void refuseSmall(const std::string& file, double edge) {
   throw VolumeError(file,
                     fmt::format("voxels with an edge of {:g} are too small for OpenVDB", edge),
                     "export the data in a smaller unit of length, for example mm instead of m");
 }
 
-/// Returns the transform of a grid. Throws VolumeError if the matrix is singular.
 openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const std::string& file) {
   const Mat3& M = file_from_index.linear;
   const double volume = std::abs(M.determinant());

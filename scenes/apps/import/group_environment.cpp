@@ -5,8 +5,7 @@
 namespace palpate::importer {
 
 std::optional<int> rankByEnvironment() {
-  // Open MPI's mpirun sets the first variable, PMIx launchers such as Slurm's srun the second, and
-  // MPICH's mpiexec the third.
+  // Open MPI's mpirun, PMIx launchers such as Slurm's srun, and MPICH's mpiexec set these.
   for (const char* name : {"OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"}) {
     if (const char* rank = std::getenv(name)) return std::atoi(rank);
   }

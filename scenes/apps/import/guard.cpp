@@ -21,7 +21,6 @@
 namespace palpate::importer {
 namespace {
 
-/// Process id of the child, for the signal handler; 0 if no child runs.
 volatile sig_atomic_t child_of_signals = 0;
 volatile sig_atomic_t was_interrupted = 0;
 
@@ -83,8 +82,7 @@ struct Written {
   std::filesystem::path file;
 };
 
-/// Gives all files their final names. If this fails for a file, removes the files that did not
-/// exist before.
+/// Gives all files their final names. After a failure, removes files that did not exist before.
 void appear(const std::vector<Written>& files) {
   std::error_code error;
   std::vector<std::filesystem::path> fresh;
@@ -104,7 +102,6 @@ void appear(const std::vector<Written>& files) {
   }
 }
 
-/// Receives the messages of the child process until the child closes the pipe.
 class Listener {
  public:
   void hear(const char* data, std::size_t count) {

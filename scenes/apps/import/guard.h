@@ -6,8 +6,8 @@
 
 namespace palpate::importer {
 
-/// Sends reports from the child process to the user. The child's own standard output and standard
-/// error are discarded, because libraries write to them without control.
+/// Sends reports from the child process to the user. The child's own output and errors are
+/// discarded, because libraries write to them without control.
 class Teller {
  public:
   explicit Teller(int pipe) : pipe_(pipe) {}
@@ -15,31 +15,26 @@ class Teller {
   /// Prints to standard output, after the work has ended successfully.
   void out(const std::string& text);
   void error(const std::string& line);  ///< Prints "palpate: LINE" to standard error.
-  /// Sets the stage of the work that the next calls of progress() refer to.
+  /// Sets the stage to which the next calls of progress() refer.
   void stage(const std::string& what);
   void progress(double done);  ///< Reports the progress of the stage, from 0 to 1.
-  /// Announces that the work will write the file `partial`. If the whole work succeeds, it is
-  /// renamed to `file`; otherwise it is removed. Throws Error if `file` exists and is not a regular
-  /// file.
+  /// Announces the output file `partial`. If the whole work succeeds, it is renamed to `file`;
+  /// otherwise it is removed. Throws Error if `file` exists and is not a regular file.
   void file(const std::string& partial, const std::string& file);
 
  private:
   void send(char kind, const std::string& text);
 
   int pipe_;
-  int told_ = -1;  ///< Last reported progress [%].
+  int told_ = -1;
 };
 
-/// Runs `work` in a child process and returns its exit status.
-///
-/// If `work` throws, or a signal ends it, one line on standard error reports this. The status is 2
-/// for Error, 1 for a lack of memory, 2 for a crash (because the file is at fault), and 3
-/// otherwise. If this process is interrupted or terminated, the child ends at once with status 130,
-/// unless its work is already complete. The files that the child has announced appear together if
-/// it succeeds, or not at all.
-/// @param what    The file that is read, for the line about a crash.
-/// @param silent  The line for a child that ends without a message; if empty, the line says that
-///                the file is damaged.
+/// Runs `work` in a child process and returns its exit status: 2 for Error and for a crash (the
+/// file is at fault), 1 for a lack of memory, and 3 for other failures, with one line on standard
+/// error. If this process is interrupted or terminated, the child ends with status 130, unless its
+/// work is complete. The announced files appear together if the child succeeds, or not at all.
+/// `what` is the file that is read. If a child ends without a message, `silent` is its line; if
+/// `silent` is empty, the line says that the file is damaged.
 [[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
                              const std::string& silent = "");
 

@@ -15,7 +15,6 @@ namespace {
 constexpr double kMostBytes = 1e15;
 constexpr const char* kCorrectHeader = "correct the header, or check the program that wrote it";
 
-/// Returns the name of a data file relative to the header's folder.
 std::string nameOf(const std::filesystem::path& data, const std::filesystem::path& header) {
   const std::filesystem::path name = data.lexically_relative(header.parent_path());
   return name.empty() ? data.string() : name.string();
@@ -49,8 +48,7 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
 
 double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data,
                   bool follow) {
-  // A data file must lie below the header's folder. Otherwise the author of a header could choose
-  // any of the user's files to be read.
+  // Outside of the header's folder, the author of a header could choose any of the user's files.
   std::error_code unread;  // a missing file is rejected below, where its size is read
   const std::filesystem::path folder =
       std::filesystem::weakly_canonical(std::filesystem::absolute(header).parent_path(), unread);

@@ -1,5 +1,4 @@
-/// Private to the importer: checks that an image's data files can hold what its header states,
-/// before any memory is allocated for it.
+/// Private to the importer: checks that data files can hold what an image's header states.
 #pragma once
 
 #include <filesystem>
@@ -8,31 +7,26 @@
 
 namespace palpate::importer {
 
-/// Returns the name of a data file for error messages about `header`: "the file" if the data are in
-/// the header file itself, else the name.
+/// Returns the name of a data file for errors: "the file" if the data are in the header file.
 [[nodiscard]] std::string calledBy(const std::filesystem::path& header,
                                    const std::filesystem::path& data);
 
-/// Returns the size of an array with these counts along its axes [bytes]. Throws VolumeError, which
-/// names `header`, if a count is not a positive whole number or the size exceeds 1e15 bytes.
-///
-/// @param bytes  Size of one value.
+/// Returns the size of an array with the counts `sizes` along its axes and `bytes` bytes per value
+/// [bytes]. Throws VolumeError, which names `header`, if a count is not a positive whole number or
+/// the size exceeds 1e15 bytes.
 [[nodiscard]] double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                              double bytes);
 
-/// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if the file
-/// cannot be read. Unless `follow` is true, also throws if the file, or the target of a link, does
-/// not lie in the header's folder or its subfolders.
+/// Returns the size of a data file [bytes]. Throws VolumeError, which names `header`, if it cannot
+/// be read or, unless `follow` is true, if it or a link's target is outside of the header's folder.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
                                 const std::filesystem::path& data, bool follow);
 
-/// Throws VolumeError, which names `header`, if a data file has less than `least` bytes. The data
-/// file may be the header file itself.
+/// Throws VolumeError, which names `header`, if a data file has less than `least` bytes.
 void checkHeld(const std::filesystem::path& header, const std::filesystem::path& data, double held,
                double least);
 
-/// Returns the smallest possible size of these bytes after compression by deflate, whose ratio is
-/// at most 1032:1 [bytes].
+/// Returns the least size after deflate, which compresses at most 1032:1 [bytes].
 [[nodiscard]] constexpr double leastDeflated(double bytes) noexcept {
   return bytes / 1040.0;
 }

@@ -34,7 +34,6 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the reason why no grid was made from an image.
 std::string emptyBecause(const Imported& imported) {
   const Gridded& made = imported.made;
   if (made.holes == made.voxels) return "no voxel has data";
@@ -59,10 +58,11 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
     voxel = suggested.edge;
     if (suggested.edge > suggested.by_cell) {
       notes.push_back(fmt::format(
-          "voxels with an edge of {:g}, at most {:g} per point: half the edge of the median cell, "
-          "{:g}, would make {:.2g} million voxels; the resampling error shows the loss; {}",
+          "the voxels have an edge of {:g}, which limits them to {:g} per point: half the edge of "
+          "the median cell, {:g}, would make {:.2g} million voxels; the resampling error shows the "
+          "loss; {}",
           voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
-          options.iso ? "--iso on a mesh has no smaller voxels"
+          options.iso ? "smaller voxels are not possible with --iso on a mesh"
                       : fmt::format("--voxel {:g} selects the smaller voxels", suggested.by_cell)));
     }
   }
@@ -81,19 +81,15 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
   return out;
 }
 
-/// Returns true if each rank makes only a part of the grid. This is possible only if the voxels of
-/// the image become bricks.
 bool isInParts(const Options& options, ProcessGroup& group) {
   return group.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
 }
 
-/// Returns the slices that a rank needs: those of its own bricks and their aprons, and the slices
-/// that the smoothing filter reads beyond them.
 Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
   return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
 }
 
-/// Returns an image without its arrays. The copy does not keep their memory alive.
+/// Returns an image without its arrays, so that the copy does not keep their memory alive.
 Piece withoutArrays(const Piece& image) {
   Piece out;
   out.size = image.size;
@@ -105,7 +101,6 @@ Piece withoutArrays(const Piece& image) {
   return out;
 }
 
-/// Returns an upper bound of the error of resampling twice.
 ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
   second.rms += first.rms;
   second.largest += first.largest;
@@ -115,9 +110,7 @@ ResamplingError sumOf(ResamplingError second, const ResamplingError& first) {
 /// Tolerance with which no voxel counts as background.
 constexpr double kKeepAll = -1.0;
 
-/// Returns true if an image is imported even if all its values are equal: a field of vectors may be
-/// a displacement of zero, and a step of a series is a frame of a sequence, which must not miss
-/// one.
+/// Vectors may be a displacement of zero, and a sequence needs all its frames.
 bool keepsConstant(const Options& options, const Array& array) {
   return !options.iso && (options.time == "all" || array.values.components() == 3);
 }
@@ -140,7 +133,7 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   Piece piece = withoutArrays(whole);
   if (!piece.depths.empty()) imported.resampling = evenSlices(piece, array);
   if (!shared.isAlone()) {
-    // If the reader has read the whole image, selects the slices of this rank.
+    // Selects the slices of this rank, because the reader may have read the whole image.
     imported.share = shared.bricks(piece.size[2]);
     const Slab needed = neededOf(options, shared, piece.size[2], piece.file_from_index);
     array.values = slicesOf(piece, array.values, needed);
@@ -195,7 +188,6 @@ Imported fromImage(const Options& options, const Piece& whole, Array array, cons
   return imported;
 }
 
-/// Replaces the only scalar grid by the level set of its isosurface.
 void takeSurface(const Options& options, const std::string& length_unit, const std::string& in,
                  const Telling& telling, Step& step) {
   std::vector<std::string> scalars;
@@ -233,7 +225,6 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   made.quieter_tolerance = 0.0;
 }
 
-/// Sets the metadata of a grid: its origin and its processing.
 void setMetadata(const Options& options, const Content& content, const Step& step,
                  const Imported& imported) {
   openvdb::GridBase& grid = *imported.made.grid;
@@ -260,7 +251,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
-  // From these entries, `palpate scene` finds the same scene for the .vdb as this import.
+  // With these entries, `palpate scene` guesses the same scene as this import.
   text(guess::kMetaFrom, imported.image ? "image" : "mesh");
   if (imported.image && !imported.image->empty() && !imported.level_set) {
     const openvdb::Coord size = imported.image->dim();
@@ -277,8 +268,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
 }
 
-/// Throws Error if the arrays do not have the meaning that --as states. Needed for readers that
-/// ignore --as.
+/// Throws Error if the arrays do not have the meaning of --as, which some readers ignore.
 void checkAsked(const Request& request, const Content& content) {
   if (request.as.empty()) return;
   const int width = content.pieces.front().arrays.front().values.components();
@@ -337,8 +327,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
       continue;
     }
     for (Array& array : piece.arrays) {
-      // Frees each array before the next one is converted, so that only one array is in memory
-      // twice.
+      // Frees each array before the next one is converted: only one array is in memory twice.
       Imported imported = fromImage(options, piece, std::exchange(array, {}), in, telling,
                                     out.notes, shared, backgrounds);
       const std::string name = imported.made.grid->getName();
@@ -413,8 +402,7 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
   }
   BrickInput input = brickInput(makeVolume(*grid));
   grid.reset();
-  // Uses the metadata of rank 0, because computed values may differ in the last digit between
-  // machines.
+  // Uses the metadata of rank 0: computed values may differ between machines in the last digit.
   const ProcessGroup::Bytes text = group.gather(std::as_bytes(std::span(input.metadata))).front();
   input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
   (void)writeBricks(folder, input, options);

@@ -23,7 +23,7 @@ using openvdb::Coord;
 using openvdb::Vec3d;
 using openvdb::tools::BoxSampler;
 
-constexpr float kHalfWidth = 3.0F;  ///< [voxels], OpenVDB's default.
+constexpr float kHalfWidth = 3.0F;  ///< [voxels]
 
 /// Forwards OpenVDB's progress, which arrives from any thread.
 class Watcher final : public openvdb::util::NullInterrupter {
@@ -49,8 +49,7 @@ double lostPart(const std::vector<openvdb::Vec3s>& points, const openvdb::FloatG
   return static_cast<double>(lost) / static_cast<double>(std::max<std::size_t>(points.size(), 1));
 }
 
-/// Returns the distance of the original's surface, to first order, where edges between voxels cross
-/// the level set's surface.
+/// Returns first-order distances between the two surfaces, where voxel edges cross the level set.
 std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::FloatGrid& original,
                               double iso) {
   const auto level = surface.getConstAccessor();
@@ -92,7 +91,6 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   const auto transform = cubes(edge, Vec3d(0.0), file);
   LevelSet out;
   out.solid_above = static_cast<double>(grid.background()) < iso;
-  // OpenVDB's library has both conversions compiled for these types.
   std::vector<openvdb::Vec3s> points;
   std::vector<openvdb::Vec4I> quads;
   openvdb::tools::volumeToMesh(grid, points, quads, iso);
@@ -101,20 +99,18 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                       fmt::format("no surface in \"{}\" has the value {:g}", grid.getName(), iso),
                       "give an --iso within the range of the values, see palpate info");
   }
-  // Estimates the voxels: the surface's area times the width of the band.
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
   if (static_cast<double>(quads.size()) * refinement * refinement * 6.0 > 1e9) {
     throw VolumeError(
         file, fmt::format("the surface would need too many voxels with an edge of {:g}", edge),
         "give a larger --voxel");
   }
-  // Signs are not taken from OpenVDB: it treats the space that a surface encloses as inside, and
-  // drops cavities.
+  // OpenVDB's signs would drop cavities: it treats the space that a surface encloses as inside.
   Watcher watcher(progress);
   out.grid = openvdb::tools::meshToUnsignedDistanceField<openvdb::FloatGrid>(
       watcher.interrupter(), *transform, points, {}, quads, kHalfWidth);
   quads = {};
-  // The values decide the side. As in OpenVDB, a voxel with exactly this value is above it.
+  // The values determine the side. As in OpenVDB, a voxel with the iso-value is above it.
   const auto accessor = grid.getConstAccessor();
   std::uint64_t inside = 0;
   for (auto value = out.grid->beginValueOn(); value; ++value) {

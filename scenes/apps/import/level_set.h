@@ -1,4 +1,3 @@
-/// Makes a level set from an isosurface of a scalar grid, for `--iso`.
 #pragma once
 
 #include <string>
@@ -10,12 +9,9 @@ namespace palpate::importer {
 
 struct LevelSet {
   openvdb::FloatGrid::Ptr grid;
-  /// True if the material is where the values exceed the iso-value; false if it is where they are
-  /// below it.
+  /// True if the material has values above the iso-value; false if below.
   bool solid_above = true;
-  /// Distance between the level set's surface and the isosurface of the original's trilinear
-  /// interpolation [voxels]. Computed to first order on the voxel edges that the isosurface
-  /// crosses.
+  /// Distance to the isosurface of the original's trilinear interpolation [voxels], to first order.
   double rms_error = 0.0;
   double p99_error = 0.0;
   std::uint64_t crossings = 0;
@@ -24,13 +20,12 @@ struct LevelSet {
 };
 
 /// Returns the level set of the isosurface at `iso`: the signed distance within three voxels on
-/// each side. Voxels are cubes with edge `voxel`; if it is 0, the edge is the smallest edge of the
-/// grid's voxels. The background, which surrounds the object, is outside.
+/// each side. Voxels are cubes with edge `voxel`; 0: the smallest edge of the grid's voxels. The
+/// background, which surrounds the object, is outside.
 ///
-/// Uses OpenVDB's surface extraction and its distance from a surface. Takes the signs from the
-/// values, so that cavities stay hollow. Throws VolumeError if no surface has this value, if the
-/// whole surface is thinner than the voxels, or if there would be too many voxels.
-/// @param voxel  Edge of the cubes in the file's unit; 0: see above.
+/// Takes the signs from the values, so that cavities stay hollow. Throws VolumeError if no surface
+/// has this value, if the whole surface is thinner than the voxels, or if there would be too many
+/// voxels.
 [[nodiscard]] LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                                   const std::string& file, const Progress& progress);
 

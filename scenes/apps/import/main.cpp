@@ -49,8 +49,7 @@ std::vector<std::size_t> stepsOf(const std::string& time, std::size_t count) {
   return {step};
 }
 
-/// Writes the scene guess and returns it. If no grid varies enough, adds a note that says so and
-/// returns an empty text.
+/// Writes the scene guess and returns it. If no grid varies enough, adds a note and returns "".
 std::string writeScene(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
   teller.stage("scene");
   const bool to_stdout = options.scene == "-";
@@ -67,8 +66,7 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   if (to_stdout) return scene;
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
-  // The parent process knows only this partial file and renames it. Therefore does not try another
-  // name.
+  // Does not try another name, because the parent process renames only this partial file.
   const int descriptor = createNewFile(partial);
   if (descriptor >= 0) {
     std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
@@ -81,8 +79,7 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
               "choose another path, or free space on the disk");
 }
 
-/// Returns a summary of the scene and the suggested next command, one line each.
-/// @param first  First .vdb that was written; empty: none.
+/// `first` is the first .vdb, or empty.
 std::string lastWords(const Options& options, const fs::path& first, const std::string& scene) {
   std::string text;
   if (!scene.empty()) {
@@ -107,7 +104,6 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
 }
 
 int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
-  // In a process group only rank 0 reports.
   Telling telling{[](const std::string& /*what*/) {}, nullptr};
   if (group.rank() == 0) {
     telling = {[&](const std::string& what) { teller.stage(what); },
@@ -157,8 +153,7 @@ int importAll(const Options& options, Teller& teller, ProcessGroup& group) {
     if (!step.grids.empty()) {
       telling.stage("writing");
       if (options.bricks) {
-        // No partial file is announced: a folder of bricks shows by itself whether it is complete,
-        // and an interrupted export resumes.
+        // An interrupted export of bricks resumes, so that a partial file is not needed.
         writeAsBricks(out, step, telling.progress, group);
       } else {
         const fs::path partial = partialOf(out);
@@ -218,8 +213,7 @@ void check(const Options& options) {
   }
 }
 
-/// Imports, and converts OpenVDB's exceptions to VolumeError: they mean that the file has invalid
-/// transforms or positions.
+/// OpenVDB's exceptions mean that the file has invalid transforms or positions.
 int import(const Options& options, Teller& teller, ProcessGroup& group) {
   try {
     return importAll(options, teller, group);
@@ -230,7 +224,6 @@ int import(const Options& options, Teller& teller, ProcessGroup& group) {
   }
 }
 
-/// Throws Error if this import cannot run in several processes.
 void checkTogether(const Options& options) {
   if (!options.bricks) {
     throw Error("mpirun", "several processes can only write --bricks",
@@ -243,8 +236,7 @@ void checkTogether(const Options& options) {
   }
 }
 
-/// Imports in one of the processes that mpirun has started. Every rank checks its options and
-/// files, because files may differ between machines. Only one rank reports.
+/// Every rank checks options and files, which may differ between machines. Only one rank reports.
 int importTogether(const Options& options) {
   // MPI may end a process by exit() without a message; then this message is printed.
   const Error silent("mpirun", "this rank stopped without a message",
@@ -305,10 +297,10 @@ int main(int argc, char** argv) {
       "--smooth", options.smooth,
       "Smooth images with a Gaussian of this standard deviation, in the file's unit (usually mm)");
   app.add_option("--tolerance", options.tolerance,
-                 "Values of an image this near to the background become background; default: 0, or "
-                 "0.1 % of the range with --smooth");
+                 "Image values within this distance of the background become background; default: "
+                 "0, or 0.1 % of the range with --smooth");
   app.add_option("--time", options.time,
-                 "Time step of a series, from 0 on; all: one .vdb per step; default: 0");
+                 "Time step of a series, counted from 0; all: one .vdb per step; default: 0");
   app.add_option("--series", request.series,
                  "DICOM: select a series by its number, UID or description");
   app.add_option("--as", request.as,
@@ -336,16 +328,15 @@ int main(int argc, char** argv) {
   bool quiet = rank.value_or(0) != 0;
   try {
     app.parse(argc, argv);
-    // If there is only one rank, it imports without MPI, unless it writes bricks: mpirun may have
-    // started a script that calls this program.
+    // mpirun may have started a script that calls this program. One rank can then import alone.
     const bool together = rank && (options.bricks || importer::ranksByEnvironment() > 1);
     if (together) importer::checkTogether(options);
     quiet = false;
     return together ? importer::importTogether(options) : importer::importAlone(options);
-  } catch (const CLI::Success& e) {  // also thrown for --help
+  } catch (const CLI::Success& e) {
     return quiet ? cli::kDone : app.exit(e);
   } catch (const CLI::ParseError& e) {
-    // With a nonzero status, mpirun would end the rank that reports before it can.
+    // With a nonzero status, mpirun would end the reporting rank too early.
     if (quiet) return cli::kDone;
     cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));
   } catch (const Error& e) {

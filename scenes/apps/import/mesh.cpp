@@ -30,8 +30,7 @@ bool isWedge(int type) {
   return type == VTK_WEDGE || type == VTK_QUADRATIC_WEDGE || type == VTK_QUADRATIC_LINEAR_WEDGE ||
          type == VTK_BIQUADRATIC_QUADRATIC_WEDGE;
 }
-/// Returns true if the parametric coordinates of a place in a cell of this type show whether the
-/// place is inside the cell.
+/// Returns true if parametric coordinates show whether a place is in a cell of this type.
 bool hasCoordinates(int type) {
   switch (type) {
     case VTK_VOXEL:

@@ -17,10 +17,10 @@
 namespace palpate::importer {
 namespace {
 
-/// Message that each rank sends when all ranks synchronize.
+/// Message of each rank when all ranks synchronize.
 struct Word {
-  std::uint64_t bytes = 0;     ///< Number of bytes that the rank will send [bytes].
-  std::uint64_t gives_up = 0;  ///< 1 if the rank has failed.
+  std::uint64_t bytes = 0;  ///< Number of bytes that the rank will send.
+  std::uint64_t gives_up = 0;
 };
 
 class MpiGroup final : public ProcessGroup {
@@ -35,7 +35,7 @@ class MpiGroup final : public ProcessGroup {
   MpiGroup(const MpiGroup&) = delete;
   MpiGroup& operator=(const MpiGroup&) = delete;
   ~MpiGroup() override {
-    // MPI_Finalize waits for the other ranks. If a rank is lost, it would never return.
+    // MPI_Finalize waits for the other ranks, and would never return if a rank is lost.
     if (!lost_) MPI_Finalize();
   }
 
@@ -48,8 +48,8 @@ class MpiGroup final : public ProcessGroup {
       if (word.gives_up != 0) throw GroupEnded();
     }
     std::vector<Bytes> all(words.size());
-    // From here on every rank must send the announced bytes. If a rank cannot, its contact with the
-    // others is lost.
+    // From here on, every rank must send the announced bytes. A rank that cannot loses its contact
+    // with the others.
     try {
       for (std::size_t r = 0; r < words.size(); ++r) {
         all[r].resize(words[r].bytes);
@@ -99,8 +99,7 @@ class MpiGroup final : public ProcessGroup {
     return all;  // NOLINT(clang-analyzer-optin.mpi.MPI-Checker): as above
   }
 
-  /// Waits for a request and sleeps in between. MPI's own wait would occupy a core that another
-  /// rank may need.
+  /// Sleeps between tests: MPI's own wait would occupy a core that another rank may need.
   void wait(MPI_Request& request) {
     using std::chrono::microseconds;
     constexpr microseconds kLongest(2000);

@@ -144,8 +144,7 @@ void NetcdfFile::refuse(const std::string& why) const {
                     "the file may be truncated or damaged: copy or export it again");
 }
 
-/// Finds the meaning of a dimension from the variable with the same name: from its axis, units,
-/// standard name and name.
+/// Uses the axis, units, standard name and name of the variable with the dimension's name.
 void NetcdfFile::findMeaning(int d) {
   Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];
   for (std::size_t v = 0; v < variables_.size(); ++v) {
@@ -160,8 +159,7 @@ void NetcdfFile::findMeaning(int d) {
   const auto named = [&](std::initializer_list<const char*> names) {
     return std::find(names.begin(), names.end(), name) != names.end();
   };
-  // These dimensions are not in space: the members of an ensemble, and forecast steps beside a
-  // time dimension.
+  // Not in space: members of an ensemble, and forecast steps beside a time dimension.
   const std::string standard =
       dimension.variable < 0 ? "" : text(dimension.variable, "standard_name");
   if (standard == "realization" || standard == "forecast_period" ||
@@ -191,7 +189,6 @@ void NetcdfFile::findMeaning(int d) {
   }
   if (named({"t", "time"})) dimension.is = Is::kTime;
   if (dimension.is != Is::kTime || dimension.variable >= 0) return;
-  // A variable with another name may have the times, such as WRF's XTIME.
   for (std::size_t v = 0; v < variables_.size(); ++v) {
     if (variables_[v].dimensions == std::vector{d} && variables_[v].type != NC_CHAR &&
         hasPart(text(static_cast<int>(v), "units"), " since ")) {
@@ -201,8 +198,7 @@ void NetcdfFile::findMeaning(int d) {
   }
 }
 
-/// Finds the dimension of the centres for a dimension of the cells' faces: in WRF's files, the
-/// faces of "west_east" are "west_east_stag".
+/// In WRF's files, the faces of "west_east" are "west_east_stag".
 void NetcdfFile::findCentres(int d) {
   constexpr std::string_view kFaces = "_stag";
   Dimension& dimension = dimensions_[static_cast<std::size_t>(d)];

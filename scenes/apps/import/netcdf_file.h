@@ -1,5 +1,4 @@
-/// Private to the importer: opens a netCDF file by the netCDF library, and finds the meaning of its
-/// dimensions.
+/// Private to the importer: opens a netCDF file, and finds the meaning of its dimensions.
 #pragma once
 
 #include <cstddef>
@@ -11,16 +10,14 @@
 
 namespace palpate::importer {
 
-/// Meaning of a dimension.
 enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime, kNoSpace };
 
 struct Dimension {
   std::string name;
   std::size_t length = 0;
-  int variable = -1;  ///< Index of the variable with its positions; -1: none.
+  int variable = -1;  ///< Index of the variable with its positions, or -1.
   Is is = Is::kUnknown;
-  /// If the points of this dimension are the faces of cells, as in WRF's staggered grid: index of
-  /// the dimension of the cells' centres. -1: none.
+  /// For faces of cells, as in WRF's staggered grid: dimension of the cells' centres; else -1.
   int centres = -1;
 };
 
@@ -45,22 +42,21 @@ class NetcdfFile {
   [[nodiscard]] const Dimension& dimension(int d) const {
     return dimensions_[static_cast<std::size_t>(d)];
   }
-  /// Returns the dimension of the cells' centres if d is one of their faces, else d.
+  /// Returns the dimension of the centres if d is a dimension of faces, else d.
   [[nodiscard]] int centresOf(int d) const {
     return dimension(d).centres < 0 ? d : dimension(d).centres;
   }
-  /// Returns the index of the dimension or the variable with a name; -1 if there is none.
+  /// Return the index for a name, or -1.
   [[nodiscard]] int dimensionNamed(const std::string& name) const;
   [[nodiscard]] int variableNamed(const std::string& name) const;
 
   /// Returns true if the variable has the positions along a dimension.
   [[nodiscard]] bool isPositions(int variable) const;
-  /// Returns the dimensions of a variable that are not time.
+  /// Returns all dimensions except time.
   [[nodiscard]] std::vector<int> spaceOf(int variable) const;
 
-  /// Returns the text of an attribute; an empty text if it is absent.
+  /// Return the text or the numbers of an attribute; empty if it is absent.
   [[nodiscard]] std::string text(int variable, const char* name) const;
-  /// Returns the numbers of an attribute; empty if it is absent.
   [[nodiscard]] std::vector<double> numbers(int variable, const char* name) const;
   /// Reads the values of a variable from the indices `start` on, `count` along each dimension.
   void read(int variable, const std::vector<std::size_t>& start,
@@ -68,8 +64,7 @@ class NetcdfFile {
   /// Returns the positions along a dimension; indices from 0 if the file has no positions.
   [[nodiscard]] std::vector<double> positions(int d) const;
 
-  /// Throws VolumeError if there are more values than the file could hold at the best possible
-  /// compression.
+  /// Throws VolumeError for more values than the file could hold at the best compression.
   void checkAbsurd(double values) const;
 
  private:

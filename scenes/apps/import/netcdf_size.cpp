@@ -8,8 +8,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads the big-endian numbers of a header. `ok` becomes false at the end of the file, or if a
-/// number is impossibly large.
+/// Reads big-endian numbers. `ok` becomes false at the end of the file, or for impossible numbers.
 class Header {
  public:
   explicit Header(std::istream& in, int version) : in_(in), version_(version) {}
@@ -35,10 +34,8 @@ class Header {
     in_.ignore(static_cast<std::streamsize>((bytes + 3) / 4 * 4));
     ok = ok && !in_.eof();
   }
-  /// Reads the tag and the length of a list. Returns the number of elements; 0 if the list is
-  /// absent.
   std::uint64_t list() {
-    (void)number(4);  // skips the tag of the list
+    (void)number(4);
     const std::uint64_t elements = count();
     if (elements > 1U << 20U) ok = false;
     return ok ? elements : 0;
@@ -59,7 +56,7 @@ std::uint64_t widthOf(std::uint64_t type) {
 void skipAttributes(Header& header) {
   const std::uint64_t attributes = header.list();
   for (std::uint64_t a = 0; a < attributes && header.ok; ++a) {
-    header.skip(header.count());  // skips the name
+    header.skip(header.count());
     const std::uint64_t width = widthOf(header.number(4));
     header.skip(width * header.count());
   }

@@ -1,5 +1,3 @@
-/// Computes the length that a netCDF file should have. The netCDF library reads zeros beyond the
-/// end of a truncated file, so the importer checks the length.
 #pragma once
 
 #include <cstdint>
@@ -8,9 +6,8 @@
 
 namespace palpate::importer {
 
-/// Returns the size of a classic netCDF file (CDF-1, CDF-2 or CDF-5) according to its header
-/// [bytes]. Returns no value for other files or an invalid header. Source: NetCDF Classic Format
-/// Specification.
+/// Returns the size that the header of a classic netCDF file states [bytes]; no value for other
+/// files (NetCDF Classic Format Specification). The library reads zeros beyond the end of a file.
 [[nodiscard]] std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file);
 
 }  // namespace palpate::importer

@@ -71,8 +71,7 @@ void NrrdData::refuse(const std::string& why, const std::string& remedy) const {
   throw VolumeError(request_.file.string(), why, remedy);
 }
 
-/// Throws VolumeError if a text file has a word that is too long. teem reads words into a buffer of
-/// 1024 characters without a check.
+/// Rejects long words, because teem reads words into 1024 characters without a check.
 void NrrdData::checkWords(std::FILE* in) const {
   const long start = std::ftell(in);
   constexpr int kLongest = 500;
@@ -84,8 +83,8 @@ void NrrdData::checkWords(std::FILE* in) const {
   std::fseek(in, start, SEEK_SET);
 }
 
-/// Decompresses `bytes` bytes of a gzipped part, from byte `first` of its values on. The compressed
-/// data begin at `offset` in the file. The first call for a part verifies the whole part.
+/// Decompresses `bytes` bytes of a part, from byte `first` of its values on. The compressed data
+/// begin at `offset`. The first call verifies the whole part.
 void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::size_t first,
                           std::size_t bytes, char* to) {
   const auto open = [&] {
@@ -107,7 +106,6 @@ void NrrdData::unpackPart(const NrrdPart& part, long offset, long skip, std::siz
   if (sound_.insert(part.file).second) in->finish();
 }
 
-/// Reads the values [first, first + count) of a part.
 void NrrdData::readPart(const NrrdPart& part, std::size_t first, std::size_t count, char* to) {
   const std::string name = part.file.filename().string();
   const NrrdFile in(std::fopen(part.file.c_str(), "rb"));

@@ -1,6 +1,5 @@
-/// Private to the importer: reads the values of NRRD data files with teem. This code limits how
-/// much is read, because teem trusts the header. It also decompresses gzip, because teem does not
-/// verify the checksum.
+/// Private to the importer: reads NRRD data with teem. Limits how much is read, because teem trusts
+/// the header, and decompresses gzip, because teem does not verify the checksum.
 #pragma once
 
 #include <cstddef>
@@ -25,16 +24,14 @@ using NrrdFile = std::unique_ptr<std::FILE, CloseNrrdFile>;
 /// Returns the last line of teem's error messages, which states the cause, and clears all messages.
 [[nodiscard]] std::string teemError();
 
-/// Reads the values of all data files of one NRRD, in the order of the header.
 class NrrdData {
  public:
-  /// Checks that the files can hold the values that the header describes, before memory is
-  /// allocated. Throws VolumeError if they cannot.
-  /// @param nrrd, state  Parsed header; must outlive this object.
+  /// Checks that the files can hold the header's values before memory is allocated. Throws
+  /// VolumeError. The parsed header, `nrrd` and `state`, must outlive this object.
   NrrdData(const Request& request, std::vector<NrrdPart> parts, Nrrd* nrrd, NrrdIoState* state);
 
   /// Reads the values [first, first + count) of all parts together, in this machine's byte order.
-  /// Throws VolumeError if the data are damaged.
+  /// Throws VolumeError.
   void read(std::size_t first, std::size_t count, char* to);
 
  private:
@@ -48,8 +45,8 @@ class NrrdData {
   std::vector<NrrdPart> parts_;
   Nrrd* nrrd_;
   NrrdIoState* state_;
-  std::size_t part_values_ = 0;            ///< Number of values in each part.
-  std::set<std::filesystem::path> sound_;  ///< Gzipped parts whose checksum was verified.
+  std::size_t part_values_ = 0;
+  std::set<std::filesystem::path> sound_;  ///< Gzipped parts with a verified checksum.
 };
 
 }  // namespace palpate::importer

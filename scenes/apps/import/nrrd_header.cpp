@@ -16,8 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Replaces the number format of a pattern: "name.%03d" and 7 give "name.007". Does not call
-/// printf, because a pattern from a file could misuse it.
+/// "name.%03d" and 7 give "name.007". A pattern from a file could misuse printf.
 std::string numbered(const std::string& pattern, int number, const std::string& file) {
   const auto at = pattern.find('%');
   std::size_t end = at == std::string::npos ? at : at + 1;
@@ -36,8 +35,6 @@ std::string numbered(const std::string& pattern, int number, const std::string& 
   return pattern.substr(0, at) + digits + pattern.substr(end + 1);
 }
 
-/// Parses the data files: the text after "data file:", and the following lines if that text
-/// announces a list.
 std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, const fs::path& file) {
   constexpr int kMost = 1000000;
   const auto besides = [&](const std::string& name) {
@@ -80,7 +77,6 @@ std::vector<NrrdPart> partsOf(const std::string& field, std::istream& rest, cons
       parts.push_back({besides(numbered(first, static_cast<int>(n), file.string())), 0, {}});
     }
   } else {
-    // the whole text is one name, which may contain spaces
     parts.push_back({besides(field), 0, {}});
   }
   if (parts.empty())

@@ -28,15 +28,13 @@ Values withThree(const Values& two) {
   return out;
 }
 
-/// Returns a valid name for a grid, of limited length and without control characters. Invalid UTF-8
-/// is replaced.
+/// Returns a valid name for a grid: UTF-8 of limited length, without control characters.
 std::string nameOf(std::string name, std::vector<std::string>& notes) {
   name.erase(name.find_last_not_of(' ') + 1);  // Exodus fills names with spaces
   const std::string given = name;
   constexpr std::size_t kLongest = 100;
   if (name.size() > kLongest) name.resize(kLongest);
-  // If the name is not valid UTF-8, nlohmann-json throws. Then all characters beyond ASCII are
-  // replaced.
+  // nlohmann-json throws for invalid UTF-8. All characters beyond ASCII are then replaced.
   bool plain = true;
   try {
     (void)nlohmann::json(name).dump();
@@ -51,8 +49,7 @@ std::string nameOf(std::string name, std::vector<std::string>& notes) {
   return name.empty() ? "density" : name;
 }
 
-/// Returns the arrays in the form that grids need. Tensors of a mesh are left out, because their
-/// directions cannot be interpolated within a cell.
+/// Leaves out tensors of a mesh, because directions cannot be interpolated within a cell.
 std::vector<Array> readyArrays(std::vector<Array> given, const Content& content, bool image,
                                std::vector<std::string>& notes) {
   std::vector<Array> arrays;
@@ -88,7 +85,6 @@ std::vector<std::string> namesOf(const std::vector<Piece>& pieces) {
   return names;
 }
 
-/// Joins three scalar arrays to a vector array.
 Values joined(const std::array<Array*, 3>& parts) {
   const std::size_t count = parts[0]->values.tuples();
   Values out(Type::kFloat32, 3, count);
@@ -121,7 +117,6 @@ std::vector<Piece> makeReady(Content& content, const std::string& file,
     }
   }
   std::erase_if(pieces, [](const Piece& piece) { return piece.arrays.empty(); });
-  // Makes the names of all grids unique.
   std::set<std::string> taken;
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {

@@ -1,4 +1,3 @@
-/// Prepares arrays for grids: each has one or three components and a unique name.
 #pragma once
 
 #include <string>
@@ -9,9 +8,9 @@
 namespace palpate::importer {
 
 /// Prepares the arrays of a content for grids. Names become valid and unique; arrays with two
-/// components get a third one, which is 0; tensors of images become scalars and vectors. Adds a
-/// note about each omitted array. Moves the pieces out of `content`. Throws VolumeError if no array
-/// is left, or if an image has only one layer of voxels.
+/// components get a third one, which is 0; tensors of images become scalars and vectors. Adds notes
+/// about omitted arrays. Moves the pieces out of `content`. Throws VolumeError if no array is left,
+/// or if an image has only one layer of voxels.
 [[nodiscard]] std::vector<Piece> makeReady(Content& content, const std::string& file,
                                            std::vector<std::string>& notes);
 
@@ -20,9 +19,8 @@ namespace palpate::importer {
 void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
             const std::string& file);
 
-/// Joins arrays that are the components of a vector according to their names (components.h) and
-/// have the same unit. Adds a note about each vector. If `fields` is not empty, makes only the
-/// vectors that it names.
+/// Joins arrays that are the components of a vector by their names (components.h) and units, and
+/// adds a note. If `fields` is not empty, makes only the vectors that it names.
 void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
                     std::vector<std::string>& notes);
 

@@ -1,4 +1,3 @@
-/// Computes quantiles of values.
 #pragma once
 
 #include <algorithm>
@@ -8,10 +7,8 @@
 
 namespace palpate::importer {
 
-/// Returns the value below which the fraction `share` of all values lies; 0 if there are no values.
-/// Changes the order of `values`.
-/// @param share  0 (lowest value) to 1. For 0.5 and an even number of values, returns the upper of
-///               the two middle values.
+/// Returns the value below which the fraction `share` (0 to 1) of all values lies; 0 if there are
+/// no values. Of two middle values, returns the upper one. Changes the order of `values`.
 template <class T>
 [[nodiscard]] T quantile(std::vector<T>& values, double share) {
   if (values.empty()) return T(0);

@@ -1,5 +1,4 @@
-/// Reads DICOM series through vtk-dicom, which decodes the pixels. dicom_header.h reads the
-/// headers. dicom_stack.h selects the images that make a volume.
+/// Reads DICOM series. vtk-dicom decodes the pixels.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -35,8 +34,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kAgain = "copy or export the file again";
 
-/// Returns the DICOM files of a folder in the order of their names. Adds the folder's subfolders to
-/// `folders`.
+/// Returns a folder's DICOM files, sorted by name. Adds the subfolders to `folders`.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -57,7 +55,6 @@ std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>
   return files;
 }
 
-/// Selects the frames of a file and their order for vtkDICOMReader.
 class Order final : public vtkDICOMSliceSorter {
  public:
   explicit Order(std::vector<int> frames) : frames_(std::move(frames)) { InitializeObjectBase(); }
@@ -78,7 +75,7 @@ class Order final : public vtkDICOMSliceSorter {
   std::vector<int> frames_;
 };
 
-/// Returns an array that is not 0 where a stored value is padding; empty if there is no padding.
+/// Returns an array that is not 0 where a stored value is padding, or no array.
 Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   const bool any = std::any_of(slices.begin(), slices.end(),
                                [](const Slice& s) { return !std::isnan(s.padding[0]); });
@@ -102,11 +99,9 @@ Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   return found ? hidden : Values();
 }
 
-/// Returns slope * stored + intercept for each slice, as 16-bit integers if these are exact,
-/// otherwise as floats. Does not use vtkDICOMReader's own rescaling, which chooses the type for all
-/// values that the stored bits could have. For most scanners that would clip values or double the
-/// memory.
-/// @param hidden  Not 0 where a value is padding; may be null.
+/// Returns slope * stored + intercept, as 16-bit integers if these are exact, otherwise as floats.
+/// vtkDICOMReader's own type, for all possible values, would clip values or double the memory.
+/// `hidden` is not 0 where a value is padding; may be null.
 Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
                       const std::uint8_t* hidden) {
   const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
@@ -156,7 +151,7 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
     }
     Values floats(Type::kFloat32, 1, stored.tuples());
     fill(values, floats.as<float>());
-    // One of these two slices loses more accuracy as floats than all other slices.
+    // The loss is greatest for the smallest or the largest slope.
     const auto [least, most] = std::minmax_element(
         slices.begin(), slices.end(),
         [](const Slice& a, const Slice& b) { return std::abs(a.slope) < std::abs(b.slope); });
@@ -166,9 +161,8 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
   });
 }
 
-/// Collects messages about damaged images from GDCM, which decodes pixels for vtk-dicom. GDCM
-/// returns no error for a damaged image, but its JPEG library prints a message. While this object
-/// exists, it captures standard error and discards the other messages.
+/// Finds messages about damage on standard error. GDCM, which decodes pixels, returns no error for
+/// damaged images, but its JPEG library prints a message.
 class Overheard {
  public:
   Overheard() : chat_(std::cerr.rdbuf(nullptr)), file_(std::tmpfile()) {
@@ -189,8 +183,7 @@ class Overheard {
     std::cerr.rdbuf(chat_);  // also clears the error flags that the missing buffer has caused
   }
 
-  /// Returns the first line that reports damage; an empty text if there is none. A line about
-  /// extraneous bytes does not count, because they are harmless.
+  /// Returns the first line that reports damage, or "". Extraneous bytes are harmless.
   [[nodiscard]] std::string damage() const {
     std::fflush(stderr);
     if (file_ == nullptr) return "";
@@ -212,7 +205,6 @@ class Overheard {
 
 class DicomReader final : public Reader {
  public:
-  /// @param notes  Notes about the choice of the series.
   DicomReader(Request request, const Series& series, const std::vector<std::string>& notes)
       : request_(std::move(request)),
         stack_(stackOf(series, request_.file.string())),
@@ -245,8 +237,7 @@ class DicomReader final : public Reader {
                                      static_cast<int>(slices.size())};
     const Values stored = storedOf(slices);
 
-    // Keeps only the values. The image that the reader returns also holds the header, with the
-    // patient's name.
+    // Keeps only the values: the reader's image also holds the header, with the patient's name.
     Content content;
     Piece image;
     image.size = size;
@@ -265,8 +256,7 @@ class DicomReader final : public Reader {
   }
 
  private:
-  /// Reads one file after another, so that an error can name the damaged file. Files may have
-  /// different types of pixels.
+  /// Reads one file after another, so that errors name the file. Their pixel types may differ.
   Values storedOf(const std::vector<Slice>& slices) const {
     using Places = std::vector<std::size_t>;
     std::map<std::size_t, Places> of_file;
@@ -298,7 +288,6 @@ class DicomReader final : public Reader {
     return out;
   }
 
-  /// Returns the stored values of some frames of a file; empty if the file has no pixels.
   Values framesOf(std::size_t file, const std::vector<int>& frames) const {
     const auto sorter = vtkSmartPointer<Order>::Take(new Order(frames));
     const PlainDicom plain(paths_[file]);
@@ -322,7 +311,7 @@ class DicomReader final : public Reader {
     return values == nullptr ? Values() : valuesOf(values);
   }
 
-  /// Returns some frames of a file with one bit per pixel under RLE. vtk-dicom reads them as bytes.
+  /// Returns frames with one bit per pixel under RLE, which vtk-dicom would read as bytes.
   Values bitsOf(std::size_t file, const std::vector<int>& frames, std::size_t plane) const {
     std::ifstream in(paths_[file], std::ios::binary);
     in.seekg(bits_at_[file]);
@@ -350,8 +339,7 @@ class DicomReader final : public Reader {
     return values;
   }
 
-  /// Describes the scan, and never the patient. No name, number, birth date, day, place, physician
-  /// or identity that leads to them may reach the output.
+  /// Names, numbers, dates, places and physicians could lead to the patient and must not appear.
   void describe(Content& content) const {
     content.description = head_.description;
     if (!head_.study.empty() && head_.study != head_.description) {
@@ -363,7 +351,6 @@ class DicomReader final : public Reader {
     } else if (head_.modality == "MR") {
       content.modality = Modality::kMr;
     }
-    // The unit US means unspecified.
     if (!head_.unit.empty() && head_.unit != "US") content.value_unit["density"] = head_.unit;
   }
 
@@ -372,7 +359,7 @@ class DicomReader final : public Reader {
   File head_;
   std::vector<fs::path> paths_;
   std::vector<bool> is_packed_;
-  std::vector<std::int64_t> bits_at_;  ///< File::bits_at of each file.
+  std::vector<std::int64_t> bits_at_;
 };
 
 /// Returns the DICOM files in and below the folders of a study or a patient.
@@ -400,8 +387,7 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
   if (!is_folder && !isDicom(request.file)) {
     throw VolumeError(request.file.string(), "the DICOM file is packed", "unpack it");
   }
-  // If the user gives a single file, imports the series of that file, unless --series names another
-  // one.
+  // A single file stands for its series, unless --series names another one.
   Request wanted = request;
   if (!is_folder && wanted.series.empty()) {
     const File file = headerOf(request.file);

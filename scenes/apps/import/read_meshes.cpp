@@ -27,7 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the times that a VTK reader has announced.
 std::vector<double> timesOf(vtkAlgorithm* reader) {
   vtkInformation* information = reader->GetOutputInformation(0);
   auto* key = vtkStreamingDemandDrivenPipeline::TIME_STEPS();
@@ -46,8 +45,7 @@ class ExodusReader final : public Reader {
     reader_->ApplyDisplacementsOff();
     reader_->UpdateInformation();
     times_ = timesOf(reader_);
-    // Reads only the requested arrays. If none of them exists, reads all arrays, so that the error
-    // can list them.
+    // Reads only the requested arrays; without a match all arrays, for a list in the error.
     constexpr std::array kTypes{vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK};
     bool any = false;
     for (const int type : kTypes) {
@@ -107,7 +105,7 @@ class FoamReader final : public Reader {
       throw VolumeError(request.file.string(), "the case is decomposed into one part per processor",
                         "run reconstructPar");
     }
-    // Skips time 0, which is the input of the simulation, unless there is no other time.
+    // Skips time 0, which is the input of the simulation, if another time exists.
     for (const bool skip_zero : {true, false}) {
       reader_ = vtkSmartPointer<vtkOpenFOAMReader>::New();
       reader_->SetFileName(control.c_str());
@@ -136,7 +134,6 @@ class FoamReader final : public Reader {
     Content content;
     content.pieces = piecesOf(reader_->GetOutput(), request_.file.string(), content.notes);
     content.length_unit = "m";
-    // Splits array names such as "U [m s^-1]" into the name and the unit.
     for (Piece& piece : content.pieces) {
       for (Array& array : piece.arrays) array.name = withoutUnit(array.name, content.value_unit);
     }
@@ -206,8 +203,7 @@ bool isCgns(const Request& request) {
   return reader->CanReadFile(request.file.c_str()) != 0;
 }
 
-/// Removes arrays that VTK derives from a file's energy, if they are impossible. Pressure and
-/// temperature cannot be negative, except at a few points where the simulation was inaccurate.
+/// Drops arrays that VTK derives from the energy, if they are negative at more than a few points.
 void dropImpossible(Content& content) {
   constexpr double kFew = 0.01;
   for (Piece& piece : content.pieces) {

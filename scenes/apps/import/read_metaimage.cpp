@@ -1,5 +1,5 @@
-/// Reads MetaImage (.mha, .mhd) without VTK. VTK 9.1 ignores the image's position in the header,
-/// and reads missing files as zeros. Its MetaIO library crashes on damaged headers.
+/// Reads MetaImage (.mha, .mhd) without VTK. VTK 9.1 ignores the image's position, reads missing
+/// files as zeros, and crashes on damaged headers.
 #include <algorithm>
 #include <bit>
 #include <cctype>
@@ -33,13 +33,11 @@ std::string trimmed(const std::string& text) {
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
-/// A file that holds a part of the values.
 struct Part {
   fs::path file;
   std::uintmax_t offset = 0;
 };
 
-/// Parses a header and locates its values.
 class Header {
  public:
   explicit Header(const Request& request) : file_(request.file), follow_(request.follow) {
@@ -70,7 +68,6 @@ class Header {
     throw VolumeError(file_.string(), why, remedy);
   }
 
-  /// Returns the text of the first of these fields that is in the header; an empty text if none is.
   [[nodiscard]] std::string text(std::initializer_list<const char*> keys) const {
     for (const char* key : keys) {
       const auto at = fields_.find(key);
@@ -79,8 +76,7 @@ class Header {
     return "";
   }
 
-  /// Returns the numbers of a field; empty if the field is absent. Throws VolumeError unless there
-  /// are as many as expected.
+  /// Returns the numbers of a field; empty if absent. Throws VolumeError unless there are `count`.
   [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
                                             std::size_t count) const {
     std::istringstream words(text(keys));
@@ -136,8 +132,7 @@ class Header {
   /// Returns true if single slices can be read, because the data are neither text nor compressed.
   [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
 
-  /// Returns the values of these slices. They must be all slices, unless isSeekable() is true.
-  /// Throws VolumeError.
+  /// `slices` must be all slices, unless isSeekable() is true. Throws VolumeError.
   [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
     Values values;
     const std::vector<double> n = sizes();
@@ -159,7 +154,6 @@ class Header {
   }
 
  private:
-  /// Reads slices from data files that each have the same number of slices.
   void readSlices(const Slab& slices, std::size_t count, const Values& values,
                   const Progress& progress) const {
     const std::size_t each = count / parts_.size();
@@ -215,7 +209,6 @@ class Header {
                  "correct the value, or export the file again");
         }
         if constexpr (std::is_integral_v<T>) {
-          // Clamps the value to the range of the type.
           value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
                              std::nexttoward(std::ldexp(1.0, std::numeric_limits<T>::digits), 0));
         }
@@ -228,7 +221,7 @@ class Header {
     const std::string object = text({"ObjectType"});
     if (!object.empty() && object != "Image") {
       refuse(fmt::format("the file is a MetaIO {}, not an image", object),
-             "give a MetaImage of type Image");
+             "give a file with ObjectType = Image");
     }
     if (text({"NDims"}) != "3") {
       refuse(fmt::format("the image has {} dimensions",
@@ -259,7 +252,7 @@ class Header {
     checkData(bytes, sizes[2]);
   }
 
-  /// Locates the values. Checks that the files can hold them, before memory is allocated.
+  /// Checks that the files can hold the values, before memory is allocated.
   void checkData(double bytes, double slices) {
     const std::string name = text({"ElementDataFile"});
     if (name.empty()) refuse("the header has no ElementDataFile", kCorrectHeader);
@@ -293,8 +286,7 @@ class Header {
     }
   }
 
-  /// Returns the file names that a pattern such as "slice%03d.raw 1 93 1" stands for, one for each
-  /// slice.
+  /// Expands a pattern such as "slice%03d.raw 1 93 1" to one file name for each slice.
   [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
     constexpr double kMost = 100000.0;
     if (slices > kMost)
@@ -336,7 +328,7 @@ class Header {
   std::map<std::string, std::string> fields_;
   std::vector<std::string> list_;
   std::vector<Part> parts_;
-  std::uintmax_t offset_ = 0;  ///< End of the header in the file [bytes].
+  std::uintmax_t offset_ = 0;
 };
 
 class MetaImageReader final : public Reader {
@@ -348,16 +340,15 @@ class MetaImageReader final : public Reader {
     Piece image;
     const std::vector<double> sizes = header_.sizes();
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
-    // Positions are in the space of ITK: x to the left, y to the back. ITK ignores
-    // AnatomicalOrientation, and so do the programs that are based on ITK. A CT and a dose in it
-    // would lie apart if that field moved only the CT.
+    // Positions are in the space of ITK: x to the left, y to the back. Like ITK, ignores
+    // AnatomicalOrientation. Otherwise a CT and its dose could lie apart.
     const Mat3 turn = Vec3(-1.0, -1.0, 1.0).asDiagonal();
     const std::string axes = header_.text({"AnatomicalOrientation"});
     content.patient = !axes.empty() && axes.find('?') == std::string::npos;
     if (!content.patient) {
       content.notes.emplace_back(
           "no AnatomicalOrientation: as in ITK, x points to the patient's left and y to the back; "
-          "the result is in RAS, so x and y have the other sign");
+          "the result is in RAS, so the signs of x and y are reversed");
     }
     image.file_from_index = place(turn, content.notes);
     const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();

@@ -30,8 +30,7 @@ bool contains(const std::string& text, std::string_view what) {
   return text.find(what) != std::string::npos;
 }
 
-/// Returns true for the units of longitudes and latitudes in the CF conventions, such as
-/// degrees_north and degreeE. The unit of a direction, degrees, is not among them.
+/// Returns true for units such as degrees_north and degreeE, but not for degrees.
 bool isOfEarth(std::string unit) {
   for (char& c : unit) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return contains(unit, "degree_n") || contains(unit, "degrees_n") || contains(unit, "degreen") ||
@@ -39,14 +38,12 @@ bool isOfEarth(std::string unit) {
          contains(unit, "degreee") || contains(unit, "degreese");
 }
 
-/// A variable whose dimensions are a volume, or a volume and time.
 struct Field {
   int variable = 0;
   std::array<std::size_t, 3> axes{};  ///< Indices of its dimensions that are x, y and z.
-  std::optional<std::size_t> time;    ///< Index of its time dimension; no value if it has none.
+  std::optional<std::size_t> time;
 };
 
-/// Conversion of a variable's stored numbers to values.
 class Unpacking {
  public:
   Unpacking(const NetcdfFile& file, int v) : type_(file.variable(v).type) {
@@ -87,7 +84,7 @@ class Unpacking {
            type_ == NC_SHORT || type_ == NC_USHORT;
   }
 
-  /// Returns the value of a stored number; NaN if the number marks missing data.
+  /// Returns NaN for numbers that mark missing data.
   [[nodiscard]] double operator()(double stored) const {
     const bool none = std::find(missing_.begin(), missing_.end(), stored) != missing_.end();
     const double value = stored < 0.0 ? stored + turn_ : stored;
@@ -98,8 +95,7 @@ class Unpacking {
  private:
   [[nodiscard]] bool isPacked() const { return scale_ != 1.0 || offset_ != 0.0; }
 
-  /// Returns the library's fill value, which marks values that were never written. Types of one
-  /// byte have no fill value.
+  /// Returns the library's fill value for unwritten values. Types of one byte do not have it.
   static double fillOf(nc_type type) {
     switch (type) {
       case NC_SHORT:
@@ -122,15 +118,13 @@ class Unpacking {
   nc_type type_ = NC_NAT;
   double scale_ = 1.0;
   double offset_ = 0.0;
-  std::vector<double> missing_;  ///< Stored numbers that mark missing data.
-  double low_ = 0.0;             ///< Lowest valid stored number; `high_` is the highest one.
+  std::vector<double> missing_;
+  double low_ = 0.0;  ///< Lowest valid stored number; `high_` is the highest one.
   double high_ = 0.0;
   double turn_ = 0.0;  ///< Added to negative numbers, which stand for unsigned ones.
 };
 
-/// Averages values on the faces of cells to the centres.
-/// @param size   Number of values along x, y and z.
-/// @param faces  1 for each axis along which the values lie on faces, else 0.
+/// Averages values on faces to the cells' centres. `faces` is 1 for axes with values on faces.
 Values averagedToCentres(const Values& values, const std::array<std::size_t, 3>& size,
                          const std::array<std::size_t, 3>& faces) {
   if (faces == std::array<std::size_t, 3>{}) return values;
@@ -189,7 +183,6 @@ class NetcdfReader final : public Reader {
     content.notes = left_;
     const bool asked = std::any_of(fields_.begin(), fields_.end(),
                                    [&](const Field& field) { return isAsked(nameOf(field)); });
-    // Reads all fields on the same grid together.
     Grids grids;
     for (const Field& field : fields_) {
       if (asked && !isAsked(nameOf(field))) continue;
@@ -241,12 +234,10 @@ class NetcdfReader final : public Reader {
 
   using Grids = std::map<std::vector<int>, std::vector<const Field*>>;
 
-  /// Returns true if the first two axes are those of WRF's grid.
   [[nodiscard]] bool isWrf(const std::vector<int>& axes) const {
     return wrf_ && axes[0] == wrf_->x && axes[1] == wrf_->y;
   }
 
-  /// Adds notes about the places of WRF's points, and about values that lie on the cells' faces.
   void noteWrf(const Grids& grids, std::vector<std::string>& notes) const {
     std::vector<std::string> averaged;
     bool any = false;
@@ -267,8 +258,7 @@ class NetcdfReader final : public Reader {
                        [&](std::size_t a) { return file_.dimension(own[a]).centres >= 0; });
   }
 
-  /// Returns true if the grid may be curvilinear: another variable states the longitude or the
-  /// latitude of each point in the field's rows and columns.
+  /// The grid may be curvilinear if a variable states the longitude or the latitude of each point.
   [[nodiscard]] bool isCurved(int v, const Field& field) const {
     const std::vector<int>& own = dimensionsOf(field);
     const std::array plane{file_.centresOf(own[field.axes[0]]),
@@ -293,7 +283,6 @@ class NetcdfReader final : public Reader {
     return false;
   }
 
-  /// Adds a variable to the fields if its dimensions are a volume.
   void find(int v) {
     const Variable& variable = file_.variables()[static_cast<std::size_t>(v)];
     if (variable.dimensions.size() < 3 || variable.type == NC_CHAR || variable.type > NC_UINT64 ||
@@ -327,8 +316,7 @@ class NetcdfReader final : public Reader {
         unknown.push_back(i);
       }
     }
-    // Dimensions of unknown meaning become x, y and z from the last one on: the last dimension is
-    // the fastest.
+    // Unknown dimensions become x, y and z from the last one on, which is the fastest.
     for (std::optional<std::size_t>& axis : axes) {
       if (axis || unknown.empty()) continue;
       axis = unknown.back();
@@ -404,8 +392,7 @@ class NetcdfReader final : public Reader {
     return axis;
   }
 
-  /// Reads one step of a field with x fastest. Packed values are unpacked, and missing values are
-  /// NaN. Values on the faces of cells are averaged to the centres.
+  /// Reads one step with x fastest: unpacked, NaN for missing values, averaged to the centres.
   [[nodiscard]] Values valuesOf(const Field& field, std::size_t step,
                                 std::vector<std::string>& notes) const {
     const std::vector<int>& own = dimensionsOf(field);
@@ -418,7 +405,6 @@ class NetcdfReader final : public Reader {
     const Unpacking unpack(file_, field.variable);
     Values out(unpack.fitsFloat() ? Type::kFloat32 : Type::kFloat64, 1,
                size[0] * size[1] * size[2]);
-    // Reads one plane at a time. The file decides which axis of the plane is faster.
     std::vector<double> plane(size[0] * size[1]);
     const bool x_last = field.axes[0] > field.axes[1];
     std::vector<std::size_t> start(own.size(), 0);
@@ -446,7 +432,7 @@ class NetcdfReader final : public Reader {
   NetcdfFile file_;
   std::optional<WrfGrid> wrf_;
   std::vector<Field> fields_;
-  std::vector<std::string> left_;  ///< Variables that are not imported, with the reason.
+  std::vector<std::string> left_;
   std::vector<std::string> flat_;  ///< Variables with fewer than three dimensions of space.
   int time_ = -1;
   std::vector<double> times_;

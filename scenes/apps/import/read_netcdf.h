@@ -1,5 +1,4 @@
-/// Private to the importer: opens the formats that are kept in netCDF or HDF5 files, apart from
-/// Exodus II and CGNS.
+/// Private to the importer: opens formats in netCDF or HDF5 files, except Exodus II and CGNS.
 #pragma once
 
 #include <memory>

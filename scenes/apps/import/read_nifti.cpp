@@ -1,7 +1,6 @@
-/// Reads NIfTI-1 and NIfTI-2 without libnifti, which reads values that are not numbers as zeros and
-/// reports damage only on standard error. The space of the file is given by the sform, else by the
-/// qform, else by the spacing. By definition it is RAS: +x right, +y front, +z up. Source: nifti1.h
-/// and nifti2.h of nifti.nimh.nih.gov.
+/// Reads NIfTI-1 and NIfTI-2 (nifti1.h and nifti2.h of nifti.nimh.nih.gov) without libnifti, which
+/// reads invalid values as zeros and reports damage only on standard error. The space is RAS (+x
+/// right, +y front, +z up): that of the sform, else of the qform, else of the spacing.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -40,7 +39,7 @@ struct Header {
   /// size[0] is the number of dimensions; the others are at least 1.
   std::array<std::int64_t, 8> size{};
   std::array<double, 8> spacing{};  ///< spacing[0] is the handedness of the qform.
-  double offset = 0.0;              ///< Start of the values in their file [bytes].
+  double offset = 0.0;
   double slope = 0.0;
   double intercept = 0.0;
   double start = 0.0;
@@ -50,11 +49,10 @@ struct Header {
   int sform = 0;
   std::array<double, 3> quaternion{};
   std::array<double, 3> shift{};
-  std::array<double, 12> rows{};  ///< The rows of the sform's matrix.
+  std::array<double, 12> rows{};
   std::string description;
 };
 
-/// Reads numbers from the bytes of a header.
 class Fields {
  public:
   Fields(const std::array<char, 540>& bytes, bool swapped) : bytes_(&bytes), swapped_(swapped) {}
@@ -66,7 +64,6 @@ class Fields {
     if (swapped_) std::reverse(raw.begin(), raw.end());
     return std::bit_cast<T>(raw);
   }
-  /// Reads an array of numbers.
   template <class T, class Out, std::size_t N>
   void take(std::size_t byte, std::array<Out, N>& out) const {
     for (std::size_t i = 0; i < N; ++i) out[i] = static_cast<Out>(at<T>(byte + i * sizeof(T)));
@@ -132,7 +129,6 @@ Header headerFrom(const std::array<char, 540>& bytes, bool second) {
   return out;
 }
 
-/// Meaning of a voxel's values.
 enum class Meaning : std::uint8_t { kScalar, kVector, kTensor };
 
 class NiftiReader final : public Reader {
@@ -235,8 +231,7 @@ class NiftiReader final : public Reader {
     notes_.push_back(std::string("components are read ") + kAsFsl);
   }
 
-  /// Detects files of FSL with fibre directions. FSL stores a vector as three volumes, which look
-  /// like a time series. The vectors have length 1, or 0 where there is no fibre.
+  /// FSL's fibre directions are three volumes like a time series, with vectors of length 1 or 0.
   void findDirections() {
     if (!series_ || header_.size[4] != 3 || header_.size[5] != 1 || !request_.as.empty()) return;
     if (type_ != Type::kFloat32 && type_ != Type::kFloat64) return;
@@ -316,8 +311,7 @@ class NiftiReader final : public Reader {
     }
   }
 
-  /// Checks that the file can hold the values that its header describes, before memory is
-  /// allocated.
+  /// Checks that the file can hold the header's values, before memory is allocated.
   void weigh() const {
     const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
     const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
@@ -342,7 +336,7 @@ class NiftiReader final : public Reader {
     return packed || fs::exists(gz, error) ? gz : data;
   }
 
-  /// Reads one step. If a voxel has several components, they are separate volumes in the file.
+  /// The components of a voxel are separate volumes in the file.
   [[nodiscard]] Values readValues(std::size_t step, const Slab& slices) {
     const auto& size = header_.size;
     const std::size_t slice = static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(size[2]);
@@ -350,7 +344,6 @@ class NiftiReader final : public Reader {
     const auto steps = static_cast<std::size_t>(size[4]);
     const std::size_t components =
         as_components_ ? steps : static_cast<std::size_t>(std::max<std::int64_t>(size[5], 1));
-    // Distance in the file between the volumes of two components [volumes].
     const std::size_t stride = as_components_ ? 1 : steps;
     const fs::path data = dataFile();
     Unpacked in(request_.file, data);
@@ -409,7 +402,7 @@ class NiftiReader final : public Reader {
     if (header_.qform > 0) {
       const auto [b, c, d] = header_.quaternion;
       const double rest = 1.0 - (b * b + c * c + d * d);
-      // Without a remainder this is half a turn, whose first component is 0.
+      // Without a remainder, the rotation is half a turn, with 0 as first component.
       Eigen::Quaterniond turn(std::sqrt(std::max(rest, 0.0)), b, c, d);
       map.linear = turn.normalized().toRotationMatrix();
       if (header_.spacing[0] < 0.0) map.linear.col(2) *= -1.0;
@@ -426,9 +419,8 @@ class NiftiReader final : public Reader {
     return map;
   }
 
-  /// Returns the axes that the components of FSL's vectors refer to: the voxel axes of the file,
-  /// with x mirrored if they are right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs
-  /// use?").
+  /// Returns the axes of FSL's vectors: the voxel axes of the file, with x mirrored if they are
+  /// right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs use?").
   static Mat3 fslFrame(const Affine& map) {
     Mat3 axes = map.linear;
     if (axes.determinant() > 0.0) axes.col(0) = -axes.col(0);
@@ -444,8 +436,8 @@ class NiftiReader final : public Reader {
   bool series_ = false;
   /// True if the volumes along the fourth dimension are components, not time steps.
   bool as_components_ = false;
-  bool axial_ = false;  ///< True for directions whose sign has no meaning.
-  bool sound_ = false;  ///< True if the file's checksum was verified.
+  bool axial_ = false;  ///< True if the sign of the vectors has no meaning.
+  bool sound_ = false;
   std::vector<std::string> notes_;
 };
 

@@ -31,7 +31,6 @@ struct FreeState {
   void operator()(NrrdIoState* state) const { nrrdIoStateNix(state); }
 };
 
-/// Meaning of a value.
 enum class Meaning : std::uint8_t { kScalar, kVector, kTensor, kMaskedTensor };
 
 std::optional<Type> typeOf(int type) {
@@ -129,8 +128,7 @@ class NrrdReader final : public Reader {
   void parse(std::vector<std::string> lines) {
     if (!tryParse(lines)) {
       const std::string why = teemError();
-      // NRRD does not allow spacings and similar fields beside space directions, but some programs
-      // write both. Parses the header again without these fields.
+      // NRRD forbids spacings beside space directions, but some programs write both.
       const auto begins = [](const std::string& line, const char* with) {
         return lowered(line).rfind(with, 0) == 0;
       };
@@ -157,7 +155,6 @@ class NrrdReader final : public Reader {
     }
   }
 
-  /// Finds the meaning of an axis that is not a direction in space.
   void takeKind(int axis, int kind) {
     const std::size_t size = axisAt(axis).size;
     const auto component = [&](Meaning meaning) {
@@ -177,7 +174,7 @@ class NrrdReader final : public Reader {
       case nrrdKind3Normal:
         if (size != 3) {
           refuse(fmt::format("the vectors have {} components, not 3", size),
-                 "if this axis is a series, change its kind to list in the header");
+                 "if this axis is a series, set its kind in the header to \"list\"");
         }
         return component(Meaning::kVector);
       case nrrdKind3DSymMatrix:
@@ -202,7 +199,6 @@ class NrrdReader final : public Reader {
     }
   }
 
-  /// Finds the axes of space, the axis of components and the axis of a series.
   void classify() {
     const int dim = static_cast<int>(nrrd_->dim);
     const auto directed = [&](int axis) {  // true for directions in space, but not for time
@@ -227,7 +223,7 @@ class NrrdReader final : public Reader {
       refuse("the image has fewer than three axes of space",
              "give an image with three axes of space");
     }
-    // Of four domain axes without directions, the last one is time.
+    // The last one of four domain axes without directions is time.
     if (space.size() > 3 && (directed_ || space.size() > 4)) {
       refuse(fmt::format("the image has {} axes of space, not 3", space.size()),
              kCorrectNrrdHeader);
@@ -268,7 +264,6 @@ class NrrdReader final : public Reader {
 
   // ------------------------------------------------------------------ the data
 
-  /// Returns the product of the sizes of some axes.
   [[nodiscard]] std::size_t sizeBetween(int first, int end) const {
     std::size_t product = 1;
     for (int a = first; a < end; ++a) product *= axisAt(a).size;
@@ -281,8 +276,7 @@ class NrrdReader final : public Reader {
            (series_ < 0 || sizeBetween(series_ + 1, static_cast<int>(nrrd_->dim)) == 1);
   }
 
-  /// Reads the values of one step, components fastest.
-  /// @param slices  All slices; if isInOrder() is true, possibly a part.
+  /// Reads one step, components fastest. `slices` must be all slices, unless isInOrder() is true.
   Values readValues(std::size_t step, const Slab& slices) {
     const std::size_t size = nrrdElementSize(nrrd_.get());
     const std::size_t width = component_ < 0 ? 1 : axisAt(component_).size;
@@ -293,16 +287,14 @@ class NrrdReader final : public Reader {
       values = Values(*typeOf(nrrd_->type), static_cast<int>(width), points);
       auto* to = values.as<char>();
       if (isInOrder()) {
-        // For hexadecimal data, teem combines each digit with the previous content of the memory,
-        // so that content must be 0.
+        // For hexadecimal data, teem combines digits with the previous content, which must be 0.
         if (state_->encoding == nrrdEncodingHex) std::memset(to, 0, points * width * size);
         const std::size_t before =
             step * axisAt(space_[2]).size + static_cast<std::size_t>(slices.first);
         data_->read(before * slice * width, points * width, to);
         return values;
       }
-      // The values of a step are not contiguous. Reads all data once and keeps them for the other
-      // steps.
+      // The values of a step are not contiguous. Keeps all data for the other steps.
       if (whole_.empty()) {
         whole_.resize(nrrdElementNumber(nrrd_.get()) * size);
         data_->read(0, nrrdElementNumber(nrrd_.get()), whole_.data());
@@ -327,7 +319,7 @@ class NrrdReader final : public Reader {
     return values;
   }
 
-  /// Returns an array that is not 0 where the mask of a masked tensor excludes the tensor.
+  /// Returns an array that is not 0 where the mask excludes a tensor.
   static Values hiddenOf(const Values& masked) {
     Values hidden(Type::kUint8, 1, masked.tuples());
     auto* out = hidden.as<std::uint8_t>();
@@ -337,8 +329,7 @@ class NrrdReader final : public Reader {
 
   // ------------------------------------------------------------------ the space
 
-  /// Returns the rotation or reflection from the file's space to RAS. If the file names no
-  /// anatomical axes, the result is a right-handed space.
+  /// Returns the rotation or reflection to RAS; without anatomical axes, to a right-handed space.
   [[nodiscard]] Mat3 turn() const {
     switch (nrrd_->space) {
       case nrrdSpaceLeftPosteriorSuperior:
@@ -347,8 +338,7 @@ class NrrdReader final : public Reader {
       case nrrdSpaceLeftAnteriorSuperior:
       case nrrdSpaceLeftAnteriorSuperiorTime:
         return Vec3(-1.0, 1.0, 1.0).asDiagonal();
-      case nrrdSpace3DLeftHanded:  // W is right-handed; without this reflection the volume would
-                                   // appear mirrored
+      case nrrdSpace3DLeftHanded:  // W is right-handed: avoids a mirrored volume
       case nrrdSpace3DLeftHandedTime:
         return Vec3(1.0, -1.0, 1.0).asDiagonal();
       default:
@@ -404,8 +394,8 @@ class NrrdReader final : public Reader {
         nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime;
     if (directed_ && turn().isIdentity(0.0) && !namesPatient() && !is_scanner) {
       content.notes.emplace_back(
-          "the space has no anatomical axes, so positions stay unchanged: the volume does not meet "
-          "volumes that are in RAS if ITK wrote it, because ITK's x points left and y back");
+          "the space has no anatomical axes, so positions stay unchanged: if ITK wrote the file, x "
+          "points left and y back, so the volume does not align with volumes that are in RAS");
     }
     if (is_scanner) {
       content.notes.emplace_back(
@@ -414,11 +404,9 @@ class NrrdReader final : public Reader {
     return map;
   }
 
-  /// Sets the position and the spacing of an axis that has no direction.
   static void placeAlong(int c, const NrrdAxisInfo& axis, Affine& map,
                          std::vector<std::string>& notes) {
-    // If the file does not state the centring, teem takes min and max as the faces of the outer
-    // voxels.
+    // Without a stated centring, teem takes min and max as the faces of the outer voxels.
     const bool node = axis.center == nrrdCenterNode;
     double spacing = axis.spacing;
     if (!AIR_EXISTS(spacing) && AIR_EXISTS(axis.min) && AIR_EXISTS(axis.max)) {
@@ -433,8 +421,7 @@ class NrrdReader final : public Reader {
     if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);
   }
 
-  /// Converts vectors and tensors to RAS. Drops masks, and orders the components of symmetric
-  /// tensors as VTK does.
+  /// Converts vectors and tensors to RAS, without masks, with symmetric tensors in VTK's order.
   Values inSpace(Values values, Content& content) const {
     if (meaning_ == Meaning::kScalar) return values;
     if (meaning_ != Meaning::kVector) {
@@ -464,7 +451,7 @@ class NrrdReader final : public Reader {
   std::string file_;
   std::unique_ptr<Nrrd, FreeNrrd> nrrd_;
   std::unique_ptr<NrrdIoState, FreeState> state_;
-  std::optional<NrrdData> data_;  ///< Set in the constructor, once the header is checked.
+  std::optional<NrrdData> data_;
   std::array<int, 3> space_{};
   int component_ = -1;
   int series_ = -1;

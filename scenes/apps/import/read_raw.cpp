@@ -41,7 +41,7 @@ struct Layout {
   bool planar = false;  ///< True if all x components come first, then all y, then all z.
   /// Number of bytes before the values; -1: the values are at the end of the file.
   std::int64_t skip = 0;
-  std::string after;  ///< If set, the values begin behind this text.
+  std::string after;
   Affine map;
   std::string name = "density";
   std::string length_unit;
@@ -202,11 +202,10 @@ Layout layoutOf(const std::string& raw) {
   return LayoutParser(json, source).parse();
 }
 
-/// Returns the offset of the values in the file [bytes].
 std::uint64_t offsetOf(std::ifstream& in, const Layout& layout, std::uint64_t needed,
                        std::uint64_t have, const std::string& file) {
   if (!layout.after.empty()) {
-    // Such files have a short text header, so the text is searched in the first megabyte.
+    // Searches the first megabyte, because text headers are short.
     std::string head(std::min<std::uint64_t>(have, 1U << 20U), '\0');
     in.read(head.data(), static_cast<std::streamsize>(head.size()));
     const auto at = head.find(layout.after);
@@ -275,8 +274,7 @@ class RawReader final : public Reader {
   }
 
  private:
-  /// Copies interleaved components. Interleaves planar components one plane after another.
-  /// @param points  Number of points in the image; values are read from the point `first` on.
+  /// Interleaves planar components. Reads from point `first` on, of `points` in the image.
   void readValues(std::ifstream& in, std::uint64_t offset, std::uint64_t points,
                   std::uint64_t first, const Values& values) const {
     const std::size_t width = layout_.type.bytes;

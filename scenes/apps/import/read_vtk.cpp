@@ -1,5 +1,4 @@
-/// Reads the legacy and the XML formats of VTK, its format in HDF5, and ParaView's collections of
-/// XML files.
+/// Reads VTK's legacy, XML and HDF5 formats, and ParaView's collections of XML files.
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -47,7 +46,6 @@ Content readLegacy(const Request& request) {
   return content;
 }
 
-/// Returns the number of cells in an extent "x0 x1 y0 y1 z0 z1".
 double cellsOf(const std::string& extent) {
   std::array<int, 6> e{};
   if (std::sscanf(extent.c_str(), "%d %d %d %d %d %d", &e[0], &e[1], &e[2], &e[3], &e[4], &e[5]) !=
@@ -58,8 +56,7 @@ double cellsOf(const std::string& extent) {
          (static_cast<double>(e[5]) - e[4]);
 }
 
-/// Throws VolumeError if the pieces of a structured file do not cover its whole extent. VTK would
-/// leave the remaining memory uninitialized.
+/// VTK would leave memory uninitialized if the pieces of a file do not cover its whole extent.
 void checkPieces(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
@@ -103,7 +100,6 @@ Content readXml(const Request& request) {
   return content;
 }
 
-/// Returns true if an XML file of VTK is a collection of other files (.pvd).
 bool isCollection(const std::filesystem::path& file) {
   constexpr std::size_t kBytes = 4096;
   std::string text(kBytes, '\0');
@@ -117,7 +113,6 @@ bool isCollection(const std::filesystem::path& file) {
          tag.find("'Collection'") != std::string::npos;
 }
 
-/// Reads ParaView's collections: each file is a part of the data at one time.
 class CollectionReader final : public Reader {
  public:
   explicit CollectionReader(const Request& request) : request_(request) {
@@ -182,7 +177,7 @@ class CollectionReader final : public Reader {
   }
 
   Request request_;
-  std::map<double, std::vector<std::filesystem::path>> files_;  ///< The files, by their time.
+  std::map<double, std::vector<std::filesystem::path>> files_;
 };
 
 Content readHdf(const Request& request) {

@@ -17,7 +17,6 @@
 
 namespace palpate::importer {
 
-/// An affine transform: linear * (i, j, k) + origin.
 struct Affine {
   Mat3 linear = Mat3::Identity();
   Vec3 origin = Vec3::Zero();
@@ -46,24 +45,21 @@ using Progress = std::function<void(double done)>;
 
 struct Resampled;
 
-/// Suggested edges of the cubic voxels with which a mesh is resampled, in the file's unit.
+/// Suggested edges of cubic voxels for a mesh, in the file's unit.
 struct SuggestedVoxel {
-  /// The larger of `by_cell` and a limit. With the limit, there are at most kVoxelsPerPoint voxels
-  /// for each point of the mesh; 33 x 33 x 33 voxels are always allowed.
+  /// `by_cell`, or a larger edge that limits the voxels to kVoxelsPerPoint for each point of the
+  /// mesh. 33 x 33 x 33 voxels are always allowed.
   double edge = 0.0;
-  /// Half the edge of a cube that has the median volume of the cells' bounding boxes. There are 32
-  /// to 512 voxels along the mesh's longest side. If no cell has a volume, this is a 64th of that
-  /// side.
+  /// Half the edge of a cube with the median volume of the cells' bounding boxes, within 32 to 512
+  /// voxels along the mesh's longest side. Without volumes, 64 voxels are along this side.
   double by_cell = 0.0;
-  double voxels_by_cell = 0.0;  ///< Approximate number of voxels for the edge `by_cell`.
+  double voxels_by_cell = 0.0;
 };
 
-/// Limit of the voxels for each point of a mesh. A mesh of equal cells needs 8 voxels for each
-/// point. If most cells are small cells at a wall, half their edge would make hundreds of voxels
-/// for each point, which the large cells do not need.
+/// Limit of the voxels for each point of a mesh. Equal cells need 8. If most cells are small cells
+/// at a wall, half their edge would make hundreds, which the large cells do not need.
 inline constexpr double kVoxelsPerPoint = 16.0;
 
-/// The cells of a mesh that have a volume.
 class Mesh {
  public:
   Mesh() = default;
@@ -73,25 +69,23 @@ class Mesh {
 
   [[nodiscard]] virtual SuggestedVoxel suggestVoxel() const = 0;
 
-  /// Resamples several arrays of the mesh's points on the same voxels. The first voxel is at the
-  /// lowest corner of the mesh's bounds. A value is interpolated by the mesh in the cell that
-  /// contains the voxel's centre. Works in parallel, leaf by leaf. Throws VolumeError if there
-  /// would be too many voxels.
+  /// Resamples arrays of the mesh's points on the same voxels. The first voxel is at the lowest
+  /// corner of the mesh's bounds. The mesh interpolates in the cell that contains a voxel's centre.
+  /// Works in parallel. Throws VolumeError if there would be too many voxels.
   [[nodiscard]] virtual std::vector<Resampled> resample(const std::vector<Array>& arrays,
                                                         double voxel, const std::string& file,
                                                         const Progress& progress) const = 0;
 };
 
-/// The points of an image or a mesh, with the arrays on them.
 struct Piece {
   std::shared_ptr<const Mesh> mesh;  ///< Null for an image.
   std::array<int, 3> size{};  ///< For an image: number of points along i, j and k; i is fastest.
-  std::optional<Slab> held;   ///< For an image: slices whose values are in memory; no value: all.
+  std::optional<Slab> held;   ///< For an image: slices in memory; no value: all slices.
   /// For an image: transform from indices to positions; the first point is 0, 0, 0.
   Affine file_from_index;
-  /// For an image with changing distances between its slices: the index k of each slice on the even
-  /// lattice of file_from_index. Begins with 0, increases strictly, and ends with a whole number.
-  /// Empty: the slices are at 0, 1, 2, ... If not empty, `size` counts the slices of the file.
+  /// For an image with uneven slices: index k of each slice on the even lattice of file_from_index.
+  /// Begins with 0, increases strictly, and ends with a whole number. `size` then counts the slices
+  /// of the file. Empty: the slices are at 0, 1, 2, ...
   std::vector<double> depths;
   /// For an image: a kUint8 array that is not 0 at points without data; may be empty.
   Values hidden;
@@ -100,16 +94,14 @@ struct Piece {
   std::vector<Array> arrays;
 
   [[nodiscard]] bool isImage() const { return mesh == nullptr; }
-  /// Returns the slices of an image whose values are in memory.
   [[nodiscard]] Slab slices() const { return held.value_or(Slab{0, size[2]}); }
 };
 
 /// Content of a file at one time step, in the file's own space. If the format names the axes of a
-/// patient, the space is converted to RAS (+x right, +y front, +z up), so that volumes of the same
-/// patient are aligned.
+/// patient, the space is RAS (+x right, +y front, +z up).
 struct Content {
-  /// The arrays of the file. Vectors have 3 components in the file's space. Tensors have 9
-  /// components, or 6 in VTK's order: xx yy zz xy yz xz.
+  /// Vectors have 3 components in the file's space. Tensors have 9 components, or 6 in VTK's order:
+  /// xx yy zz xy yz xz.
   std::vector<Piece> pieces;
   Modality modality = Modality::kUnknown;
   std::string description;
@@ -122,8 +114,8 @@ struct Content {
 
 /// Options of the user that concern the readers.
 struct Request {
-  std::filesystem::path file;       ///< A file, or a folder with files.
-  std::vector<std::string> fields;  ///< Names of the arrays to import; empty: all.
+  std::filesystem::path file;  ///< A file, or a folder with files.
+  std::vector<std::string> fields;
   std::filesystem::path solution;  ///< For PLOT3D: the solution file that belongs to the grid file.
   std::string raw;  ///< Layout of a file without a header: JSON, or the path of a file with JSON.
   std::string series;  ///< For DICOM: number, UID or description of the series.
@@ -131,12 +123,11 @@ struct Request {
   std::string as;
   bool follow = false;  ///< If true, a header may name data files outside its folder.
   Progress progress;
-  /// Returns the slices that are needed of an image with this size and transform. Empty: all slices
-  /// are needed. Readers that can read a part of a file read only these slices (Piece::held).
+  /// Returns the slices that are needed of an image. Empty: all. Readers that can read a part of a
+  /// file read only these slices (Piece::held).
   std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index)> slices;
 };
 
-/// A file that is open for import.
 class Reader {
  public:
   Reader() = default;
@@ -144,27 +135,23 @@ class Reader {
   Reader& operator=(const Reader&) = delete;
   virtual ~Reader() = default;
 
-  /// Returns the times of the steps of a series; empty if there is only one step.
   [[nodiscard]] virtual std::vector<double> times() const { return {}; }
   /// Reads one step. Throws VolumeError.
   [[nodiscard]] virtual Content read(std::size_t step) = 0;
 };
 
-/// Returns the slices of an image that must be read: all, unless the request selects fewer. Sets
-/// `image.held`. The size and the transform of `image` must be set. For readers that can read a
-/// part of a file.
+/// Sets `image.held` to the slices that must be read (Request::slices), and returns these. The size
+/// and the transform of `image` must be set. For readers that can read a part of a file.
 [[nodiscard]] Slab slicesToRead(const Request& request, Piece& image);
 
-/// Returns a reader for a format without series, which calls `read`.
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
                                               Content (*read)(const Request&));
 
-/// Detects the format of a file by its first bytes, otherwise by its name, and opens the file.
-/// Throws VolumeError if the file cannot be imported; the error names the detected format.
+/// Detects the format by the first bytes, otherwise by the name, and opens the file. Throws
+/// VolumeError, which names the format, if the file cannot be imported.
 [[nodiscard]] std::unique_ptr<Reader> openAny(const Request& request);
 
-// Each of these functions opens the files of some formats. Each throws VolumeError if the file is
-// not valid.
+// Each function opens the files of some formats, and throws VolumeError for invalid files.
 
 /// Opens a DICOM series, given by one of its files or by a folder.
 [[nodiscard]] std::unique_ptr<Reader> openDicom(const Request& request);

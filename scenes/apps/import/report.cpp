@@ -12,7 +12,6 @@ namespace {
 
 using OrderedJson = nlohmann::ordered_json;
 
-/// Describes the voxels of a grid in a line. Grids with the same voxels share one line.
 std::string voxelsOf(const Imported& imported) {
   const openvdb::GridBase& grid = *imported.made.grid;
   const openvdb::Vec3d edge = grid.voxelSize();
@@ -35,7 +34,6 @@ std::string voxelsOf(const Imported& imported) {
   return "  " + line + "\n";
 }
 
-/// Describes the range of a grid's values and the losses.
 std::string lineOf(const Imported& imported) {
   const Gridded& made = imported.made;
   const openvdb::GridBase& grid = *made.grid;

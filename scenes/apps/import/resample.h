@@ -1,5 +1,3 @@
-/// Grids with cubic voxels, and their errors relative to the mesh or the image that they were made
-/// from.
 #pragma once
 
 #include <cstdint>
@@ -9,15 +7,13 @@
 
 namespace palpate::importer {
 
-/// Errors of resampling, divided by the range of the values. For a mesh, compares its interpolation
-/// with the trilinear interpolation of the grid, at random places in the mesh. For an image,
-/// compares the values at its voxels.
+/// Errors of resampling, divided by the range of the values. They compare trilinear interpolation
+/// with the mesh's own, at random places, or with an image's values, at its voxels.
 struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
   std::uint64_t points = 0;  ///< Number of places where all 8 surrounding voxels have data.
-  /// The same errors at places with data in only some of the 8 surrounding voxels. There the
-  /// interpolation also reads the background. Such places are in the outermost voxel of the mesh.
+  /// Errors in the outermost voxel of a mesh, where the interpolation also reads the background.
   double edge_rms = 0.0;
   double edge_largest = 0.0;
   std::uint64_t edge_points = 0;

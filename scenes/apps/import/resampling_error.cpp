@@ -10,7 +10,6 @@ namespace {
 
 using openvdb::Vec3d;
 
-/// Compares the grid with the image at voxels of the image that have data.
 template <class GridT>
 Differences compareAt(const Piece& image, const Array& array, const GridT& grid) {
   Differences differences;

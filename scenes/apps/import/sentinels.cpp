@@ -13,15 +13,13 @@
 namespace palpate::importer {
 namespace {
 
-/// Distance of a sentinel from all other values, relative to their range. Also the least magnitude
-/// of a negative sentinel, relative to theirs.
+/// Least distance of a sentinel from all other values, relative to their range. Also the least
+/// magnitude of a negative sentinel, relative to theirs.
 constexpr double kFarFromOthers = 10.0;
-/// Least magnitude of a positive sentinel, relative to that of all other values. It is larger,
-/// because results have steep peaks: the specific dissipation at a wall exceeds that of the next
-/// cell by a factor of ten.
+/// Least magnitude of a positive sentinel, relative to that of all other values. Results have steep
+/// peaks: specific dissipation at a wall is ten times that of the next cell.
 constexpr double kHuge = 1000.0;
 
-/// The two lowest and the two highest different values of a component.
 struct Extremes {
   double low = std::numeric_limits<double>::infinity();
   double next_low = std::numeric_limits<double>::infinity();
@@ -49,7 +47,6 @@ struct Extremes {
   }
 };
 
-/// Calls `take` with each finite value of a component.
 template <class Take>
 void visitFinite(const Values& values, int component, Take take) {
   visit(values, [&](const auto* data) {
@@ -94,7 +91,6 @@ std::size_t removeFrom(const Values& values, int component, float sentinel) {
   return count;
 }
 
-/// Returns a copy of the values, as floats or doubles.
 Values copyOf(const Values& values) {
   if (values.type() != Type::kFloat32 && values.type() != Type::kFloat64) return floatsOf(values);
   Values out(values.type(), values.components(), values.tuples());

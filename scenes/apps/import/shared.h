@@ -1,5 +1,4 @@
-/// Divides an image among the processes of a group, the ranks. Each gets a range of slices along k,
-/// the slowest axis of files.
+/// Divides an image among the ranks of a process group, by slices along k, the slowest axis.
 #pragma once
 
 #include <algorithm>
@@ -13,8 +12,7 @@
 
 namespace palpate::importer {
 
-/// One rank of a process group. Results for the whole image do not depend on the number of ranks:
-/// they are combined slice by slice, or by operations that are independent of the order.
+/// One rank of a process group. Results for the whole image do not depend on the number of ranks.
 class Shared {
  public:
   explicit Shared(ProcessGroup& group) : group_(&group) {}
@@ -22,18 +20,15 @@ class Shared {
   [[nodiscard]] ProcessGroup& group() const { return *group_; }
   [[nodiscard]] bool isAlone() const { return group_->size() == 1; }
 
-  /// Returns the bricks of this rank along k, for an image with this number of slices.
   [[nodiscard]] Share bricks(int slices) const {
     return shareOf(*group_, (slices + kBrickSide - 1) / kBrickSide);
   }
-  /// Returns the slices in the bricks of this rank.
   [[nodiscard]] Slab own(int slices) const {
     const Share share = bricks(slices);
     const int first = static_cast<int>(share.first) * kBrickSide;
     return {first, std::min(static_cast<int>(share.end) * kBrickSide, slices) - first};
   }
-  /// Returns the slices of own() and `more` slices on each side. If own() is empty, the result is
-  /// empty.
+  /// Returns own() with `more` slices on each side. If own() is empty, so is the result.
   [[nodiscard]] Slab own(int slices, std::size_t more) const {
     const Slab mine = own(slices);
     if (mine.count == 0) return mine;
@@ -41,7 +36,6 @@ class Shared {
     const int first = std::max(mine.first - by, 0);
     return {first, std::min(mine.end() + by, slices) - first};
   }
-  /// Returns the slices of this rank's bricks and their aprons.
   [[nodiscard]] Slab inBricks(int slices) const { return own(slices, kBrickApron); }
 
   /// Returns the most serious loss of all ranks. Every rank gets the same result.
@@ -51,7 +45,7 @@ class Shared {
   ProcessGroup* group_;
 };
 
-/// Returns the values of these slices. The result shares the memory of `values`.
+/// The result shares the memory of `values`.
 [[nodiscard]] Values slicesOf(const Piece& image, const Values& values, const Slab& slices);
 
 }  // namespace palpate::importer

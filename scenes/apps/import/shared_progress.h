@@ -1,4 +1,3 @@
-/// Progress of a task that several threads work on.
 #pragma once
 
 #include <atomic>
@@ -8,13 +7,11 @@
 
 namespace palpate::importer {
 
-/// Reports the progress from one thread at a time. If another thread is reporting, a thread
-/// continues without waiting.
+/// Reports the progress of several threads. A thread does not wait while another one reports.
 class SharedProgress {
  public:
   SharedProgress(const Progress& progress, int steps) : progress_(progress), steps_(steps) {}
 
-  /// Counts one step as done, and reports the progress.
   void step() { tell(static_cast<double>(++done_) / steps_); }
   void tell(double done) {
     if (!progress_ || !telling_.try_lock()) return;

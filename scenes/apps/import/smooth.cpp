@@ -20,15 +20,12 @@
 namespace palpate::importer {
 namespace {
 
-/// Returns the number of points that the filter reads on each side, along an axis with `count`
-/// points.
+/// Returns how many of an axis's `count` points the filter reads on each side.
 std::size_t reachOf(double deviation, std::size_t count) {
   const auto last = static_cast<double>(count - 1);
   return static_cast<std::size_t>(std::min(3.0 * deviation, last));
 }
 
-/// Returns the weights of the Gaussian from its middle to one side, along an axis with `count`
-/// points.
 std::vector<double> weightsOf(double deviation, std::size_t count) {
   const std::size_t reach = reachOf(deviation, count);
   std::vector<double> weights;
@@ -39,7 +36,6 @@ std::vector<double> weightsOf(double deviation, std::size_t count) {
   return weights;
 }
 
-/// A line of points along one axis of an image.
 struct Line {
   float* first = nullptr;
   std::size_t count = 0;
@@ -76,7 +72,6 @@ Vec3 deviationsOf(const Affine& file_from_index, double width) {
   return {width / spacing[0], width / spacing[1], width / spacing[2]};
 }
 
-/// Smooths all lines along one axis, in parallel.
 void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation,
                  SharedProgress& progress) {
   std::size_t size[3];
@@ -109,7 +104,6 @@ void smoothAlong(std::size_t axis, const Piece& image, const Values& values, dou
       });
 }
 
-/// Returns the changes by smoothing, for the own slices of all ranks together.
 Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
                   const Shared& shared) {
   const Slab own = shared.own(image.size[2]);
@@ -170,8 +164,7 @@ Smoothed smoothImage(const Piece& image, Array& array, double width, const std::
 
 Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
                      const Progress& progress, const Shared& shared) {
-  // Converts to floats in place of the original. An array may need most of the available memory, so
-  // only one copy is made.
+  // Converts to floats in place, because an array may need most of the available memory.
   array.values = floatsOf(array.values);
   const Values original = array.values;
   const auto* before = original.as<float>();

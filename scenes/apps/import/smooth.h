@@ -1,4 +1,3 @@
-/// Smooths an array of an image with a Gaussian filter, before it becomes a grid.
 #pragma once
 
 #include <string>
@@ -14,9 +13,8 @@ struct Smoothed {
 };
 
 /// Smooths the array along i, j and k in turn, up to three standard deviations, and converts it to
-/// floats. At the edges of the image, the weights inside the image are scaled so that their sum is
-/// 1. Needs memory for one copy of the array. Throws VolumeError if values are not finite or are
-/// hidden, because smoothing would spread them.
+/// floats. At the edges of the image, the weights are scaled to the sum 1. Needs memory for one
+/// copy. Throws VolumeError for hidden values, and for values that are not finite.
 ///
 /// In a process group, the slices of a rank are correct only if smoothingReach() more slices on
 /// each side are in memory. The returned changes are those of all ranks together.
@@ -27,8 +25,7 @@ struct Smoothed {
                                    const std::string& file, const Progress& progress,
                                    const Shared& shared);
 
-/// Returns the number of slices that the filter reads on each side, for an image with this
-/// transform and this number of slices.
+/// Returns the number of slices that the filter reads on each side, in an image of `slices` slices.
 [[nodiscard]] std::size_t smoothingReach(const Affine& file_from_index, int slices, double width);
 
 }  // namespace palpate::importer

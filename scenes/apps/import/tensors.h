@@ -8,16 +8,15 @@
 
 namespace palpate::importer {
 
-/// Quantities derived from one tensor.
 struct Diffusion {
-  /// Unit vector, whose sign has no meaning: the first component that is not 0 is positive.
+  /// Unit vector. Its sign has no meaning: the first component that is not 0 is positive.
   Vec3 direction = Vec3::Zero();
   /// Fractional anisotropy, from 0 (equal in all directions) to 1 (diffusion along a line only).
   double anisotropy = 0.0;
   double diffusivity = 0.0;  ///< Mean diffusivity: a third of the trace.
 };
 
-/// Derives quantities from the symmetric part of D, whose eigenvalues are a >= b >= c:
+/// Derives quantities from the symmetric part of D with the eigenvalues a >= b >= c:
 ///   direction    eigenvector of a; its first component that is not 0 is positive;
 ///   anisotropy   sqrt(1/2) sqrt((a-b)^2 + (b-c)^2 + (c-a)^2) / sqrt(a^2 + b^2 + c^2)
 ///                (Basser & Pierpaoli 1996). Negative eigenvalues are due to noise. Here they
@@ -26,9 +25,8 @@ struct Diffusion {
 /// All are zero for a tensor that is zero or not finite. The direction is zero if a = c or a <= 0.
 [[nodiscard]] Diffusion diffusionOf(const Mat3& D);
 
-/// Derives the quantities from an array of tensors, which have 9 components row by row or 6 in
-/// VTK's order. Returns three arrays of floats: NAME_direction, NAME_anisotropy and
-/// NAME_diffusivity.
+/// Derives NAME_direction, NAME_anisotropy and NAME_diffusivity from tensors with 9 components row
+/// by row, or 6 in VTK's order.
 [[nodiscard]] std::array<Array, 3> diffusionOf(const Array& tensors);
 
 }  // namespace palpate::importer

@@ -16,8 +16,7 @@ namespace {
 
 constexpr std::size_t kChunk = 1U << 18U;
 
-/// Returns true for a gzip header: two magic bytes, the method deflate, and three flag bits that
-/// must be 0.
+/// Tests for two magic bytes, the method deflate, and three flag bits that must be 0.
 bool beginsAsGzip(std::istream& in) {
   std::array<unsigned char, 4> head{};
   in.read(reinterpret_cast<char*>(head.data()), head.size());
@@ -46,7 +45,6 @@ struct Unpacked::Inflater {
   std::vector<char> packed = std::vector<char>(kChunk);
   bool usable = false;
   bool gzip = false;
-  /// True once the compressed data have ended and their checksums were correct.
   bool ended = false;
 };
 
@@ -94,8 +92,7 @@ std::size_t Unpacked::inflateSome(void* to, std::size_t bytes) {
     if (!refill()) refuse("is truncated: the packed values end too early");
     const int state = inflate(&stream, Z_NO_FLUSH);
     if (state == Z_STREAM_END) {
-      // Another gzip member may follow, as in files of bgzip. Other bytes behind the data are
-      // ignored.
+      // Another gzip member may follow, as in files of bgzip. Ignores other bytes.
       inflater_->ended = !inflater_->gzip || !refill() || *stream.next_in != 0x1f;
       if (!inflater_->ended) inflateReset(&stream);
     } else if (state != Z_OK) {

@@ -1,6 +1,4 @@
-/// Private to the importer: reads the bytes of a file, and decompresses them if the file is
-/// compressed. The bytes of a compressed file are reliable only after `finish` has verified its
-/// checksums.
+/// Private to the importer: reads a file, and decompresses it if it is compressed.
 #pragma once
 
 #include <cstddef>
@@ -15,35 +13,31 @@
 
 namespace palpate::importer {
 
-/// Returns true if the file begins with a gzip header. The file's name does not matter.
+/// Returns true if the file begins with a gzip header. Its name does not matter.
 [[nodiscard]] bool isGzip(const std::filesystem::path& file);
 
-/// The compression that a reader expects in a file.
 enum class Packing : std::uint8_t {
-  kAsFound,   ///< Gzip if the file begins with a gzip header, otherwise none.
+  kAsFound,   ///< Gzip if the file begins with a gzip header, else not compressed.
   kExpected,  ///< Gzip or zlib.
 };
 
-/// Reads a file from its beginning to its end. All functions throw VolumeError, which names
-/// `header`, if the file cannot be read, ends too early or is damaged.
+/// Reads a file to its end. The bytes of a compressed file are reliable only after finish(). All
+/// functions throw VolumeError, which names `header`, if the file is damaged or ends too early.
 class Unpacked {
  public:
-  /// Opens a data file and skips its first `offset` bytes. The data file may be the header file
-  /// itself.
+  /// Opens a data file, which may be the header file, and skips its first `offset` bytes.
   Unpacked(std::filesystem::path header, std::filesystem::path data,
            Packing packing = Packing::kAsFound, std::uint64_t offset = 0);
   Unpacked(const Unpacked&) = delete;
   Unpacked& operator=(const Unpacked&) = delete;
   ~Unpacked();
 
-  /// Reads up to `bytes` bytes. Returns the number of bytes read, which is smaller only at the end
-  /// of the data.
+  /// Reads up to `bytes` bytes. Returns their number, which is smaller only at the data's end.
   std::size_t readSome(void* to, std::size_t bytes);
-  /// Reads exactly `bytes` bytes. Throws if the data end before.
   void read(void* to, std::size_t bytes, const Progress& progress = nullptr);
   void skip(std::uint64_t bytes);
-  /// Reads a compressed file to its end and verifies its checksums. Returns the number of all bytes
-  /// that were read.
+  /// Reads to the end and verifies the checksums of a compressed file. Returns the number of bytes
+  /// read in all.
   std::uint64_t finish();
 
  private:
@@ -56,7 +50,7 @@ class Unpacked {
   std::filesystem::path header_;
   std::filesystem::path data_;
   std::ifstream in_;
-  std::unique_ptr<Inflater> inflater_;  ///< Null if the file is not compressed.
+  std::unique_ptr<Inflater> inflater_;
   std::uint64_t given_ = 0;
 };
 

@@ -25,8 +25,7 @@ void forParts(std::size_t count, const Body& body) {
       [&](const tbb::blocked_range<std::size_t>& part) { body(part.begin(), part.end()); });
 }
 
-/// Returns the greatest magnitude of slope * value + offset over all finite values; 0 if there are
-/// none.
+/// Returns the greatest magnitude of slope * value + offset over all finite values, or 0.
 double greatest(const Values& values, double slope, double offset) {
   return visit(values, [&](const auto* data) {
     return tbb::parallel_reduce(

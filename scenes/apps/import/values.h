@@ -1,5 +1,4 @@
-/// Arrays of numbers as files store them, and operations on them: scaling values, and converting
-/// vectors and tensors to another space.
+/// Arrays of numbers as files store them, with conversions of scale and space.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +11,6 @@
 
 namespace palpate::importer {
 
-/// Type of the numbers in an array.
 enum class Type : std::uint8_t {
   kInt8,
   kUint8,
@@ -26,15 +24,14 @@ enum class Type : std::uint8_t {
   kFloat64
 };
 
-/// Message about numbers that a float cannot represent; empty if there are none.
+/// Message about numbers that a float cannot represent, or "".
 using Loss = std::string;
 
-/// The most serious message: these values become missing data, while other losses are rounding
-/// errors.
+/// The most serious loss: values become missing data. Other losses only round values.
 inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are read as missing";
 
-/// An array of tuples of numbers of one type, stored tuple by tuple. Copies share the memory. The
-/// array keeps the message about losses of its conversion to float, so that each reader reports it.
+/// Tuples of numbers of one type. Copies share the memory. Keeps the message about losses of its
+/// conversion to float, so that each reader reports it.
 class Values {
  public:
   Values() = default;
@@ -47,25 +44,22 @@ class Values {
   [[nodiscard]] Type type() const { return type_; }
   [[nodiscard]] int components() const { return components_; }
   [[nodiscard]] std::size_t tuples() const { return tuples_; }
-  /// Returns the number of all components of all tuples.
   [[nodiscard]] std::size_t size() const { return tuples_ * static_cast<std::size_t>(components_); }
   [[nodiscard]] std::size_t bytesEach() const;
 
-  /// Returns the message about the losses of earlier conversions.
   [[nodiscard]] const Loss& lost() const { return lost_; }
   void setLost(const Loss& loss) {
     if (!loss.empty()) lost_ = loss;
   }
 
   [[nodiscard]] void* data() const { return data_.get(); }
-  /// Returns a pointer to the numbers, whose type must be T.
+  /// The numbers must have the type T.
   template <class T>
   [[nodiscard]] T* as() const {
     return static_cast<T*>(data_.get());
   }
   /// Returns the tuples [first, first + count). The result shares the memory.
   [[nodiscard]] Values part(std::size_t first, std::size_t count) const;
-  /// Returns one number, converted to double.
   [[nodiscard]] double at(std::size_t tuple, int component) const;
 
  private:
@@ -104,36 +98,30 @@ auto visit(const Values& values, F&& f) {
   return f(values.as<double>());
 }
 
-/// Returns the loss of converting slope * value + offset to float. If there is none, returns the
-/// loss of earlier conversions.
+/// Returns the loss of converting slope * value + offset to float, or else the earlier loss.
 [[nodiscard]] Loss floatLoss(const Values& values, double slope = 1.0, double offset = 0.0);
 
-/// Reverses the byte order of `count` numbers.
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each);
 
-/// For `picked`: for each component of an upper triangle (xx xy xz yy yz zz), its index in VTK's
-/// order xx yy zz xy yz xz. Below, the same for a lower triangle (xx yx yy zx zy zz).
+/// For `picked`: indices of an upper triangle (xx xy xz yy yz zz) and of a lower triangle (xx yx yy
+/// zx zy zz) in VTK's order xx yy zz xy yz xz.
 inline const std::vector<int> kUpperTriangle{0, 3, 5, 1, 4, 2};
 inline const std::vector<int> kLowerTriangle{0, 2, 5, 1, 4, 3};
 
-/// Returns slope * value + offset as floats. If this does not change the values, returns the values
-/// themselves. In NIfTI and MetaImage, a slope that is 0 or not finite means that values are not
-/// scaled.
+/// Returns slope * value + offset as floats, or the values themselves if they do not change. As in
+/// NIfTI and MetaImage, a slope that is 0 or not finite means no scaling.
 [[nodiscard]] Values rescaled(const Values& values, double slope, double offset);
 
-/// Returns the values as floats. If they are floats already, returns the values themselves.
+/// Returns the values as floats; if they are floats, the values themselves.
 [[nodiscard]] Values floatsOf(const Values& values);
 
-/// Returns values with other components: component c of the result is component order[c] of
-/// `values`.
+/// Returns values in which component c is component order[c] of `values`.
 [[nodiscard]] Values picked(const Values& values, const std::vector<int>& order);
 
-/// Returns the vectors M v, or the tensors M D M^T (9 components row by row, or 6 in VTK's order).
-/// Changes floats and doubles in place; converts other types to floats. If M is the identity,
-/// returns the values themselves.
+/// Returns M v for vectors, M D M^T for tensors. Changes floats and doubles in place, and converts
+/// other types to floats. Returns the values themselves if M is the identity.
 [[nodiscard]] Values turned(const Values& values, const Mat3& M);
 
-/// Returns a tensor as a matrix, from 9 components row by row or 6 in VTK's order.
 [[nodiscard]] Mat3 tensorOf(const double* six_or_nine, int components);
 
 }  // namespace palpate::importer

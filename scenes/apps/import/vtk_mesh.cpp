@@ -35,8 +35,7 @@ using openvdb::Vec3d;
 using ScalarTree = openvdb::FloatTree;
 using VectorTree = openvdb::Vec3STree;
 
-/// A place belongs to a cell if it lies outside by at most this, in the cell's parametric
-/// coordinates of 0 to 1. Needed because the first voxels lie on the mesh's bounds.
+/// Tolerance for the first voxels, which lie on the mesh's bounds, in parametric coordinates.
 constexpr double kOutside = 1e-5;
 
 /// VTK stores bounds axis by axis, the lower one before the upper one.
@@ -57,8 +56,7 @@ struct Worker {
   std::vector<double> weights;
 };
 
-/// Computes the weights of the cell's points for the place p. Returns false if p is outside the
-/// cell.
+/// Computes the weights of the cell's points at p. Returns false if p is outside the cell.
 bool weighAt(const Vec3d& p, Worker& worker) {
   worker.weights.resize(static_cast<std::size_t>(worker.cell->GetNumberOfPoints()));
   double x[3] = {p.x(), p.y(), p.z()};
@@ -74,7 +72,6 @@ bool weighAt(const Vec3d& p, Worker& worker) {
   return true;
 }
 
-/// Loads the cell that contains p. Returns false if no cell does.
 bool findCell(vtkDataSet* mesh, vtkStaticCellLocator* locator, const Vec3d& p, Worker& worker) {
   double box[6] = {p.x(), p.x(), p.y(), p.y(), p.z(), p.z()};
   locator->FindCellsWithinBounds(box, worker.candidates);
@@ -95,7 +92,6 @@ double valueAt(const Worker& worker, const Values& values, int component) {
   return sum;
 }
 
-/// The leaves of the grid of one array, a scalar or a vector.
 class Sheet {
  public:
   explicit Sheet(const Array& array) : array_(&array), vector_(array.values.components() == 3) {}
@@ -117,8 +113,7 @@ class Sheet {
     return leaf;
   }
 
-  /// Sets a voxel's value. Returns false, and leaves the voxel without data, if the value is not
-  /// finite.
+  /// Returns false, and leaves the voxel without data, if the value is not finite.
   [[nodiscard]] bool set(Leaf& leaf, unsigned offset, const Worker& worker) const {
     if (vector_) {
       openvdb::Vec3f v;
@@ -141,8 +136,7 @@ class Sheet {
   bool vector_;
 };
 
-/// Returns the median of the active values that have an inactive voxel beside them. This is a
-/// typical value at the edge of the data.
+/// Returns the median of the active values beside inactive voxels, at the edge of the data.
 float edgeValue(const openvdb::FloatGrid& grid) {
   std::vector<float> edge;
   const auto accessor = grid.getConstAccessor();
@@ -159,7 +153,6 @@ float edgeValue(const openvdb::FloatGrid& grid) {
   return quantile(edge, 0.5);
 }
 
-/// Sets the lowest and the highest active value.
 template <class GridT>
 void takeRange(const GridT& grid, Gridded& made) {
   made.lowest = std::numeric_limits<double>::infinity();
@@ -171,7 +164,6 @@ void takeRange(const GridT& grid, Gridded& made) {
   }
 }
 
-/// Returns the number of voxels with data among the 8 voxels around a place.
 template <class Accessor>
 int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   const Coord low = Coord::floor(p_I);
@@ -182,7 +174,7 @@ int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   return count;
 }
 
-/// Returns a random sample of cells. It is the same in each run.
+/// Returns a random sample of cells, the same in each run.
 std::vector<vtkIdType> someCells(vtkIdType cells) {
   constexpr vtkIdType kMost = 20000;
   std::vector<vtkIdType> some;
@@ -196,7 +188,6 @@ std::vector<vtkIdType> someCells(vtkIdType cells) {
   return some;
 }
 
-/// A place in the mesh, with the interpolation weights of its cell's points.
 struct Place {
   Vec3d p;
   std::vector<std::pair<std::size_t, double>> weights;
@@ -210,7 +201,7 @@ struct Place {
   }
 };
 
-/// Returns random places inside the mesh. They are found once and used for all arrays.
+/// Returns random places inside the mesh, for all arrays.
 std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
   constexpr int kCount = 50000;
   std::mt19937_64 random(2);
@@ -233,7 +224,6 @@ std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
   return places;
 }
 
-/// Compares the interpolation of the mesh with that of the grid at these places.
 template <class GridT>
 Differences compare(const std::vector<Place>& places, const Values& values, const GridT& grid) {
   Differences differences;
@@ -302,8 +292,7 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   out.by_cell = twoDigits(
       std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0),
       [](double x) { return std::round(x); });
-  // Scales the volume of the sampled cells to all cells. The share of voxels in the mesh is then
-  // this volume divided by the volume of the mesh's bounds.
+  // Scales the volume of the sampled cells to all cells, for the share of voxels in the mesh.
   solid *= static_cast<double>(mesh->GetNumberOfCells()) / static_cast<double>(some.size());
   const auto voxels_of = [&](double edge) {
     double count = std::min(solid / volumeOf(bounds), 1.0);
@@ -323,15 +312,12 @@ SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   return out;
 }
 
-/// Resamples arrays of a mesh on cubic voxels. Needs memory for VTK's cell locator and for the
-/// grids.
 class MeshResampler {
  public:
   MeshResampler(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
                 const std::string& file)
       : mesh_(mesh), file_(file), voxel_(voxel), holes_(arrays.size()) {
-    // The first call prepares data of the mesh. Later calls only read these data, so they may come
-    // from several threads.
+    // The first calls prepare data of the mesh. Later calls only read these, on several threads.
     mesh->ComputeBounds();
     mesh->GetCell(0, vtkNew<vtkGenericCell>());
     mesh->GetBounds(bounds_);
@@ -364,7 +350,6 @@ class MeshResampler {
  private:
   static constexpr int kEdge = 8;
 
-  /// Fills the leaves of all grids, on all cores. A task makes a row of leaves.
   void fillLeaves(const Progress& progress) {
     const std::array<int, 3> leaves{(size_[0] + kEdge - 1) / kEdge, (size_[1] + kEdge - 1) / kEdge,
                                     (size_[2] + kEdge - 1) / kEdge};
@@ -416,7 +401,6 @@ class MeshResampler {
     return here;
   }
 
-  /// Returns the voxels of a leaf that lie within the bounds of the worker's cell.
   [[nodiscard]] openvdb::CoordBBox voxelsOf(Worker& worker, const Coord& origin) const {
     double cell[6];
     worker.cell->GetBounds(cell);
@@ -431,7 +415,6 @@ class MeshResampler {
     return box;
   }
 
-  /// Makes the grid of sheet s from its leaves, and computes its error at `places`.
   template <class GridPtr, class LeafOf>
   Resampled finish(const GridPtr& grid, std::size_t s, const std::vector<Place>& places,
                    LeafOf leaf_of) {
@@ -446,8 +429,7 @@ class MeshResampler {
     }
     grid->setTransform(transform_->copy());
     takeRange(*grid, one.made);
-    // Interpolation beside voxels without data reads the background, so the background gets a
-    // typical value.
+    // Interpolation beside voxels without data reads the background, so this is a typical value.
     if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
       one.made.background = edgeValue(*grid);
       openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
@@ -477,9 +459,9 @@ class MeshResampler {
   std::vector<Sheet> sheets_;
   std::vector<std::vector<std::vector<Sheet::Leaf>>>
       made_;  ///< Leaves, by row along x, leaf and sheet.
-  /// For each array, number of voxels in the mesh whose value is not finite.
+  /// For each array, number of voxels in the mesh with values that are not finite.
   std::vector<std::atomic<std::uint64_t>> holes_;
-  std::atomic<std::uint64_t> inside_{0};  ///< Number of voxels in the mesh.
+  std::atomic<std::uint64_t> inside_{0};
 };
 
 class VtkMesh final : public Mesh {

@@ -58,8 +58,7 @@ Affine mapOf(vtkImageData* image) {
   return map;
 }
 
-/// Returns the transform of a rectilinear or curvilinear grid if its points form an even lattice;
-/// otherwise no value.
+/// Returns the transform of a grid if its points form an even lattice; otherwise no value.
 std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& size) {
   const auto at = [&](vtkIdType i, vtkIdType j, vtkIdType k) {
     return pointOf(grid, (k * size[1] + j) * size[0] + i);
@@ -81,14 +80,12 @@ std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& 
   return map;
 }
 
-/// Returns true for arrays with the numbers of points or cells, as in Exodus. These are not
-/// imported.
+/// Returns true for arrays with the numbers of points or cells, which are not imported.
 bool isNumbering(vtkDataSetAttributes* attributes, vtkDataArray* array) {
   return array == attributes->GetGlobalIds() || array == attributes->GetPedigreeIds();
 }
 
-/// Throws VolumeError if an array has a wrong length. VTK's readers accept any length, but VTK then
-/// reads beyond the end of a short array.
+/// Rejects arrays of a wrong length, because VTK would read beyond the end of a short one.
 void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::string& file) {
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkDataArray* values = attributes->GetArray(a);
@@ -101,8 +98,7 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
   }
 }
 
-/// Returns the arrays of the points or cells, without arrays that VTK has added. Values that mark
-/// missing data are NaN.
+/// Returns the arrays of the points or cells, without VTK's own, and with NaN for missing data.
 std::vector<Array> arraysOf(vtkDataSetAttributes* attributes, std::vector<std::string>& notes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
@@ -115,7 +111,7 @@ std::vector<Array> arraysOf(vtkDataSetAttributes* attributes, std::vector<std::s
   return arrays;
 }
 
-/// Returns an array that is not 0 at points or cells without data; empty if all have data.
+/// Returns an array that is not 0 without data; empty if all have data.
 Values hiddenOf(vtkDataSetAttributes* attributes, int bits) {
   auto* ghosts = vtkUnsignedCharArray::SafeDownCast(
       attributes->GetArray(vtkDataSetAttributes::GhostArrayName()));
@@ -130,7 +126,6 @@ Values hiddenOf(vtkDataSetAttributes* attributes, int bits) {
   return any ? hidden : Values();
 }
 
-/// Calls `visit` for each corner of each cell, with the indices of the cell and the corner.
 template <class Visit>
 void visitCorners(const std::array<int, 3>& size, Visit visit) {
   vtkIdType cell = 0;
@@ -177,8 +172,7 @@ void hideBoth(Piece& image, Piece& cells) {
   }
 }
 
-/// Adds an image. If its cells have data, adds a second image, whose points are the centres of the
-/// cells.
+/// Adds an image. Data of cells become a second image, at the centres of the cells.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
                const std::string& file, std::vector<Piece>& pieces,
                std::vector<std::string>& notes) {
@@ -206,7 +200,6 @@ void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& m
   pieces.push_back(std::move(cells));
 }
 
-/// Adds an image to `pieces`, or a mesh to `meshes`. Returns false if the data set has no volume.
 bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& pieces,
              std::vector<vtkSmartPointer<vtkDataSet>>& meshes, std::vector<std::string>& notes) {
   if (data->GetNumberOfPoints() == 0) return false;
@@ -239,8 +232,7 @@ bool takeOne(vtkDataSet* data, const std::string& file, std::vector<Piece>& piec
   return true;
 }
 
-/// Copies a mesh, and sets the values of its cells to NaN where they mark missing data, so that
-/// averages do not include them.
+/// Copies a mesh with NaN for missing values of cells, so that averages do not include them.
 vtkSmartPointer<vtkDataSet> markMissingCells(vtkDataSet* mesh,
                                              const std::vector<std::string>& names,
                                              std::vector<std::string>& notes) {
@@ -264,7 +256,6 @@ vtkSmartPointer<vtkDataSet> markMissingCells(vtkDataSet* mesh,
   return out;
 }
 
-/// Joins all blocks to one mesh. Moves data of cells to the points.
 Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::string& file,
                std::vector<std::string>& notes) {
   vtkSmartPointer<vtkDataSet> mesh = meshes.front();
@@ -320,8 +311,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   return piece;
 }
 
-/// Returns the type by its size and its sign, because VTK has several names for the same integer
-/// type.
+/// Uses size and sign, because VTK has several names for the same integer type.
 Type typeOf(vtkDataArray* values) {
   const bool is_signed = values->GetDataTypeMin() < 0.0;
   switch (values->GetDataType()) {
@@ -361,7 +351,7 @@ std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
                             std::vector<std::string>& notes) {
   std::vector<Piece> pieces;
   std::vector<vtkSmartPointer<vtkDataSet>> meshes;
-  bool seen = false;  // true once a volume was found, even if it has no arrays
+  bool seen = false;
   if (auto* composite = vtkCompositeDataSet::SafeDownCast(data)) {
     const auto iterator = vtk::TakeSmartPointer(composite->NewIterator());
     for (iterator->InitTraversal(); !iterator->IsDoneWithTraversal(); iterator->GoToNextItem()) {

@@ -17,10 +17,9 @@ namespace palpate::importer {
 /// Splits a vtkDataSet or a composite data set into pieces.
 ///
 /// Rectilinear and curvilinear grids become images if their points form an even lattice. The cell
-/// data of an image become a second image, whose points are the centres of the cells. The cell data
-/// of a mesh are moved to its points. All meshes are joined to one. Adds notes about conversions
-/// and omitted arrays. Throws VolumeError if there are only points, lines or surfaces, but no
-/// volume.
+/// data of an image become a second image, at the centres of the cells. The cell data of a mesh
+/// move to its points. All meshes are joined. Adds notes about conversions and omitted arrays.
+/// Throws VolumeError for data without a volume.
 [[nodiscard]] std::vector<Piece> piecesOf(vtkDataObject* data, const std::string& file,
                                           std::vector<std::string>& notes);
 

@@ -46,8 +46,7 @@ std::string shortened(const std::string& text) {
   return out;
 }
 
-/// Receives messages of VTK, including those of readers inside other readers, which have no
-/// observer of their own.
+/// Receives messages of VTK, also of nested readers, which have no observer of their own.
 class Ear final : public vtkOutputWindow {
  public:
   static Ear* New() {
@@ -64,12 +63,10 @@ class Ear final : public vtkOutputWindow {
   void DisplayGenericWarningText(const char* text) override { hearWarning(text); }
   void DisplayDebugText(const char* /*text*/) override {}
 
-  /// Returns the first error message; empty if there is none.
   [[nodiscard]] const std::string& heard() const { return first_; }
 
  private:
-  /// Records a warning as an error if the result may be wrong. VTK reports "Error reading ascii
-  /// data" and a version "higher than this reader supports" only as warnings.
+  /// Records a warning as an error if the result may be wrong.
   void hearWarning(const char* text) {
     if (text == nullptr) return;
     for (const std::string_view bad : {"rror reading", "higher than this reader supports"}) {

@@ -1,4 +1,3 @@
-/// Runs VTK's readers and filters. Converts their errors to exceptions and reports their progress.
 #pragma once
 
 #include <functional>
@@ -10,13 +9,12 @@
 
 namespace palpate::importer {
 
-/// Calls Update(). If VTK reports an error, throws VolumeError(what, why, remedy) for the first
-/// one, even if a reader inside this one reports it. `why` is VTK's message, shortened.
+/// Calls Update(). Throws VolumeError(what, why, remedy) for the first error that VTK reports, also
+/// in a nested reader. `why` is VTK's message, shortened.
 void run(
     vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
     const std::string& remedy = "the file may be truncated or damaged: copy or export it again");
 
-/// Calls a task, and discards VTK's messages.
 void runQuietly(const std::function<void()>& task);
 
 }  // namespace palpate::importer

@@ -10,8 +10,7 @@
 namespace palpate::importer {
 namespace {
 
-/// Reads the values of a variable at one time, or those of one level of it. Dimensions that are not
-/// in `whole` are read at their index `at`.
+/// Reads a variable at all indices of the dimensions in `whole`, and at index `at` of the others.
 std::vector<double> readSlice(const NetcdfFile& file, int v, const std::vector<int>& whole,
                               std::size_t at) {
   std::vector<std::size_t> start;
@@ -40,7 +39,6 @@ double greatCircle(double lon0, double lat0, double lon1, double lat1) {
   return 2.0 * kRadius * std::asin(std::sqrt(std::clamp(half, 0.0, 1.0)));
 }
 
-/// The mean of some numbers, and the largest difference from it.
 struct Spread {
   double mean = 0.0;
   double most = 0.0;
@@ -52,8 +50,8 @@ Spread spreadOf(const std::vector<double>& numbers) {
   return out;
 }
 
-/// Sets the spacing to the mean distance between the file's points. Returns false if the file has
-/// no longitudes and latitudes.
+/// Sets the spacing to the mean distance between points. Returns false without longitudes and
+/// latitudes.
 bool takeSpacingFromPlaces(const NetcdfFile& file, WrfGrid& grid) {
   const int lon_at = file.variableNamed("XLONG");
   const int lat_at = file.variableNamed("XLAT");
@@ -88,8 +86,7 @@ bool takeSpacingFromPlaces(const NetcdfFile& file, WrfGrid& grid) {
   return true;
 }
 
-/// Sets the heights of the levels from the geopotential at their faces. Does nothing if the file
-/// has none.
+/// Sets the heights of the levels from the geopotential at their faces, if the file has it.
 void takeHeights(const NetcdfFile& file, WrfGrid& grid) {
   constexpr double kGravity = 9.81;  // [m/s^2]: WRF's constant g (share/module_model_constants.F)
   const int faces = file.dimensionNamed("bottom_top_stag");

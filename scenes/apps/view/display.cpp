@@ -30,8 +30,7 @@ namespace {
 /// when the last client disconnects, a server may restart and reject new clients for a moment.
 Display* connection = nullptr;
 
-/// Opens the connection. Returns the reason why the display cannot show windows with OpenGL; an
-/// empty text if it can.
+/// Opens the connection. Returns why the display cannot show OpenGL; empty if it can.
 std::string problem() {
   const char* name = std::getenv("DISPLAY");
   if (name == nullptr || *name == '\0') return "the variable DISPLAY is empty";
@@ -55,15 +54,13 @@ void endServer() {
   waitpid(server, nullptr, 0);
 }
 
-/// Creates the authority file of an X server. The server accepts only clients that know its cookie,
-/// which is only this program. Otherwise every user of the machine could watch the drawing. The
-/// file disappears when its last descriptor is closed. Returns the descriptor, or -1 on failure.
+/// Creates an authority file, so that the X server accepts only this program as a client. The file
+/// disappears with its last descriptor. Returns the descriptor, or -1 on failure.
 int authority() {
   std::string name = "MIT-MAGIC-COOKIE-1";
   std::array<char, 16> cookie{};
   if (getrandom(cookie.data(), cookie.size(), 0) != static_cast<ssize_t>(cookie.size())) return -1;
-  // Format of the Xau library: a family (here: any), then address, display, name and cookie, each
-  // preceded by its length.
+  // Format of Xau: family (here: any), then address, display, name and cookie with their lengths.
   std::string record = "\xff\xff";
   for (const std::string& part :
        {std::string(), std::string(), name, std::string(cookie.data(), cookie.size())}) {
@@ -79,7 +76,6 @@ int authority() {
   return file;
 }
 
-/// Starts Xvfb. Returns the number of its display as text; an empty text if it did not start.
 std::string startServer() {
   int ends[2];
   const int known = authority();
@@ -93,8 +89,7 @@ std::string startServer() {
     // Ctrl-C in the terminal must not end the server. The loop receives it and ends this program.
     setpgid(0, 0);
     dup2(ends[1], 3);
-    // Discards Xvfb's messages: if the number of a display is in use, Xvfb prints a message and
-    // tries the next number.
+    // Discards Xvfb's messages about display numbers in use.
     const int nowhere = open("/dev/null", O_WRONLY);
     dup2(nowhere, STDERR_FILENO);
     const std::string place = "/proc/self/fd/" + std::to_string(known);
@@ -126,8 +121,7 @@ int lost(Display* /*display*/) {
 }
 
 int refused(Display* display, XErrorEvent* error) {
-  // VTK requests the focus for a window that the mouse enters. The window may be hidden by then;
-  // this error is harmless.
+  // VTK may request the focus for a window that is hidden by then, which is harmless.
   if (error->request_code == X_SetInputFocus) return 0;
   std::array<char, 128> why{};
   XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));

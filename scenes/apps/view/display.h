@@ -1,24 +1,20 @@
-/// The X server on which this program draws: the user's server, or Xvfb for a picture without a
-/// window.
+/// The X server on which this program draws: the user's server, or Xvfb for a still picture.
 #pragma once
 
 namespace palpate::view {
 
-/// Makes sure that a display with OpenGL exists. If there is none and `picture` is true, starts
-/// Xvfb, which ends with this program. Throws Error. If the display is lost later, or rejects a
-/// request, this process prints one line and ends; the loop continues. Call this function before
-/// any function of VTK.
+/// Requires a display with OpenGL. If `picture` is true, starts Xvfb when the display is missing.
+/// Xvfb ends with this program. Throws Error. If the display is lost later or rejects a request,
+/// this process prints one line and ends. Call this before any function of VTK.
 void needDisplay(bool picture);
 
-/// Observes whether any part of a window is visible. Uses a connection of its own, because VTK
-/// discards the events that report this.
+/// Observes whether any part of a window is visible. Has its own connection to the X server,
+/// because VTK discards these events.
 class Sight {
  public:
-  /// `window` is the X id of the window. Call this after needDisplay(). Until an event reports
-  /// otherwise, the window counts as visible.
+  /// `window` is an X id. Before the first event, the window counts as visible.
   explicit Sight(unsigned long window);
 
-  /// Returns true if the window is visible according to the last event.
   [[nodiscard]] bool now();
 
  private:

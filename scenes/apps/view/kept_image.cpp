@@ -8,8 +8,7 @@
 namespace palpate::view {
 namespace {
 
-/// Copies a part of the framebuffer that is bound for reading to the one bound for drawing.
-/// Switches off the scissor test, which a drawing may have left on.
+/// Copies a part of the read framebuffer to the draw framebuffer, without the scissor test.
 void copy(vtkOpenGLState& state, const Area& part) {
   const vtkOpenGLState::ScopedglEnableDisable scissor(&state, GL_SCISSOR_TEST);
   state.vtkglDisable(GL_SCISSOR_TEST);
@@ -33,8 +32,7 @@ void KeptImage::take(vtkOpenGLRenderWindow& window) {
   if (image_ == nullptr || size_[0] != size[0] || size_[1] != size[1]) {
     image_ = vtkSmartPointer<vtkOpenGLFramebufferObject>::New();
     image_->SetContext(&window);
-    // The depth format must be that of the window. Otherwise OpenGL copies neither colours nor
-    // depths.
+    // OpenGL copies only between framebuffers with the same depth format.
     window.GetRenderFramebuffer()->Bind(GL_READ_FRAMEBUFFER);
     GLint bits = 0;
     glGetFramebufferAttachmentParameteriv(GL_READ_FRAMEBUFFER, GL_DEPTH_ATTACHMENT,

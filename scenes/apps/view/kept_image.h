@@ -1,5 +1,4 @@
-/// Stores a rendered picture with its colours and depths, and copies it back in each frame, so that
-/// the parts that do not change are drawn only once.
+/// Stores a rendered picture and restores it in each frame, so that static parts are drawn once.
 #pragma once
 
 #include <vtkOpenGLFramebufferObject.h>
@@ -12,7 +11,7 @@ namespace palpate::view {
 struct Area {
   int left = 0;
   int low = 0;
-  int right = 0;  ///< One more than the last pixel; if not greater than `left`, the area is empty.
+  int right = 0;  ///< One more than the last pixel.
   int high = 0;
 
   [[nodiscard]] bool empty() const noexcept { return right <= left || high <= low; }
@@ -20,14 +19,11 @@ struct Area {
   [[nodiscard]] Area with(const Area& other) const noexcept;
 };
 
-/// Stored colours and depths of a window.
 class KeptImage {
  public:
-  /// Stores the last rendering of the window.
   void take(vtkOpenGLRenderWindow& window);
-  /// Copies a part of the stored picture into the window. Call it after the start of a frame and
-  /// before drawing. Does nothing before the first take(), or if the size of the window has changed
-  /// since.
+  /// Copies a part of the picture into the window. Call it after the start of a frame, before
+  /// drawing. Has no effect without a stored picture of the window's size.
   void putBack(vtkOpenGLRenderWindow& window, const Area& part) const;
   /// Frees the textures on the graphics card.
   void release(vtkOpenGLRenderWindow& window);

@@ -45,8 +45,7 @@ void stepBack() {
   setenv("LP_NUM_THREADS", std::to_string(cores > 2 ? cores - 1 : 1).c_str(), 0);
 }
 
-/// Prints one line and ends the program without allocating memory. Called instead of throwing an
-/// exception, which a thread of a library might not catch.
+/// Ends the program without allocating memory. A library might not catch an exception.
 [[noreturn]] void endWithoutMemory() {
   constexpr char kWords[] =
       "palpate: window: not enough memory to draw this scene: free memory, or run palpate feel, "
@@ -55,9 +54,8 @@ void stepBack() {
   _exit(cli::kEndedEarly);
 }
 
-/// Makes sure that this process ends before the loop if memory runs out. Limits its memory to
-/// `most` [bytes]; if `most` is not positive, to the memory that is available now. Also raises its
-/// OOM score, so that the kernel ends this process first.
+/// Makes this process end before the loop if memory runs out: raises its OOM score, and limits its
+/// memory to `most` [bytes]. If `most` is not positive, the limit is the available memory.
 void takeNoMore(double most) {
   std::ofstream("/proc/self/oom_score_adj") << 1000;
   std::ifstream info("/proc/meminfo");
@@ -71,15 +69,13 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// Moves all threads of this process off the core `loops`, which the loop uses. A thread of the
-/// graphics driver may use every core again after it has started. A later thread inherits the cores
-/// of the thread that creates it.
+/// Moves all threads of this process off the core `loops`, which the loop uses. Later threads
+/// inherit the cores of their creator. A graphics driver's thread may reset its cores.
 void stepAside(int loops) {
   cpu_set_t cores;
   if (loops < 0 || sched_getaffinity(0, sizeof cores, &cores) != 0) return;
   CPU_CLR(loops, &cores);
-  // Repeats until no thread uses the core. A thread that was not moved yet may have created another
-  // thread.
+  // Repeats, because a thread that was not moved yet may have created another thread.
   for (bool moved = true; moved;) {
     moved = false;
     for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
@@ -125,7 +121,6 @@ int run(int argc, char** argv) {
   app.add_option("--reengage", options.reengage,
                  "Time from the last late tick until the loop restores the force [s]; 0: never");
   app.add_flag("--watch", watch, "Redraw the scene when its file changes");
-  // Option for tests.
   app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
   app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
   app.add_option("--told-every", told_every)->group("")->envname("PALPATE_VIEW_TOLD_EVERY");
@@ -146,8 +141,7 @@ int run(int argc, char** argv) {
   const bool still = !picture.empty();
   const int loops = still ? -1 : loopsCore();
   stepAside(loops);
-  // Called before the memory is limited: a graphics driver that gets no memory reports that there
-  // is no display.
+  // Called before the memory is limited: otherwise a graphics driver reports no display.
   view::needDisplay(still);
   vtkObject::GlobalWarningDisplayOff();
   needOpenGL();

@@ -1,5 +1,4 @@
-/// Draws the objects that move in every frame: probe, proxy, spring, force, and each primitive with
-/// its kind and state.
+/// Draws the objects that move in every frame: probe, proxy, spring, force, and primitives.
 #pragma once
 
 #include <array>
@@ -17,14 +16,12 @@
 
 namespace palpate::view {
 
-/// Returns the colour for the state of a primitive.
 [[nodiscard]] Colour colourOf(cli::Hold hold);
 
 /// Returns the load of a primitive in the last balance of the tick, with its state.
 [[nodiscard]] cli::Load loadIn(const LiveTick& tick, const LivePrimitive& primitive);
 
-/// Draws one tick. A window has two overlays: one draws the visible parts, the other draws hidden
-/// parts faintly.
+/// Draws one tick. A window has two overlays: for visible parts, and faintly for hidden parts.
 class Overlay {
  public:
   /// @param size     Size of the scene [m]; all shapes are drawn in proportion to it.
@@ -42,7 +39,7 @@ class Overlay {
   [[nodiscard]] const Vec3& tip() const noexcept { return tip_; }
 
  private:
-  static constexpr std::size_t kMost = 24;  ///< Largest number of primitives that are drawn.
+  static constexpr std::size_t kMost = 24;
 
   vtkSmartPointer<vtkActor> add(vtkAlgorithmOutput* output, const Colour& colour);
   vtkRenderer& renderer_;
@@ -54,8 +51,7 @@ class Overlay {
   vtkSmartPointer<vtkActor> proxy_;
   vtkSmartPointer<vtkActor> spring_;
   vtkSmartPointer<vtkActor> force_;
-  /// Four actors for each primitive, one for each kind; only the actor of the present kind is
-  /// visible.
+  /// One actor for each kind of primitive; only the actor of the present kind is visible.
   std::array<std::array<vtkSmartPointer<vtkActor>, 4>, kMost> primitives_;
 };
 

@@ -23,13 +23,12 @@ constexpr Colour kTrack{0.22, 0.24, 0.27};
 constexpr double kMargin = 14.0;
 constexpr double kInner = Panel::kWidth - 2.0 * kMargin;
 
-/// Formats a number with three significant digits, without an exponent.
+/// Formats a number without an exponent; below 0.001 it becomes 0.
 std::string brief(double value) {
   const double size = std::abs(value);
   return size < 1e-3 || size >= 100.0 ? fmt::format("{:.0f}", value) : fmt::format("{:.3g}", value);
 }
 
-/// Returns advice for a tick that did not converge.
 const char* adviceFor(StepStatus status) {
   switch (status) {
     case StepStatus::kConverged:
@@ -110,7 +109,7 @@ std::vector<std::string> statusOf(const LiveTick& tick, double reengage) {
     lines.emplace_back("press Enter to restore the force");
     return lines;
   }
-  constexpr double kFinest = 1e-3;  // [um]: least value that is shown
+  constexpr double kFinest = 1e-3;  // [um]
   lines.push_back(fmt::format("{}, within {} um", wordFor(tick.status),
                               brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
@@ -225,8 +224,7 @@ void Panel::show(const Content& content, double height) {
   double y = height - 26.0;
   for (const std::string& words : content.status) {
     const bool first = &words == &content.status.front();
-    // Number of letters in a line of the panel.
-    constexpr std::size_t kLetters = 42;
+    constexpr std::size_t kLetters = 42;  // Letters in a line of the panel
     for (std::size_t at = 0; at < words.size();) {
       std::size_t end = std::min(words.size(), at + kLetters);
       if (end < words.size()) {
@@ -258,7 +256,6 @@ void Panel::show(const Content& content, double height) {
   for (const Shapes::Entry& entry : content.legend) {
     if (y < 60.0) break;
     if (entry.high > entry.low) {
-      // Draws the colour scale and the values at its ends.
       constexpr int kSteps = 24;
       constexpr double kWide = 60.0;
       for (int i = 0; i < kSteps; ++i) {

@@ -1,5 +1,4 @@
-/// The panel beside the picture. It shows the load and the strength of each mode in a tick, plots
-/// of the last two seconds, and the state of the loop as text.
+/// The panel beside the picture: load and strength of each mode, plots, and the state of the loop.
 #pragma once
 
 #include <array>
@@ -23,11 +22,10 @@
 
 namespace palpate::view {
 
-/// Data of one mode in the panel.
 struct Bar {
   std::string name;
-  double load = 0.0;      ///< Force of the mode on the proxy [N].
-  double strength = 0.0;  ///< Largest force of the mode [N].
+  double load = 0.0;      ///< [N]
+  double strength = 0.0;  ///< Largest load [N].
   cli::Hold hold = cli::Hold::kIdle;
   bool slips = false;  ///< True if the friction of the mode slips.
   LiveDial felt;       ///< Gain that the loop uses.
@@ -40,30 +38,26 @@ struct Bar {
 /// Returns the text for a mode: its state, and the requested gain until the loop uses it.
 [[nodiscard]] std::string wordsOf(const Bar& bar);
 
-/// Returns the state of the loop with its cause and a remedy, one line each.
-///
-/// @param reengage  LoopParams::reengage of the loop [s].
+/// Returns the state of the loop, its cause and a remedy. `reengage`: LoopParams::reengage [s].
 [[nodiscard]] std::vector<std::string> statusOf(const LiveTick& tick, double reengage);
 
-/// A panel of fixed width at the right edge of a window.
 class Panel {
  public:
-  static constexpr int kWidth = 300;            ///< Width of the panel [pixels].
-  static constexpr std::size_t kMostBars = 12;  ///< Largest number of modes that are shown.
+  static constexpr int kWidth = 300;  ///< Width of the panel [pixels].
+  static constexpr std::size_t kMostBars = 12;
 
   /// `scale` is the number of pixels in the picture for one pixel of the panel.
   Panel(vtkRenderer& renderer, double scale);
 
-  /// Content of the panel. It is shown about ten times a second.
   struct Content {
     std::vector<Bar> bars;
     std::optional<std::uint32_t> selected;  ///< LiveDial::mode of the mode that the keys change.
-    std::vector<LiveRow> rows;        ///< The ticks of the last two seconds, in ascending order.
-    std::vector<std::string> status;  ///< Lines about the state of the loop.
-    std::vector<std::string> notes;   ///< Lines in a small font.
+    std::vector<LiveRow> rows;              ///< Last two seconds, in ascending order.
+    std::vector<std::string> status;
+    std::vector<std::string> notes;  ///< In a small font.
     std::vector<Shapes::Entry> legend;
   };
-  /// Draws the content. `height` is the height of the panel [pixels].
+  /// `height` is in pixels.
   void show(const Content& content, double height);
 
  private:
@@ -87,7 +81,7 @@ class Panel {
   Drawing quads_;
   Drawing lines_;  ///< Drawn in front of quads_.
   std::vector<vtkSmartPointer<vtkTextActor>> texts_;
-  std::size_t used_ = 0;  ///< Number of texts that the present drawing has used.
+  std::size_t used_ = 0;
 };
 
 }  // namespace palpate::view

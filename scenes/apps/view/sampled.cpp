@@ -11,7 +11,6 @@
 namespace palpate::view {
 namespace {
 
-/// Returns a lattice over a box, with `most` points along the longest side and without values.
 vtkSmartPointer<vtkImageData> lattice(const Box& box, int most) {
   const double step = std::max(box.size().maxCoeff() / (most - 1), 1e-9);
   auto image = vtkSmartPointer<vtkImageData>::New();

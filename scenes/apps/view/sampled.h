@@ -18,8 +18,7 @@ namespace palpate::view {
 /// data are missing; their magnitudes have the name "value".
 [[nodiscard]] vtkSmartPointer<vtkImageData> sampled(const VectorField& field, Along along,
                                                     int most);
-/// Returns the 2nd and the 99.5th percentile of the image's values; if they are equal, the upper
-/// one plus 1.
+/// Returns the 2nd and the 99.5th percentile of the values; if equal, the upper one plus 1.
 [[nodiscard]] std::pair<double, double> usual(vtkImageData& image);
 
 }  // namespace palpate::view

@@ -43,16 +43,14 @@ constexpr int kCloudPoints = 112;
 constexpr int kStreamPoints = 64;
 constexpr std::size_t kMostClouds = 2;
 
-/// Colours of surfaces. They are light and warm, so that the hand and the primitives are clearly
-/// visible in front of them.
+/// Light, warm colours of surfaces, so that the hand is clearly visible.
 constexpr std::array<Colour, 6> kBodies{{{0.87, 0.74, 0.64},
                                          {0.93, 0.91, 0.84},
                                          {0.72, 0.62, 0.66},
                                          {0.66, 0.72, 0.66},
                                          {0.80, 0.78, 0.62},
                                          {0.64, 0.68, 0.76}}};
-/// Colour scale from dark to light. Its steps look equal for every kind of colour vision (after the
-/// colour map cividis).
+/// Colour scale with equal steps for every kind of colour vision (after the map cividis).
 constexpr std::array<Colour, 5> kScale{{{0.00, 0.13, 0.30},
                                         {0.26, 0.31, 0.42},
                                         {0.49, 0.48, 0.47},
@@ -72,7 +70,6 @@ vtkSmartPointer<vtkActor> actorOf(vtkAlgorithmOutput* output) {
   return actor;
 }
 
-/// Returns the index of the scalar field that a property is read from; -1 if there is none.
 int scalarFieldOf(const Graph& graph, int property) {
   for (const ScalarRead& read : graph.scalar_reads) {
     if (property >= 0 && read.value == property) return read.field;
@@ -105,7 +102,7 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
-/// Sets the points of a mesh to their positions at a time, when `motion` deforms it.
+/// Moves the points of a mesh to their deformed positions at a time [s].
 void deform(vtkPolyData& mesh, vtkPoints& rest, const Motion& motion, double time) {
   auto moved = vtkSmartPointer<vtkPoints>::New();
   const vtkIdType count = rest.GetNumberOfPoints();
@@ -164,8 +161,7 @@ void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& mo
 
 void Shapes::seeThrough() {
   constexpr double kOpacity = 0.4;
-  // relative to the size of the outer surface; both surfaces may end at the border of the data
-  constexpr double kSlack = 0.02;
+  constexpr double kSlack = 0.02;  // relative; both surfaces may end at the data's border
   const auto holds = [](const Shape& outer, const Shape& inner) {
     double a[6];
     double b[6];
@@ -177,8 +173,7 @@ void Shapes::seeThrough() {
     }
     return true;
   };
-  // If two surfaces contain each other, the first one in the scene counts as the outer one, because
-  // the hand touches it first.
+  // If two surfaces enclose each other, the first one is the outer one: the hand touches it first.
   const auto outside = [&](const Shape& a, const Shape& b) {
     return a.surface >= 0 && b.surface >= 0 && a.surface != b.surface && holds(a, b) &&
            (a.surface < b.surface || !holds(b, a));
@@ -194,8 +189,7 @@ void Shapes::seeThrough() {
       continue;
     }
     auto* actor = static_cast<vtkActor*>(shape.prop.Get());
-    // Draws only the depths of the surface, slightly behind it, so that the surface itself passes
-    // the depth test against them.
+    // The depths lie slightly behind the surface, which therefore passes the depth test.
     auto behind = vtkSmartPointer<vtkPolyDataMapper>::New();
     behind->SetInputData(static_cast<vtkPolyDataMapper*>(actor->GetMapper())->GetInput());
     behind->ScalarVisibilityOff();
@@ -266,8 +260,7 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     contour->Update();
     if (contour->GetOutput()->GetNumberOfCells() == 0) return false;
     auto actor = actorOf(contour->GetOutputPort());
-    // Releases the image. The mapper below gets a copy of the surface, so that the contour filter
-    // and its copy of the image are freed.
+    // Frees the image and the contour filter: the mapper gets a copy of the surface.
     contour->SetInputData(nullptr);
     auto kept = vtkSmartPointer<vtkPolyData>::New();
     kept->ShallowCopy(contour->GetOutput());
@@ -325,8 +318,7 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   scaled->SetOutputScalarTypeToUnsignedShort();
   scaled->ClampOverflowOn();
   scaled->Update();
-  // The opacity of the cloud is proportional to the mode's strength. If the strength does not
-  // depend on the value, the opacity grows with the value.
+  // The opacity follows the mode's strength or, if this does not depend on the value, the value.
   const auto strong = [&](double value) {
     double product = 1.0;
     bool follows = false;
@@ -382,8 +374,7 @@ void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,
   known_.push_back(key);
   const auto image = sampled(of, along, kStreamPoints);
   const auto [low, high] = usual(*image);
-  // Starts streamlines at random points where the vector is large; for vortices, where the curl is
-  // large. The points are the same in every run.
+  // Starts streamlines at random points where the vector, or for vortices the curl, is large.
   const bool core = along == Along::kCurl;
   const int seeds = core ? 60 : 160;
   const double least = (core ? 0.5 : 0.1) * high;

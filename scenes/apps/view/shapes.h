@@ -18,8 +18,7 @@ namespace palpate::view {
 
 using Colour = std::array<double, 3>;  ///< Red, green and blue, each 0 to 1.
 
-/// Colours for the state of a primitive. They can be distinguished with every kind of colour vision
-/// (Okabe and Ito).
+/// Colours that every kind of colour vision can distinguish (Okabe and Ito).
 inline constexpr Colour kHolds{0.00, 0.45, 0.70};
 inline constexpr Colour kYields{0.84, 0.37, 0.00};
 inline constexpr Colour kPushes{0.00, 0.62, 0.45};
@@ -28,43 +27,35 @@ inline constexpr Colour kProbe{0.90, 0.62, 0.00};
 inline constexpr Colour kProxy{0.34, 0.71, 0.91};
 inline constexpr Colour kForce{0.80, 0.47, 0.65};
 
-/// Returns the colour for a position on the colour scale, 0 to 1. Colours become lighter from 0 to
-/// 1, so that people with colour blindness can tell them apart.
+/// Returns the colour at a position on the colour scale, 0 (dark) to 1 (light).
 [[nodiscard]] Colour onScale(double share);
 
-/// Draws each field as its modes use it: a surface for an isosurface, a cloud for a strength,
-/// streamlines along a vector. Draws each guide as its shape. Moving shapes are drawn at their
-/// present pose.
+/// Draws each field as its modes use it: as a surface, a cloud, or streamlines.
 class Shapes {
  public:
   /// Reads all fields, which takes one or two seconds. `fine` is for still pictures: surfaces get
-  /// eight times as many triangles as in a window. If the scene has more than kMostParts parts,
-  /// only the first ones are drawn.
+  /// eight times as many triangles. Draws only the first kMostParts parts.
   Shapes(const BuiltScene& built, bool fine);
 
   static constexpr std::size_t kMostParts = 48;
 
-  /// Adds all shapes to the renderers. Translucent shapes are added to `through`, which is drawn in
-  /// front of `solid`. Their depths are drawn first, so that only the nearest translucent surface
-  /// is visible.
+  /// Adds all shapes to the renderers; translucent ones to `through`, which draws in front of
+  /// `solid`. Depths are drawn first, so that only the nearest translucent surface is visible.
   void addTo(vtkRenderer& solid, vtkRenderer& through) const;
   static constexpr int kCoarsest = 4;
-  /// Sets the level of detail, 1 (finest) to kCoarsest: a cloud has one ray for each square of
-  /// `step` by `step` pixels. With kCoarsest, surfaces have fewer triangles too.
+  /// Sets the level of detail, 1 (finest) to kCoarsest: a cloud has one ray for each `step` by
+  /// `step` pixels. With kCoarsest, surfaces have fewer triangles too.
   void detail(int step);
   /// Moves all moving shapes to their pose at a time [s].
   void moveTo(double time);
   [[nodiscard]] bool moves() const noexcept;
-  /// Returns the bounds of all shapes [m].
   [[nodiscard]] const Box& bounds() const noexcept { return bounds_; }
 
-  /// A shape in the legend of the panel.
   struct Entry {
     std::string name;  ///< Name of the mode or the volume.
     Colour colour;
-    double low = 0.0;  ///< Value of the darkest colour, in the unit of the data.
-    /// Value of the lightest colour. If it is not greater than `low`, the shape has one colour.
-    double high = 0.0;
+    double low = 0.0;   ///< Value of the darkest colour, in the unit of the data.
+    double high = 0.0;  ///< Lightest colour; if not above `low`, there is one colour.
     bool grey = false;  ///< True for the grey scale of the slices.
   };
   [[nodiscard]] const std::vector<Entry>& legend() const noexcept { return legend_; }
@@ -89,8 +80,8 @@ class Shapes {
     bool body = false;
     int surface = -1;  ///< Index of a surface that does not move; -1: another shape.
     vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Draws the depths of a translucent surface.
-    vtkSmartPointer<vtkPolyData> mesh = nullptr;  ///< Mesh of a surface that deforms.
-    vtkSmartPointer<vtkPoints> rest = nullptr;    ///< Points of this mesh in the rest pose.
+    vtkSmartPointer<vtkPolyData> mesh = nullptr;
+    vtkSmartPointer<vtkPoints> rest = nullptr;  ///< Points of this mesh in the rest pose.
   };
   void addGraph(const Graph& graph, bool fine);
   void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,
@@ -107,8 +98,7 @@ class Shapes {
   std::vector<Entry> legend_;
   std::vector<Volume> volumes_;
   std::vector<std::string> notes_;
-  /// Keys of the shapes that were drawn, so that none is drawn twice.
-  std::vector<std::string> known_;
+  std::vector<std::string> known_;  ///< Shapes that were drawn, to draw each one once.
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;

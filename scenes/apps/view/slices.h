@@ -1,5 +1,4 @@
-/// Draws three planes through a point, parallel to the sides of a volume, with grey values of a
-/// scalar field.
+/// Draws three planes through a point, parallel to a volume's sides, with a field's grey values.
 #pragma once
 
 #include <array>
@@ -15,13 +14,11 @@
 
 namespace palpate::view {
 
-/// Draws three slices, or hides them.
 class Slices {
  public:
   explicit Slices(vtkRenderer& renderer);
 
-  /// Draws slices of a field with the pose `pose` through the point `at` [m]. The value `low` is
-  /// black and `high` is white. Takes a few milliseconds.
+  /// Draws a field in `pose` through `at` [m]; `low` is black, `high` white. Takes a few ms.
   void show(const ScalarField& field, const Pose& pose, const Vec3& at, double low, double high);
   void hide();
 

@@ -20,8 +20,7 @@ std::vector<Vec3> lineThrough(const VectorField& field, Along along, const Vec3&
   field.reset(cache);
   const double step = std::max(0.5 * field.frame().voxel, length / kMostSteps);
   const int steps = static_cast<int>(length / step);
-  // Returns the unit vector at a place, with the sign that agrees with `last`; zero at the end of
-  // the line.
+  // Returns the unit vector with the sign of `last`; zero at the end of the line.
   const auto turned = [&](const Vec3& at, const Vec3& last) -> Vec3 {
     const Vec3 v = vectorAt(field, along, at, cache);
     const double size = v.norm();

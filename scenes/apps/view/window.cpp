@@ -25,11 +25,9 @@ constexpr int kFrame = 33;            // [ms]: time between two frames
 constexpr int kSparingFrame = 100;    // [ms]: the same while ticks of the loop are late
 constexpr double kPanelEvery = 0.12;  // [s]: least time between two drawings of the panel
 constexpr double kSpan = 2.0;         // [s]: time that the plots of the panel show
-// [s]: if no tick arrives for this time, the loop counts as stopped
-constexpr double kStalled = 0.5;
-// [s]: the backdrop is refined once the camera has not moved for this time
-constexpr double kSettled = 0.25;
-constexpr double kMoving = 0.2;  // [s]: least time between two backdrops of a scene that moves
+constexpr double kStalled = 0.5;   // [s]: without a tick for this time, the loop counts as stopped
+constexpr double kSettled = 0.25;  // [s]: rest of the camera before the backdrop is refined
+constexpr double kMoving = 0.2;    // [s]: least time between two backdrops of a scene that moves
 constexpr double kGhost = 0.35;
 
 const char* const kHelp =
@@ -63,7 +61,6 @@ double cpu() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-/// Passes events of the user's input to the window.
 class ViewWindow::Events {
  public:
   explicit Events(ViewWindow& window) {
@@ -189,8 +186,7 @@ void ViewWindow::furnish() {
 
 void ViewWindow::follow(const LiveScene& modes) {
   ++changes_;
-  // Keeps the requested gains of modes that were in the previous scene. The other modes get the
-  // gains of the loop.
+  // Modes of the previous scene keep their requested gains; the others get those of the loop.
   const LiveWishes wished = wishes_;
   wishes_.dial_count =
       static_cast<std::uint32_t>(std::min<std::size_t>(modes.mode_count, kLiveModes));
@@ -252,7 +248,7 @@ void ViewWindow::refresh() {
   over_ = over_ || block_.over.load() != 0;
   LiveTick tick;
   bool fresh = false;
-  // If the loop was writing a tick during the first try, it has finished by the next try.
+  // The loop finishes writing a tick before the next try.
   for (int i = 0; i < 3 && !fresh; ++i) fresh = block_.tick.read(tick);
   if (fresh && tick.tick != tick_.tick) {
     tick_ = tick;
@@ -276,8 +272,7 @@ void ViewWindow::refresh() {
     rows_.erase(rows_.begin(), std::find_if(rows_.begin(), rows_.end(),
                                             [&](const LiveRow& row) { return row.time >= since; }));
   }
-  // The process of the loop is the parent of this process. If the loop has ended, this process has
-  // another parent.
+  // The loop's process is the parent. After its end, this process has another parent.
   gone_ = gone_ || block_.process.load() != getppid();
   const bool stalled = gone_ || (tick_.tick > 0 && secondsSince(tick_at_) > kStalled);
   if (stalled != stalled_) ++changes_;
@@ -305,7 +300,7 @@ void ViewWindow::frame() {
   // The loop has priority, so the window draws less often while ticks are late.
   const bool sparing = tick_.late_ticks > late;
   if (sparing) rest_since_ = Clock::now();
-  // Draws no frame if the window is hidden, or if the frame has not changed.
+  // Draws no frame if the window is hidden or unchanged.
   if (!sight_->now()) return;
   const bool moves = shapes_->moves() && !stalled_;
   stale_ = stale_ || (moves && secondsSince(rest_since_) > kMoving);

@@ -1,5 +1,4 @@
-/// The window. It draws the backdrop when it changes, and the hand and the panel in every frame. It
-/// also takes the user's requests.
+/// The window: draws the backdrop when it changes, and the hand in every frame.
 #pragma once
 
 #include <chrono>
@@ -31,11 +30,9 @@
 
 namespace palpate::view {
 
-/// Data of the last drawing, for tests. Positions are in pixels from the window's lower left
-/// corner.
+/// Data of the last drawing, for tests. Positions are in pixels from the lower left corner.
 using Told = nlohmann::ordered_json;
 
-/// Shows the state of a running loop until the window is closed.
 class ViewWindow {
  public:
   struct Options {
@@ -43,13 +40,10 @@ class ViewWindow {
     int height = 640;       ///< Height of the window [pixels].
     double reengage = 0.0;  ///< LoopParams::reengage of the loop [s].
     bool offscreen = false;
-    /// Number of pixels of the picture for one pixel of the window, in each direction.
-    int magnify = 1;
-    /// Longest time that drawing a refined backdrop may take [s]. If it takes longer, the next one
-    /// is coarser.
+    int magnify = 1;  ///< Pixels of the picture for one of the window.
+    /// Longest time to draw a refined backdrop [s]. After a longer time, the next one is coarser.
     double patience = 0.75;
-    /// Called when the loop has a new scene. The future gets the shapes once they are read, or an
-    /// Error. Returns an invalid future if the scene file has not changed.
+    /// Called when the loop has a new scene. The future is invalid if the scene file is unchanged.
     std::function<std::future<std::unique_ptr<Shapes>>()> again;
     std::function<void()> shown;  ///< Called once the first frame is shown.
   };
@@ -60,12 +54,9 @@ class ViewWindow {
   ViewWindow& operator=(const ViewWindow&) = delete;
 
   /// Runs until the window is closed or the run has ended. Every `every` seconds, writes the data
-  /// of the drawing to the file `told` and a picture of the window to the file `shot`. A file with
-  /// an empty name is not written.
+  /// to `told` and a picture to `shot`, unless the name is empty.
   void run(double every, const std::string& shot, const std::string& told);
-  /// Draws the newest tick once and writes the picture as a PNG file.
   void draw(const std::string& file);
-  /// Returns the data of the last drawing.
   [[nodiscard]] Told told() const;
 
  private:
@@ -73,39 +64,34 @@ class ViewWindow {
   class Events;
 
   void frame();
-  void refresh();    ///< Reads the newest data from the loop.
+  void refresh();
   void takeAgain();  ///< Starts to read a changed scene, or shows it once it is read.
   void showHand();
-  /// Returns the bounds of the drawn hand. The bounds end where a wider range would make the depths
-  /// too inaccurate.
+  /// Returns the bounds of the drawn hand, limited for the accuracy of the depths.
   [[nodiscard]] vtkBoundingBox hand() const;
-  void clip();  ///< Sets the depth range of the camera so that it covers all shapes and the hand.
+  void clip();
   void drawBackdrop(int detail);
   void drawFrame();
   void fillPanel();
-  /// Returns the notes for the panel: about the picture, or a message.
   [[nodiscard]] std::vector<std::string> notes() const;
-  void layOut();   ///< Divides the window into picture and panel.
-  void furnish();  ///< Adds all shapes to their renderers.
-  /// Shows the modes of the loop's new scene; keeps the requested gains of modes that both scenes
-  /// have.
+  void layOut();
+  void furnish();
+  /// Shows the modes of a new scene; keeps the requested gains of modes in both scenes.
   void follow(const LiveScene& modes);
   void drawSlices();  ///< Draws slices and streamlines through the proxy.
   void slice();       ///< Selects the next volume for the slices; clears them after the last one.
-  void wish();        ///< Sends the user's requests to the loop.
+  void wish();
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
   [[nodiscard]] Area drawnOver() const;  ///< Returns the area that the hand covers now.
 
-  // User input.
   void key(const std::string& name);
   void move(int x, int y);
   void wheel(double steps);
   void resetCamera();
-  /// Selects the mode with this index in bars_, which the keys then change.
   void choose(std::size_t bar);
-  /// Returns the index of the selected mode in bars_; if no mode is selected, the number of bars.
+  /// If no mode is selected, returns the number of bars.
   [[nodiscard]] std::size_t chosen() const;
   /// Multiplies the gain of the selected mode. With 0, switches the mode off, or on again.
   void dial(float factor);
@@ -113,17 +99,15 @@ class ViewWindow {
 
   LiveBlock& block_;
   bool again_ = false;  ///< True if the scene file must be checked for a change.
-  /// The thread that reads a changed scene; the destructor waits for it.
-  std::future<std::unique_ptr<Shapes>> reading_;
+  std::future<std::unique_ptr<Shapes>> reading_;  ///< The destructor waits for it.
   std::unique_ptr<Shapes> shapes_;
   Options options_;
   vtkSmartPointer<vtkOpenGLRenderWindow> window_;
-  vtkSmartPointer<vtkRenderer> scene_;    ///< Draws the backdrop.
-  vtkSmartPointer<vtkRenderer> through_;  ///< Draws translucent shapes.
-  /// Draws the stored backdrop and the visible parts of the hand.
-  vtkSmartPointer<vtkRenderer> restored_;
-  vtkSmartPointer<vtkRenderer> hidden_;  ///< Draws the hidden parts of the hand faintly.
-  vtkSmartPointer<vtkRenderer> side_;    ///< Draws the panel.
+  vtkSmartPointer<vtkRenderer> scene_;
+  vtkSmartPointer<vtkRenderer> through_;   ///< Draws translucent shapes.
+  vtkSmartPointer<vtkRenderer> restored_;  ///< Draws the stored backdrop and the hand.
+  vtkSmartPointer<vtkRenderer> hidden_;    ///< Draws the hidden parts of the hand faintly.
+  vtkSmartPointer<vtkRenderer> side_;
   vtkSmartPointer<vtkRenderWindowInteractor> interactor_;
   std::unique_ptr<Events> events_;
   std::optional<Sight> sight_;
@@ -132,20 +116,18 @@ class ViewWindow {
   std::optional<Panel> panel_;
   std::optional<Slices> slices_;
   vtkSmartPointer<vtkPolyData> stream_;  ///< Streamlines through the proxy.
-  std::optional<std::size_t> sliced_;    ///< Index in Shapes::volumes() of the volume with slices.
-  std::pair<double, double> grey_;       ///< Values that are black and white in the slices.
-  /// Point in which the slices meet, and where streamlines start [m].
-  Vec3 sliced_at_ = Vec3::Zero();
+  std::optional<std::size_t> sliced_;    ///< Index in Shapes::volumes().
+  std::pair<double, double> grey_;
+  Vec3 sliced_at_ = Vec3::Zero();  ///< Point of the slices and streamlines [m].
   vtkSmartPointer<vtkTextActor> newtons_;
   vtkSmartPointer<vtkTextActor> help_;
   KeptImage backdrop_;
 
   LiveTick tick_;
   LiveScene modes_;
-  LiveWishes wishes_;  ///< Requests of the user. The gains are in the order of the modes in modes_.
-  /// Gains that modes had before they were switched off.
-  std::map<std::uint32_t, float> before_off_;
-  std::uint64_t refused_ = 0;  ///< Last value of LiveBlock::refused that was read.
+  LiveWishes wishes_;                          ///< The gains are in the order of modes_.
+  std::map<std::uint32_t, float> before_off_;  ///< Gains before modes were switched off.
+  std::uint64_t refused_ = 0;                  ///< Last value of LiveBlock::refused that was read.
   std::array<int, 2> laid_out_{};
   std::vector<LiveRow> rows_;
   std::vector<Bar> bars_;
@@ -154,20 +136,19 @@ class ViewWindow {
   bool hand_known_ = false;
   bool over_ = false;
   bool stalled_ = false;
-  bool gone_ = false;              ///< True if the process of the loop has ended.
-  int detail_ = 1;                 ///< Detail of a refined backdrop, as for Shapes::detail().
+  bool gone_ = false;
+  int detail_ = 1;                 ///< Argument of Shapes::detail().
   int drawn_ = Shapes::kCoarsest;  ///< Detail of the backdrop in the window.
-  bool stale_ = true;              ///< True if the backdrop must be drawn.
-  vtkBoundingBox clipped_;         ///< Bounds that the depth range of the backdrop covers.
-  std::uint64_t changes_ = 1;      ///< Number of changes of the content.
-  std::uint64_t framed_ = 0;       ///< Value of changes_ that the last frame shows.
-  std::uint64_t panelled_ = 0;     ///< Value of changes_ that the panel shows.
-  bool panel_fresh_ = true;        ///< True if the panel must be drawn.
-  Area over_backdrop_;             ///< Area of the backdrop that the last frame has drawn over.
-  /// Mouse button that is held: 1 turns the camera, 2 shifts it, 3 zooms; 0: none.
-  int turning_ = 0;
+  bool stale_ = true;
+  vtkBoundingBox clipped_;  ///< Bounds that the depth range of the backdrop covers.
+  std::uint64_t changes_ = 1;
+  std::uint64_t framed_ = 0;    ///< Value of changes_ that the last frame shows.
+  std::uint64_t panelled_ = 0;  ///< Value of changes_ that the panel shows.
+  bool panel_fresh_ = true;
+  Area over_backdrop_;  ///< Area of the backdrop that the last frame has drawn over.
+  int turning_ = 0;     ///< Held button: 1 turns, 2 shifts, 3 zooms, or 0.
   std::array<int, 2> last_{};
-  std::string message_;  ///< Message that the panel shows for a short time.
+  std::string message_;
   Clock::time_point message_until_;
   Clock::time_point rest_since_;
   Clock::time_point panel_at_;
@@ -175,7 +156,6 @@ class ViewWindow {
   static constexpr std::size_t kCosts = 256;
   std::size_t next_cost_ = 0;
   std::vector<double> frame_costs_;  ///< CPU time of each of the last frames [s].
-  /// Time for drawing a backdrop [s].
   struct Cost {
     double cpu = 0.0;
     double wall = 0.0;
@@ -183,8 +163,7 @@ class ViewWindow {
   Cost coarse_cost_;
   Cost refined_cost_;
   std::int64_t frames_ = 0;
-  /// Number of frames that were drawn while a changed scene was read.
-  std::int64_t frames_reading_ = 0;
+  std::int64_t frames_reading_ = 0;  ///< Frames during the reading of a changed scene.
 };
 
 }  // namespace palpate::view

@@ -5,7 +5,7 @@
 
 namespace palpate::view {
 
-/// Returns the time that has passed since `since` [s].
+/// Returns the time since `since` [s].
 [[nodiscard]] double secondsSince(std::chrono::steady_clock::time_point since);
 /// Returns the CPU time that all threads of this process have used [s].
 [[nodiscard]] double cpu();

@@ -134,8 +134,7 @@ void ViewWindow::showHand() {
 vtkBoundingBox ViewWindow::hand() const {
   vtkBoundingBox hand;
   for (const auto& box : overlay_->seen()) hand.AddBounds(box.data());
-  // VTK does not draw parts that are nearer to the camera than a thousandth of the greatest depth.
-  // Therefore limits the bounds.
+  // VTK does not draw parts nearer to the camera than a thousandth of the greatest depth.
   constexpr double kReach = 20.0;  // multiples of the scene's size
   const Box& scene = shapes_->bounds();
   const Vec3 reach = Vec3::Constant(kReach * std::max(1e-6, scene.size().maxCoeff()));
@@ -156,8 +155,7 @@ void ViewWindow::clip() {
   }
   const vtkBoundingBox hand = this->hand();
   if (hand.IsValid() && !clipped_.Contains(hand)) {
-    // Enlarges the bounds by half, so that a hand that moves outwards rarely requires a new
-    // backdrop.
+    // A margin, so that a hand that moves outwards rarely requires a new backdrop.
     clipped_.AddBox(hand);
     clipped_.ScaleAboutCenter(1.5);
   }
@@ -185,7 +183,6 @@ void ViewWindow::drawBackdrop(int detail) {
   stale_ = false;
   Cost& cost = detail == Shapes::kCoarsest ? coarse_cost_ : refined_cost_;
   cost = {cpu() - before, secondsSince(start)};
-  // If this backdrop took too long, the next refined backdrop gets less detail.
   if (detail == detail_ && detail < Shapes::kCoarsest && cost.wall > options_.patience) {
     detail_ = 2 * detail;
   }
@@ -214,9 +211,10 @@ std::vector<std::string> ViewWindow::notes() const {
   std::vector<std::string> notes = shapes_->notes();
   if (reading_.valid()) notes.emplace_back("the scene is loading again");
   if (detail_ >= Shapes::kCoarsest) {
-    notes.emplace_back("drawn coarsely, to draw in time");
+    notes.emplace_back("reduced detail, to draw the picture in time");
   } else if (detail_ > 1) {
-    notes.push_back(fmt::format("drawn coarser, to draw in time: {0} x {0} pixels", detail_));
+    notes.push_back(fmt::format(
+        "reduced detail, to draw the picture in time: one ray for {0} x {0} pixels", detail_));
   }
   return notes;
 }

@@ -1,4 +1,3 @@
-/// Writes reports about the drawing: data for tests, and pictures.
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
@@ -50,7 +49,6 @@ Told ViewWindow::told() const {
   told["frames_reading"] = frames_reading_;
   told["coarse"] = drawn_ > detail_;
   told["detail"] = drawn_;
-  // Adds the CPU time of the last frames.
   std::vector<double> costs = frame_costs_;
   std::sort(costs.begin(), costs.end());
   const auto of = [&costs](double share) {
@@ -95,8 +93,7 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
   writer->Write();
   vtkUnsignedCharArray* bytes = writer->GetResult();
   const auto* all = reinterpret_cast<const char*>(bytes->GetPointer(0));
-  // Inserts the PNG chunk pHYs behind the header, with its checksum, so that the picture is printed
-  // with 300 dpi (11811 pixels per metre).
+  // Inserts the PNG chunk pHYs behind the header: 300 dpi (11811 pixels per metre).
   constexpr std::streamsize kHeader = 33;
   constexpr unsigned char kPrint[] = {0,    0, 0, 9,    'p',  'H', 'Y',  's',  0,    0,   0x2e,
                                       0x23, 0, 0, 0x2e, 0x23, 1,   0x78, 0xa5, 0x3f, 0x76};
@@ -111,7 +108,7 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
 }
 
 void ViewWindow::tell(const std::string& shot, const std::string& told_file) {
-  // Writes another file and renames it, so that a reader never finds an incomplete file.
+  // Renames complete files, so that a reader never finds an incomplete file.
   if (!shot.empty()) {
     write(shot + ".partial", true);
     std::filesystem::rename(shot + ".partial", shot);

@@ -30,7 +30,6 @@ namespace {
 
 using palpate::Vec3;
 
-/// Copies a text to the buffer, shortened if it does not fit.
 void copyTo(char* text, std::size_t size, const std::string& from) {
   if (text == nullptr || size == 0) return;
   const std::size_t count = std::min(from.size(), size - 1);
@@ -38,8 +37,7 @@ void copyTo(char* text, std::size_t size, const std::string& from) {
   text[count] = '\0';
 }
 
-/// Runs `f`. Returns the message of its exception, or an empty text, so that no exception reaches C
-/// code.
+/// Returns the message of f's exception, or "". No exception may reach C code.
 template <class F>
 std::string failureOf(F&& f) {
   try {
@@ -64,15 +62,14 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
   return spec;
 }
 
-/// Publishes the scene once it is completely built. Otherwise the previous scene remains.
+/// Publishes the scene only after it is completely built.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
   auto scene = palpate::buildScene(specFor(hand, path)).scene;
   hand.path = palpate::absolutePlace(path);
   hand.servo.publish(std::move(scene));
 }
 
-/// Converts the description of an arm. Checks only the limits of the coupling, because the servo
-/// checks those of the force.
+/// Checks only the limits of the coupling, because the servo checks those of the force.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
   if (!(arm.max_stiffness > 0.0) || !(arm.max_damping >= 0.0)) {
     throw palpate::DeviceError("arm", "its largest stiffness or damping is not a valid number",

@@ -50,9 +50,9 @@ palpate_arm palpate_weakest_arm(void);
 palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate, char* error,
                            size_t size);
 
-/** Loads another scene for the same hand. Meanwhile another thread may call palpate_tick. The
- *  present scene stays active until the new one is complete, and also if the call fails. Call this
- *  function from the thread that called palpate_load.
+/** Loads another scene for the same hand. The present scene stays active until the new one is
+ *  complete, and also if the call fails. Another thread may call palpate_tick at the same time.
+ *  Call this function from the thread that called palpate_load.
  *  @return  0, or -1 if the call fails. */
 int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t size);
 

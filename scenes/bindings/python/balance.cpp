@@ -67,7 +67,7 @@ py::dict solve(double stiffness, const Doubles& probe, const std::vector<Primiti
 }  // namespace
 
 void bindBalance(py::module_& m) {
-  py::class_<Primitive>(m, "Primitive", "A haptic primitive of the paper, section 4.1.")
+  py::class_<Primitive>(m, "Primitive", "A haptic primitive: section 4.1 of Lundin et al.")
       .def(py::init(&primitiveOf), "kind"_a, "position"_a = std::array<double, 3>{0.0, 0.0, 0.0},
            "direction"_a = std::array<double, 3>{1.0, 0.0, 0.0}, "strength"_a = 1.0,
            "`kind` is force, point, line or plane; `position` is in metres, `strength` in newtons.")

@@ -53,8 +53,8 @@ void translate(std::exception_ptr thrown) {
   } catch (const Error& e) {
     raise("Error", e);
   } catch (const std::bad_alloc&) {
-    raise("Error",
-          {"memory", "the call needs more than is available", "split the work into smaller calls"});
+    raise("Error", {"memory", "the call needs more memory than is available",
+                    "split the work into smaller calls"});
   }
 }
 

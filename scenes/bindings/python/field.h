@@ -1,4 +1,3 @@
-/// The Python class for fields.
 #pragma once
 
 #include <memory>
@@ -9,18 +8,16 @@
 
 namespace palpate::python {
 
-/// A field, and its name for error messages.
 struct NamedField {
   FieldPtr field;
   std::string name;
 
   [[nodiscard]] const FieldFrame& frame() const;
-  /// Returns a row for each point, as Field.sample does. Releases Python's lock meanwhile.
+  /// Returns a row for each point, as Field.sample does, without Python's lock.
   [[nodiscard]] py::array sample(const Doubles& points) const;
 };
 
-/// Returns the field of a volume in the file's own space. Throws Error for an unknown
-/// interpolation.
+/// Returns a volume's field in the file's own space. Throws Error for an unknown interpolation.
 [[nodiscard]] NamedField fieldOf(const std::shared_ptr<const Volume>& volume,
                                  const std::string& interpolation, bool axial);
 

@@ -25,8 +25,7 @@ std::tuple<double, double, double> Hand::step(double x, double y, double z,
     if (!(std::abs(*play) <= kMost)) {
       throw DeviceError("play", "it is not a time within 1e9 s", "give seconds, at most 1e9");
     }
-    // A time that a script sets counts as continuous playback since the last tick, even if it is
-    // much later.
+    // A time that a script sets counts as continuous playback since the last tick.
     const double from = std::exchange(play_, *play);
     state_.playAt(play_, (play_ - from) / dt_);
   } else {

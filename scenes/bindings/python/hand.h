@@ -1,4 +1,3 @@
-/// The Python class for hands.
 #pragma once
 
 #include <memory>
@@ -13,7 +12,7 @@
 
 namespace palpate::python {
 
-/// Returns the limits of the device `path`. All hands of Python scripts have these limits.
+/// Returns the limits of the device `path`, for the hands of all scripts.
 [[nodiscard]] DeviceInfo pathInfo();
 
 /// The hand of a script in a scene. Each call of step() runs one tick.
@@ -32,7 +31,7 @@ class Hand {
  private:
   std::shared_ptr<const Scene> scene_;
   double dt_;
-  PlayClock clock_;    ///< Clock for ticks whose play time the script does not set.
+  PlayClock clock_;    ///< Clock for ticks if the script does not set the play time.
   PlayHead head_;      ///< State of `clock_` after the last tick.
   double play_ = 0.0;  ///< Play time of the last tick [s].
   Reader reader_;

@@ -1,6 +1,5 @@
-/// The Python module `palpate`: volumes, fields, scenes and hands for scripts; see docs/python.md.
-/// No haptic loop calls Python: `run` and `sample` release Python's lock, and a call of `step`
-/// computes only one tick.
+/// The Python module `palpate` (docs/python.md). No haptic loop calls Python: `run` and `sample`
+/// release Python's lock, and `step` computes only one tick.
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
 #include "palpate/scenes/bindings/python/python_module.h"

@@ -1,4 +1,3 @@
-/// Runs a scene along a path. The path and the result are numpy arrays.
 #pragma once
 
 #include <array>
@@ -12,7 +11,7 @@
 
 namespace palpate::python {
 
-/// A row of the result, with the same columns as `palpate feel --trace`.
+/// The columns of `palpate feel --trace`.
 struct TraceRow {
   double t;
   std::array<double, 3> probe;
@@ -28,7 +27,6 @@ struct TraceRow {
   double waiting;
 };
 
-/// Returns the numpy type that corresponds to TraceRow.
 [[nodiscard]] py::dtype traceType();
 
 /// Stores a row for each tick. All memory is reserved before the first tick.
@@ -39,8 +37,7 @@ class Rows final : public TickSink {
   std::vector<TraceRow> rows;
 };
 
-/// Converts an array to a path. The array has either a position for each tick, or rows of t, x, y,
-/// z.
+/// Converts an array to a path: a position for each tick, or rows of t, x, y, z.
 [[nodiscard]] std::vector<PathPoint> pathOf(const Doubles& given, double rate);
 
 }  // namespace palpate::python

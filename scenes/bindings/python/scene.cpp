@@ -31,8 +31,7 @@ namespace {
 
 using Volumes = std::map<std::string, std::shared_ptr<const Volume>>;
 
-/// Returns a text unchanged. Converts other objects to JSON with Python's module json; objects of
-/// numpy become lists and numbers.
+/// Returns a text unchanged. Converts other objects to JSON; numpy's become lists and numbers.
 std::string jsonOf(const py::object& given) {
   try {
     if (py::isinstance<py::str>(given)) return given.attr("encode")().cast<std::string>();
@@ -60,8 +59,7 @@ std::string jsonOf(const py::object& given) {
   }
 }
 
-/// Adds a script's own volumes to the JSON of a scene. Such a volume needs no file, and the scene
-/// need not list it.
+/// Adds a script's own volumes to the JSON of a scene, which need not list them.
 std::string withVolumes(const std::string& text, const Volumes& volumes) {
   if (volumes.empty()) return text;
   Json scene = parseJson(text, "scene", raiseAs<SceneError>);
@@ -137,7 +135,6 @@ class PyScene {
     const Vec3 from = vectorOf(at, "at");
     const Vec3 by = vectorOf(push, "push");
     const std::string text = aside([spec = loaded(), from, by, rate] {
-      // The notes of the scene were already reported.
       const auto silent = [](const std::string& /*line*/) {};
       return cli::dump(cli::explainTick(spec, from, by, rate, nullptr, silent).json);
     });
@@ -169,8 +166,7 @@ class PyScene {
     return aside([spec = std::move(spec)]() mutable { return PyScene(std::move(spec)); });
   }
 
-  /// Returns the description with the volumes that are already in memory, so that they are not
-  /// loaded again.
+  /// Returns the description with the volumes in memory, so that they are not loaded again.
   [[nodiscard]] SceneSpec loaded() const {
     SceneSpec spec = spec_;
     for (auto& [name, volume] : spec.volumes) {

@@ -9,11 +9,11 @@
 namespace palpate::python {
 namespace {
 
-/// A task that no caller waits for. It runs to its end, and its result is discarded.
+/// A task that runs to its end, although no caller waits for its result.
 struct Abandoned {
   std::shared_ptr<void> work;  ///< Future of the task; destroying it waits for the end of the task.
   std::function<bool()> ended;
-  py::object kept;  ///< Python object that the task reads.
+  py::object kept;
 };
 std::vector<Abandoned>& abandoned() {
   // never freed, because Python objects must not be destroyed after the interpreter has ended
@@ -21,8 +21,8 @@ std::vector<Abandoned>& abandoned() {
   return *all;
 }
 
-/// Called when Python ends. Waits for all abandoned tasks, because they use objects that end with
-/// Python. Ctrl-C then ends the process.
+/// Waits for abandoned tasks when Python ends, because they use Python's objects. Ctrl-C then ends
+/// the process.
 void awaitAbandoned() {
   if (abandoned().empty()) return;
   std::signal(SIGINT, SIG_DFL);
@@ -33,7 +33,7 @@ void awaitAbandoned() {
   }
 }
 
-/// Process that started the threads. A fork of this process does not have them.
+/// Process that started the threads. Its forks do not have them.
 pid_t begun_in = 0;
 
 /// Called after Python has ended, before static objects are destroyed.

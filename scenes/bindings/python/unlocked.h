@@ -17,13 +17,13 @@ namespace palpate::python {
 /// Time between two checks for signals such as Ctrl-C. A check takes Python's lock.
 inline constexpr auto kAsk = std::chrono::milliseconds(50);
 
-/// Returns true on the main thread, the only thread that receives signals. Another thread must not
-/// check for them while Python ends, because Python would end that thread within the check.
+/// Returns true on the main thread, the only thread that receives signals. If another thread checks
+/// for signals while Python ends, Python ends that thread within the check.
 [[nodiscard]] bool onMainThread();
 
 /// Counts the threads, except for the main thread, that compute without Python's lock. Python does
-/// not wait for its daemon threads when it ends. Static objects of OpenVDB and TBB would then be
-/// destroyed while a thread still uses them, and the process would abort.
+/// not wait for its daemon threads. Without a wait, static objects of OpenVDB and TBB would be
+/// destroyed while a thread uses them, and the process would abort.
 class Computing {
  public:
   static Computing& all() {
@@ -40,7 +40,7 @@ class Computing {
     --threads_;
     changed_.notify_all();
   }
-  /// For a loop that may take hours: if Python has ended, stops the calling thread for ever.
+  /// Stops the calling thread for ever if Python has ended. For loops that may take hours.
   void parkAtEnd() {
     if (!ended_.load(std::memory_order_relaxed)) return;
     leave();
@@ -61,9 +61,9 @@ class Computing {
   int threads_ = 0;
 };
 
-/// Releases Python's lock while it exists. If Python has ended meanwhile, a daemon thread must not
-/// take the lock back: Python would end the thread, and the process would abort. Such a thread then
-/// waits for the end of the process.
+/// Releases Python's lock while it exists. If Python has ended, a daemon thread must not take the
+/// lock back: Python would end the thread, and the process would abort. The thread then waits for
+/// the end of the process.
 class Unlocked {
  public:
   Unlocked() : state_(PyEval_SaveThread()) {
@@ -82,11 +82,9 @@ class Unlocked {
   bool counted_ = !onMainThread();
 };
 
-/// Checks for signals such as Ctrl-C. If there is one, throws the exception that Python raises for
-/// it.
+/// Checks for signals such as Ctrl-C. Throws Python's exception for a signal.
 void askPython();
 
-/// Calls askPython() at intervals, within a loop.
 class Asking {
  public:
   void operator()() {
@@ -104,19 +102,14 @@ class Asking {
   Clock::time_point next_ = Clock::now() + kAsk;
 };
 
-/// Abandons a task: no caller waits for it any more. It runs to its end, and its result is
-/// discarded.
-///
-/// @param work   Future of the task; destroying it waits for the end of the task.
-/// @param ended  Returns true once the task has ended.
-/// @param kept   Python object that the task reads; kept alive until the task has ended.
+/// Abandons a task: it runs to its end, but its result is discarded. Destroying its future `work`
+/// waits for the end. `ended` returns true after the end. `kept` is the object that the task reads.
 void abandon(std::shared_ptr<void> work, std::function<bool()> ended, py::object kept);
-/// Frees the abandoned tasks that have ended.
 void dropEnded();
 
-/// Runs `work` without Python's lock and returns its result. If the main thread calls this
-/// function, `work` runs in another thread: Ctrl-C then ends the wait, but not `work`. Therefore
-/// `work` must own the objects that it uses, or the caller must pass them as `kept`.
+/// Runs `work` without Python's lock and returns its result. On the main thread, Ctrl-C ends the
+/// wait, but not `work`, which runs in another thread. Therefore `work` must own its objects, or
+/// the caller must pass them as `kept`.
 template <class Work>
 auto aside(Work work, py::object kept = py::none()) {
   using Result = decltype(work());

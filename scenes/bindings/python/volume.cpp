@@ -41,8 +41,7 @@ void warnOfRounding(const py::array& values, const std::string& name) {
   if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
 }
 
-/// Returns floats and doubles unchanged. Converts other numbers to floats if these are exact,
-/// otherwise to doubles.
+/// Returns floats and doubles unchanged, other numbers as floats if exact, else as doubles.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");
@@ -135,8 +134,8 @@ void bindVolume(py::module_& m) {
           },
           "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = 0,
           "Reads a grid of a .vdb file. If the file has one grid, its name may be left out. With "
-          "`fill`, values that are not numbers become the background. `smooth` is the width of a "
-          "Gaussian [voxels], 0 to 16.")
+          "`fill`, values that are not numbers become the background. `smooth` is the reach of the "
+          "four box filters of OpenVDB's Gaussian filter to each side [voxels], 0 to 16.")
       .def(
           "field",
           [](const std::shared_ptr<Volume>& volume, const std::string& interpolation, bool axial) {

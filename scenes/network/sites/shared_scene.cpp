@@ -13,14 +13,14 @@
 namespace palpate {
 namespace {
 
-constexpr std::size_t kLongestName = 200;  ///< Longest name in a text [bytes].
-/// Largest lead of a stamp over all known ones, so that no site can jump to the largest.
+constexpr std::size_t kLongestName = 200;
+/// Largest lead of a stamp over all known stamps. Without this limit, a site could use the largest
+/// possible stamp.
 constexpr std::uint64_t kMostAhead = std::uint64_t{1} << 20U;
 constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double represents it exactly.
 constexpr std::size_t kMostNames = 64;                         ///< Sites that are remembered.
 
-/// Returns true for shared keys: for a volume, those of its place and sampling, not of its data;
-/// for other parts, all except the description.
+/// Returns true for keys that sites share: of a volume, place and sampling; no descriptions.
 bool isShared(const std::string& kind, const std::string& key) {
   constexpr std::array<std::string_view, 6> kOfVolumes{"axial",      "instances", "interpolation",
                                                        "non_finite", "place",     "smooth"};
@@ -37,20 +37,17 @@ Json halfOf(const std::string& kind, const Json& object, bool shared) {
   return half;
 }
 
-/// Returns the text with this key; empty if the object does not have one.
 std::string textAt(const Json& object, const char* key) {
   const auto found = object.find(key);
   return found != object.end() && found->is_string() ? found->get<std::string>() : "";
 }
 
-/// Returns the key of a mode, without its number.
 SharedKey keyOfMode(const Json& mode) {
   const std::string name = textAt(mode, "name");
   if (!name.empty()) return {"modes", name};
   return {"modes", "", textAt(mode, "mode"), textAt(mode, "of")};
 }
 
-/// Returns the keys of a scene's modes, in order.
 std::vector<SharedKey> keysOfModes(const Json& modes) {
   std::map<SharedKey, std::size_t> counts;
   std::vector<SharedKey> keys;
@@ -63,8 +60,8 @@ std::vector<SharedKey> keysOfModes(const Json& modes) {
   return keys;
 }
 
-/// Returns true if edit `a` replaces edit `b` of the same part. A site may make two edits with one
-/// stamp in two runs. Then the larger text wins, because 2 and 2.0 are equal values.
+/// Returns true if edit `a` replaces edit `b`. For equal stamps the larger text wins, because 2 and
+/// 2.0 are equal values.
 bool isLater(const SharedEdit& a, const SharedEdit& b) {
   if (a.stamp != b.stamp) return b.stamp < a.stamp;
   return a.value.dump() > b.value.dump();
@@ -78,10 +75,10 @@ std::string wordsForOne(const SharedKey& key) {
   return key[3].empty() ? key[2] : fmt::format("{} of \"{}\"", key[2], key[3]);
 }
 
-const char* const kSubject = "its message about its scene";
+const char* const kSubject = "its message about the scene";
 
 [[noreturn]] void refuse(const std::string& why) {
-  throw Error(kSubject, why, "check its sender, and the sender's version");
+  throw Error(kSubject, why, "check the sender's program and its version");
 }
 
 bool isName(const std::string& name) {
@@ -95,7 +92,6 @@ void checkName(const std::string& name) {
   }
 }
 
-/// Checks that every text in a value is a name. parseJson limits the depth.
 void checkNames(const Json& value) {
   if (value.is_string()) checkName(value.get_ref<const std::string&>());
   if (!value.is_structured()) return;
@@ -143,7 +139,7 @@ void checkValue(const SharedKey& key, const Json& value) {
   }
 }
 
-/// Returns true once for each of some names.
+/// Returns true once for each name, for a limited number of names.
 bool isNew(std::set<std::string>& known, const std::string& name) {
   return known.size() < kMostNames && known.insert(name).second;
 }
@@ -235,7 +231,7 @@ Json withEdits(Json scene, const SharedEdits& edits) {
       throw SceneError(wordsForOne(key), "this site does not have it",
                        "add it to the scene's file");
     }
-    // Data of the machine stay.
+    // Keeps data of the machine, such as files.
     Json whole = where.contains(name) ? halfOf(key[0], where[name], false) : Json::object();
     whole.update(value);
     where[name] = std::move(whole);
@@ -306,7 +302,7 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       edits_ = std::move(all);
       news_ = untold_ = true;
     }
-    // Find parts without edits that differ here.
+    // Finds parts without edits that differ here.
     const SharedText own = told();
     std::vector<SharedKey> differ;
     for (const auto& [key, digest] : own.rest) {
@@ -320,8 +316,8 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
       return {};
     }
     return {
-        fmt::format("site {}: its scene differs from this site's scene: {}: copy one file to the "
-                    "other site, or edit it again",
+        fmt::format("site {}: its scene differs from this site's scene: {}: copy one scene file to "
+                    "the other site, or edit these parts again",
                     from, wordsFor(differ))};
   } catch (const Error& error) {
     if (!isNew(unread_, from)) return {};
@@ -382,7 +378,7 @@ SharedText SharedScene::told() const {
 std::optional<std::string> SharedScene::takeTold() {
   if (!std::exchange(untold_, false)) return std::nullopt;
   std::string text = textOf(told());
-  // For a scene with very many parts, leave out the digests.
+  // A scene with very many parts is sent without the digests.
   if (text.size() > kMostSceneText) text = textOf({edits_, {}});
   return text;
 }

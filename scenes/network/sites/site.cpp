@@ -31,21 +31,21 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kAlone = std::chrono::seconds(3);       ///< Time alone before a message.
+constexpr auto kAlone = std::chrono::seconds(3);       ///< Time without peers before a message.
 constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Time between two polls.
 constexpr auto kRest = std::chrono::milliseconds(50);  ///< Time between messages of a resting hand.
-constexpr double kSmallWay = 1e-4;         ///< Smaller motion of a proxy is not sent at once [m].
-constexpr double kSmallGift = 1e-5;        ///< Smaller change of an energy is not sent at once [J].
-constexpr std::uint32_t kMostAtOnce = 64;  ///< Messages in one poll.
+constexpr double kSmallWay = 1e-4;   ///< Smaller motion of a proxy is not sent at once [m].
+constexpr double kSmallGift = 1e-5;  ///< Smaller change of an energy is not sent at once [J].
+constexpr std::uint32_t kMostAtOnce = 64;
 constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Time between two scene texts.
-constexpr std::size_t kMostScenes = kMostLinks;               ///< Texts held until taken.
+constexpr std::size_t kMostScenes = kMostLinks;               ///< Texts that wait for takeScenes().
 
 /// Returns the number of a site, from its name; not 0.
 std::uint64_t numberOfSite(const std::string& name) noexcept {
   return fingerprintOf(name) | 1U;
 }
 
-/// Returns the address of this machine from which data would go to another address. Throws Error.
+/// Returns the local address from which data would go to `address`. Throws Error.
 std::string addressTowards(const std::string& address) {
   addrinfo hints{};
   hints.ai_socktype = SOCK_DGRAM;
@@ -73,7 +73,7 @@ std::string addressTowards(const std::string& address) {
   return text.data();
 }
 
-/// Returns DDS's configuration: only the named machines learn of this site; no multicast.
+/// Returns DDS's configuration: without multicast, only the named machines learn of this site.
 std::string configOf(const SiteParams& params) {
   std::vector<std::string> peers = params.with;
   if (peers.empty()) peers.emplace_back("127.0.0.1");
@@ -89,8 +89,7 @@ std::string configOf(const SiteParams& params) {
       addressTowards(peers.front()), 2 * kMostLinks, text);
 }
 
-/// Receives the log lines of DDS. A peer can cause any number of lines, so only the first one is
-/// reported. DDS has one log sink per process.
+/// Keeps only the first log line, because a peer can cause any number. DDS has one log sink.
 class Complaints {
  public:
   Complaints() {
@@ -104,7 +103,7 @@ class Complaints {
   Complaints& operator=(const Complaints&) = delete;
   ~Complaints() { dds_set_log_sink(nullptr, nullptr); }
 
-  /// Returns the first line, once; empty if DDS has logged none.
+  /// Returns the first line once, or "".
   [[nodiscard]] static std::string take() {
     const std::lock_guard lock(mutex());
     return std::exchange(told().line, {});
@@ -142,7 +141,7 @@ class Complaints {
 
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
-/// Returns an entity of DDS; throws with the reason if DDS could not make it.
+/// Throws the reason if DDS could not make the entity.
 dds_entity_t need(dds_entity_t entity, const char* what) {
   if (entity >= 0) return entity;
   throw Error("--site", fmt::format("DDS cannot create {} ({})", what, dds_strretcode(-entity)),
@@ -153,7 +152,6 @@ std::array<double, 3> numbers(const Vec3& v) noexcept {
   return {v.x(), v.y(), v.z()};
 }
 
-/// The thread and its shared data.
 class DdsSite final : public Site {
  public:
   DdsSite(const SiteParams& params, HandLinks& links)
@@ -208,11 +206,11 @@ class DdsSite final : public Site {
     SiteState state;
     std::size_t slot = kMostLinks;  ///< kMostLinks: it has no slot.
     dds_instance_handle_t writer = 0;
-    std::uint64_t first = 0;   ///< First number received from this writer.
-    std::uint64_t newest = 0;  ///< Newest number received from this writer; 0: none.
+    std::uint64_t first = 0;   ///< First number from this writer.
+    std::uint64_t newest = 0;  ///< Newest number from this writer, or 0.
     std::uint64_t count = 0;
     Clock::time_point last;
-    bool gone = true;  ///< It has left, and this was reported.
+    bool gone = true;
   };
 
   [[nodiscard]] static dds_entity_t join(dds_domainid_t domain, const std::string& keys) {
@@ -251,10 +249,10 @@ class DdsSite final : public Site {
       const dds_entity_t scenes = need(dds_create_topic(participant, &palpate_site_Scene_desc,
                                                         "palpate_scene", nullptr, nullptr),
                                        "the topic of scenes");
-      // Do not wait for sites that take no data; late joiners get the newest text.
+      // Does not wait for sites that take no data. Late joiners get the newest text.
       dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
       dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
-      // A full reader would block all of DDS: the limit applies where the texts are taken.
+      // A full reader would block all of DDS, so hearScenes() applies a limit instead.
       dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
       scene_reader_ =
           need(dds_create_reader(participant, scenes, qos, nullptr), "the reader of scenes");
@@ -279,13 +277,12 @@ class DdsSite final : public Site {
         wake_.wait_until(lock, due, [this] { return quit_; });
       }
     } catch (const std::exception&) {
-      // Without memory this site sends nothing more, and the other sites unlink its hand.
+      // Without memory, this site stops sending, and the other sites unlink its hand.
       failed_ = true;
     }
   }
 
-  /// Adds a line that peers can cause. The number of lines per second is limited; further lines are
-  /// only counted.
+  /// Adds a line that peers can cause. Limits the lines per second, and counts further lines.
   void say(std::string line) {
     constexpr std::size_t kMostLines = 3 * kMostLinks;
     constexpr std::size_t kMostNews = 100;  // lines not taken yet
@@ -301,7 +298,6 @@ class DdsSite final : public Site {
     if (++said_ <= kMostLines) news_.push_back(std::move(line));
   }
 
-  /// Samples that DDS owns.
   struct Loan {
     Loan(dds_entity_t r, std::array<void*, kMostAtOnce>& s, dds_return_t n)
         : reader(r), samples(s), count(n) {}
@@ -350,7 +346,7 @@ class DdsSite final : public Site {
   }
 
   void hearScenes() {
-    // Texts without room here wait in DDS.
+    // Further texts wait in DDS.
     if (scenes_.size() >= kMostScenes) return;
     std::array<void*, kMostAtOnce> samples{};
     std::array<dds_sample_info_t, kMostAtOnce> infos{};
@@ -390,9 +386,8 @@ class DdsSite final : public Site {
     if (others_.find(name) == others_.end() && !makeRoom()) return;
     Other& other = others_[name];
     SiteState& state = other.state;
-    // Another program with this name is a new site, for any message numbers. The new site is
-    // accepted once the previous program is silent and its spring has faded out; until then its
-    // messages are ignored. The same is true for a program that DDS has lost and found again.
+    // Another program with this name is a new site, and so is a program that DDS has found again.
+    // Its messages are ignored until the previous program is silent and its spring has faded out.
     if (other.slot != kMostLinks && writer != other.writer) {
       if (state.here || state.presence > 0.0) return;
       letGo(other);
@@ -430,7 +425,6 @@ class DdsSite final : public Site {
     if (word.from != 0) heard_.words[other.slot] = word;
   }
 
-  /// Returns the site that has been silent for longest.
   template <class Is>
   std::map<std::string, Other>::iterator longestSilent(Is is) {
     auto longest = others_.end();
@@ -446,8 +440,7 @@ class DdsSite final : public Site {
     say(fmt::format("more than {} hands of other sites: some are not felt", kMostLinks));
   }
 
-  /// Makes room for one more name: if too many are known, forgets the one that has been silent for
-  /// longest.
+  /// If too many names are known, forgets the site that has been silent for longest.
   bool makeRoom() {
     if (others_.size() < 4 * kMostLinks) return true;
     const auto longest = longestSilent([](const Other&) { return true; });
@@ -467,7 +460,7 @@ class DdsSite final : public Site {
     other.newest = 0;
   }
 
-  /// Gives a site a slot among the links: a free one, or that of the site silent for longest.
+  /// Gives a site a free slot among the links, or the slot of the site silent for longest.
   bool seat(const std::string& name, Other& other) {
     std::size_t slot = 0;
     while (slot < kMostLinks && heard_.who[slot] != 0) ++slot;
@@ -551,8 +544,8 @@ class DdsSite final : public Site {
   bool alone_told_ = false;
   std::vector<std::string> news_;
   std::map<std::string, Other> others_;
-  std::optional<std::string> scene_;           ///< Text to send.
-  std::map<std::string, std::string> scenes_;  ///< Texts received, by site.
+  std::optional<std::string> scene_;
+  std::map<std::string, std::string> scenes_;
 
   // Used by the thread only.
   LinksHeard heard_;
@@ -561,8 +554,8 @@ class DdsSite final : public Site {
   std::uint64_t ticked_ = 0;
   bool told_same_ = false;
   bool told_full_ = false;
-  Clock::time_point said_at_;  ///< Start of the current second.
-  std::size_t said_ = 0;       ///< Number of lines printed in this second.
+  Clock::time_point said_at_;
+  std::size_t said_ = 0;  ///< Number of lines printed in this second.
   std::uint64_t messages_ = 0;
   Clock::time_point sent_at_;
   Clock::time_point scene_at_;

@@ -19,7 +19,7 @@ struct SiteParams {
   int domain = 0;                 ///< DDS domain, 0 to 230. Sites link only within a domain.
   std::vector<std::string> with;  ///< Numeric addresses of machines; empty: only this machine.
   std::string keys;               ///< Folder of its keys; empty: no keys, all peers are accepted.
-  bool scene = false;             ///< Sites also exchange their scenes.
+  bool scene = false;             ///< If true, sites also exchange their scenes.
 };
 
 /// Longest text about a scene that a site sends [bytes].
@@ -28,10 +28,8 @@ inline constexpr std::size_t kMostSceneText = 65536;
 /// Parses NAME or NAME@DOMAIN. Throws Error.
 [[nodiscard]] SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with);
 
-/// Returns true if a site can have this name.
 [[nodiscard]] bool isSiteName(const std::string& name) noexcept;
 
-/// State of another site.
 struct SiteState {
   bool here = false;         ///< Its messages arrive.
   std::uint64_t heard = 0;   ///< Number of received messages.
@@ -42,34 +40,30 @@ struct SiteState {
   double energy = 0.0;       ///< Link::energy [J]
 };
 
-/// Carries a loop's links on a thread of its own: up to 250 messages per second of some 250 bytes,
-/// fewer while the hand rests.
+/// Carries a loop's links on its own thread: up to 250 messages per second of some 250 bytes.
 class Site {
  public:
   Site() = default;
   Site(const Site&) = delete;
   Site& operator=(const Site&) = delete;
-  /// Leaves: the other sites know at once.
+  /// Leaves. The other sites learn of this at once.
   virtual ~Site() = default;
 
   /// Returns the events since the last call, one line each.
   [[nodiscard]] virtual std::vector<std::string> takeNews() = 0;
-  /// Returns all sites that were heard, by name.
   [[nodiscard]] virtual std::map<std::string, SiteState> others() const = 0;
 
-  /// Sets the text about this scene for the other sites, including late joiners. The newest text is
-  /// sent at most 5 times per second.
+  /// Sets the text about this scene for all sites, also late joiners. Sends the newest text, at
+  /// most 5 times per second.
   virtual void tellScene(std::string text) = 0;
   /// Returns the newest text of each site since the last call, by name. The texts are untrusted.
   [[nodiscard]] virtual std::map<std::string, std::string> takeScenes() = 0;
 };
 
-/// Joins a site. The first call loads the module palpate_sites.so, which contains DDS's part.
-/// Throws Error if the module is missing, or if the address or the network does not exist.
-///
-/// @param links  Must outlive the site.
+/// Joins a site. The first call loads the module palpate_sites.so, which contains DDS. Throws Error
+/// if the module, the address or the network does not exist. `links` must outlive the site.
 [[nodiscard]] std::unique_ptr<Site> openSite(const SiteParams& params, HandLinks& links);
-/// The function of the module.
+/// The entry function of the module.
 using SiteFactory = std::unique_ptr<Site>(const SiteParams& params, HandLinks& links);
 
 }  // namespace palpate

@@ -14,8 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Returns the path of a DDS security plug-in. It is beside the DDS library or, on Debian, in a
-/// folder with the library's name.
+/// Returns the path of a DDS security plug-in: beside the DDS library or, on Debian, below it.
 std::string pluginOf(const char* what) {
   Dl_info info{};
   const std::string name = fmt::format("libdds_security_{}.so", what);

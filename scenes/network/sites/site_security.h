@@ -6,9 +6,8 @@
 
 namespace palpate {
 
-/// Restricts a participant to peers with keys: it meets no other peers and sends them no data.
-/// `keys` has the six files of a ROS 2 enclave, as site_keys.sh makes them. Throws Error if a file
-/// is missing, or if this DDS has no security.
+/// Restricts a participant to peers with keys. `keys` has the six files of a ROS 2 enclave, as
+/// site_keys.sh makes them. Throws Error if a file is missing, or if this DDS has no security.
 void secure(dds_qos_t* participant, const std::filesystem::path& keys);
 
 }  // namespace palpate

@@ -1,5 +1,4 @@
-/// Private to scenes/network/slicer: a connection of the server with a client, and counts of the
-/// traffic.
+/// Private to scenes/network/slicer: a client's connection, and counts of the traffic.
 #pragma once
 
 #include <array>
@@ -18,13 +17,12 @@ struct IgtlServer::Counts {
   std::atomic<std::int64_t> connections{0};
   /// Clients that had to wait because all places were taken.
   std::atomic<std::int64_t> refused{0};
-  /// Connections that the server has ended, because of invalid data or because the client did not
-  /// read.
+  /// Connections that the server has ended, for invalid data or unread messages.
   std::atomic<std::int64_t> ended{0};
-  /// Rounds of messages that were sent, added up over all clients.
+  /// Rounds of messages that were sent, over all clients.
   std::atomic<std::int64_t> sent{0};
   std::atomic<std::int64_t> skipped{
-      0};  ///< Rounds that were not sent, because the client had not read the previous round.
+      0};  ///< Rounds not sent, because the client had not read the previous one.
   std::atomic<std::int64_t> received{0};
   std::atomic<std::int64_t> images{0};
 };
@@ -41,9 +39,9 @@ struct IgtlServer::Client {
   std::size_t head_count = 0;
   IgtlHead head;
   Bytes body;
-  std::uint64_t left = 0;  ///< Number of bytes of the body that are still missing.
+  std::uint64_t left = 0;
   std::uint64_t crc = 0;
-  /// Result that the client gets when its message is complete; `why` has the reason.
+  /// Answer when the message is complete; `why` has the reason.
   IgtlCode answer = IgtlCode::kOk;
   std::string why;
   bool answers = false;
@@ -66,7 +64,7 @@ struct IgtlServer::Client {
   [[nodiscard]] bool isImage() const { return at == At::kBody && head.type == "IMAGE"; }
 };
 
-/// Returns the present time for messages: nanoseconds since 1970.
+/// Returns the present time [ns since 1970].
 [[nodiscard]] std::int64_t sinceEpoch();
 
 }  // namespace palpate::cli

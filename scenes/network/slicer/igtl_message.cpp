@@ -15,8 +15,8 @@
 namespace palpate::cli {
 namespace {
 
-constexpr std::size_t kType = 12;  ///< Length of the name of a message type [bytes].
-constexpr std::size_t kName = 20;  ///< Length of the name of a device [bytes].
+constexpr std::size_t kType = 12;  ///< [bytes]
+constexpr std::size_t kName = 20;  ///< [bytes]
 constexpr std::size_t kImageHead = 72;
 
 template <std::size_t kBytes>
@@ -25,7 +25,7 @@ using Word = std::conditional_t<
     std::conditional_t<kBytes == 2, std::uint16_t,
                        std::conditional_t<kBytes == 4, std::uint32_t, std::uint64_t>>>;
 
-/// Returns the number that these bytes represent, with the most significant byte first or last.
+/// kBig: the most significant byte comes first.
 template <class T, bool kBig>
 T numberAt(const std::uint8_t* bytes) noexcept {
   Word<sizeof(T)> word = 0;
@@ -37,8 +37,7 @@ T numberAt(const std::uint8_t* bytes) noexcept {
   return std::bit_cast<T>(word);
 }
 
-/// Reads one value after another, with the most significant byte first. The caller has checked that
-/// there are enough bytes.
+/// Reads big-endian values. The caller has checked that there are enough bytes.
 class In {
  public:
   explicit In(ByteView bytes) : at_(bytes.data()) {}
@@ -149,7 +148,6 @@ std::shared_ptr<const Volume> make(const IgtlImage& image) {
   return makeVolume(array);
 }
 
-/// Header of an IMAGE with the values as they were sent.
 struct ImageHead {
   std::uint8_t components = 0;
   std::uint8_t scalar = 0;
@@ -194,14 +192,13 @@ void checkImageHead(const std::string& what, const ImageHead& head) {
     refuse(what, fmt::format("its coordinates are {}", head.space), "send 1 (RAS) or 2 (LPS)");
   }
   if (head.part != head.size || head.offset != std::array<std::int64_t, 3>{}) {
-    refuse(what, "it is a part of an image", "send the whole image at once");
+    refuse(what, "it is a part of an image", "send the whole image in one message");
   }
 }
 
-/// Returns the number of values of an image. Throws Error if it exceeds the limit.
 std::uint64_t countValues(const std::string& what, const ImageHead& head) {
   const auto& size = head.size;
-  // The sizes are below 2^16, so their product is below 2^48.
+  // The sizes are below 2^16 and `components` is below 2^8: the product is below 2^56.
   const auto values = static_cast<std::uint64_t>(size[0] * size[1] * size[2] * head.components);
   if (values == 0 || values > kIgtlMostValues) {
     refuse(what, fmt::format("it is {} x {} x {} voxels", size[0], size[1], size[2]),
@@ -244,7 +241,7 @@ IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes) {
   head.version = in.take<std::uint16_t>();
   head.type = in.text(kType);
   head.name = in.text(kName);
-  (void)in.take<std::uint64_t>();  // the time at which the message was sent
+  (void)in.take<std::uint64_t>();
   head.size = in.take<std::uint64_t>();
   head.crc = in.take<std::uint64_t>();
   return head;
@@ -271,7 +268,7 @@ std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before) noexcept {
 
 Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place) {
   Out out;
-  // The columns of the matrix: the identity, since the message has no rotation.
+  // The message has no rotation: the columns of the identity.
   for (const double x : Mat3::Identity().reshaped()) out.put(static_cast<float>(x));
   for (const double x : place) out.put(static_cast<float>(x));
   return message("TRANSFORM", name, now, out.bytes);

@@ -1,5 +1,4 @@
-/// Converts messages of OpenIGTLink, the protocol of 3D Slicer, from bytes and to bytes. Follows
-/// the published description of the protocol. Does not use sockets.
+/// Converts messages of OpenIGTLink, the protocol of 3D Slicer, from and to bytes.
 #pragma once
 
 #include <array>
@@ -21,21 +20,18 @@ using ByteView = std::span<const std::uint8_t>;
 
 inline constexpr std::size_t kIgtlHead = 58;  ///< Size of a header [bytes].
 
-/// The header with which each message begins.
 struct IgtlHead {
-  /// 1; or 2 for version 3 of the protocol, in which bodies have further data before and after
-  /// their content.
+  /// 1; or 2 for version 3 of the protocol. Its bodies have data before and after the content.
   std::uint16_t version = 0;
   std::string type;        ///< Type of the message, for example TRANSFORM.
   std::string name;        ///< Name of the device that sends the message. It may contain any bytes.
   std::uint64_t size = 0;  ///< Size of the body as sent [bytes].
-  std::uint64_t crc = 0;   ///< CRC-64 checksum of the body.
+  std::uint64_t crc = 0;
 };
-/// Reads a header. The bytes may have any content.
 [[nodiscard]] IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes);
 
-/// Returns the checksum that the protocol uses (CRC-64 of ECMA-182). `before` is the checksum of
-/// the bytes that precede `bytes`.
+/// Returns the protocol's checksum (CRC-64 of ECMA-182). `before` is the checksum of the bytes that
+/// precede `bytes`.
 [[nodiscard]] std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before = 0) noexcept;
 
 /// Result of a request, with the numbers of the message STATUS.
@@ -48,18 +44,16 @@ enum class IgtlCode : std::uint16_t {
   kDisabled = 15,
 };
 
-/// Return complete messages of version 1. `now` is the time in nanoseconds since 1970. Names and
-/// texts that are too long are shortened.
+/// Return complete messages of version 1. `now` is in ns since 1970. Shorten long names and texts.
 [[nodiscard]] Bytes igtlTransform(std::string_view name, std::int64_t now, const Vec3& place);
 [[nodiscard]] Bytes igtlString(std::string_view name, std::int64_t now, std::string_view text);
 [[nodiscard]] Bytes igtlStatus(std::string_view name, std::int64_t now, IgtlCode code,
                                std::string_view text);
-/// Returns a message that names the message types which the server understands.
+/// Returns a message with the message types that the server understands.
 [[nodiscard]] Bytes igtlCapability(std::string_view name, std::int64_t now,
                                    std::span<const char* const> types);
 
-/// Returns the content of a body, without the data before and after it in version 3 of the
-/// protocol. Throws Error.
+/// Returns a body without version 3's data before and after the content. Throws Error.
 [[nodiscard]] ByteView igtlContent(const IgtlHead& head, ByteView body);
 /// Returns the position in the content of a TRANSFORM. Throws Error if a number is not finite.
 [[nodiscard]] Vec3 readIgtlTransform(ByteView content);
@@ -77,16 +71,15 @@ struct IgtlImage {
   std::array<std::int64_t, 3> size{};  ///< Number of voxels along i, j and k.
   int components = 1;                  ///< Components of a value: 1, or 3 for a vector.
   std::uint8_t scalar = 0;             ///< Number of the scalar type in the protocol.
-  bool big_endian = false;             ///< Byte order of the values.
-  Mat3 axes = Mat3::Identity();        ///< Steps along i, j and k in RAS [mm].
-  Vec3 origin = Vec3::Zero();          ///< Centre of the first voxel in RAS [mm].
-  Bytes bytes;  ///< The message; the values begin at `first`, with i fastest.
+  bool big_endian = false;
+  Mat3 axes = Mat3::Identity();  ///< Steps along i, j and k in RAS [mm].
+  Vec3 origin = Vec3::Zero();    ///< Centre of the first voxel in RAS [mm].
+  Bytes bytes;                   ///< The message; the values begin at `first`, with i fastest.
   std::size_t first = 0;
 };
 /// Returns the image in the body of a message. Throws Error, with the reason, if it is invalid.
 [[nodiscard]] IgtlImage readIgtlImage(const IgtlHead& head, Bytes body);
-/// Returns the image as a volume. Throws VolumeError if it is not usable as a volume. Slow; works
-/// in parallel.
+/// Returns the image as a volume. Throws VolumeError if it is not usable. Slow, in parallel.
 [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const IgtlImage& image);
 
 }  // namespace palpate::cli

@@ -16,7 +16,6 @@
 namespace palpate::cli {
 namespace {
 
-/// Number of bytes that are read from a client in one round.
 constexpr std::size_t kPiece = 1U << 16U;
 /// Limit of the size of all messages except IMAGE [bytes].
 constexpr std::uint64_t kMostSmall = 1U << 16U;
@@ -65,8 +64,7 @@ void IgtlServer::feed(Client& client, ByteView bytes) {
           static_cast<std::size_t>(std::min<std::uint64_t>(bytes.size(), client.left));
       const ByteView taken = bytes.first(take);
       client.crc = igtlCrc(taken, client.crc);
-      // Memory for the body is allocated as its bytes arrive. A client that only announces a large
-      // size takes no memory.
+      // Allocates memory as bytes arrive. A client that announces a large size takes no memory.
       if (client.at == Client::At::kBody) {
         const std::size_t most = client.body.size() + static_cast<std::size_t>(client.left);
         if (client.body.size() + take > client.body.capacity()) {
@@ -179,8 +177,7 @@ void IgtlServer::obey(Client& client, const std::string& words) {
     {
       const std::lock_guard lock(mutex_);
       for (HapticThread* hand : hands_) hand->cut();
-      // Hands that begin later are cut too.
-      cut_asked_ = hands_.empty();
+      cut_asked_ = hands_.empty();  // hands that begin later are cut too
     }
     return reply(client, IgtlCode::kOk, "cut");
   }

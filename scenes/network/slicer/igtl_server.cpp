@@ -50,7 +50,7 @@ std::string shownPlace(const sockaddr_storage& address, socklen_t size) {
   return (name.find(':') == std::string::npos ? name : "[" + name + "]") + ":" + port.data();
 }
 
-/// Returns a device name: "PalpateHand" for the first hand, "PalpateHand2" for the second one.
+/// Returns "PalpateHand" for the first hand, "PalpateHand2" for the second one.
 std::string nameOf(const char* what, std::size_t hand) {
   return hand == 0 ? what : fmt::format("{}{}", what, hand + 1);
 }
@@ -233,7 +233,7 @@ void IgtlServer::round() {
     send();
   }
   std::erase_if(clients_, [](const auto& client) { return client->socket < 0; });
-  // If places are free, the waiting clients that connected first get them.
+  // The clients that connected first get free places.
   for (std::size_t i = 0; i < std::min(clients_.size(), kMostClients); ++i) {
     if (std::exchange(clients_[i]->waits, false)) {
       greetings_.say("igtl: " + clients_[i]->peer + " is connected");
@@ -248,7 +248,7 @@ void IgtlServer::accept() {
     const int socket =
         accept4(listener_, reinterpret_cast<sockaddr*>(&from), &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (socket < 0) {
-      // If the system lacks descriptors or memory, waits for a moment before it accepts again.
+      // If the system lacks descriptors or memory, waits before it accepts again.
       if (errno != EAGAIN && errno != EWOULDBLOCK) deaf_until_ = nowNs() + kLook;
       return;
     }
@@ -329,7 +329,7 @@ void IgtlServer::send() {
   (void)shown_.refresh();
   (void)stage_.refresh();
   const IgtlShown& shown = shown_.current();
-  if (shown.count == 0) return;  // the run has not started yet
+  if (shown.count == 0) return;
   const Placement& place = stage_.current().first;
   const std::int64_t at = sinceEpoch();
   Bytes all;

@@ -1,5 +1,4 @@
-/// A server for OpenIGTLink, which runs on its own thread. It shows a run in 3D Slicer and takes
-/// requests of Slicer's user.
+/// An OpenIGTLink server on its own thread. It shows a run in 3D Slicer and takes user requests.
 #pragma once
 
 #include <array>
@@ -25,7 +24,6 @@
 
 namespace palpate::cli {
 
-/// Address and port at which the server listens.
 struct IgtlPlace {
   std::string address = "127.0.0.1";  ///< A numeric address of this machine.
   std::uint16_t port = 0;             ///< Port; 0: any free port.
@@ -43,30 +41,26 @@ struct IgtlHand {
   Vec3 proxy = Vec3::Zero();  ///< Position of the proxy [m].
   Vec3 force = Vec3::Zero();  ///< Force that was sent to the device [N].
   Fault fault = Fault::kNone;
-  bool begun = false;  ///< True once a tick was run.
+  bool begun = false;
 };
 
-/// State of a run that is sent to clients.
 struct IgtlShown {
   static constexpr std::size_t kHands = 4;
   std::array<IgtlHand, kHands> hands{};
-  std::size_t count = 0;  ///< Number of valid entries in `hands`.
+  std::size_t count = 0;
 };
 
 /// Shows a run to at most four clients.
 ///
-/// A client can request what a user at the keyboard can also do: cut the force, replace a volume,
-/// and lead a hand that has no arm. Only a user at the arm can restore the force. A client that
-/// sends invalid data, or does not read, delays no other client. Invalid data end the connection,
-/// and the server prints a line about this.
-// The padding is intended: the mailboxes keep the data of their two threads on separate cache
-// lines.
+/// A client can cut the force, replace a volume, and lead a hand that has no arm. Only a user at
+/// the arm can restore the force. A client that sends invalid data, or does not read, delays no
+/// other client. Invalid data end the connection, with a line for the user.
+// The padding is intended: it keeps the mailboxes' data of two threads on separate cache lines.
 class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Starts to listen. Connections are answered after begin(). Throws Error if the place is not
-  /// available.
-  /// @param rate    Rate of the messages [Hz], above 0 and at most kIgtlMostRate.
-  /// @param images  If true, clients can replace volumes.
+  /// Starts to listen, and answers connections after begin(). Throws Error if it cannot listen.
+  /// `rate` is above 0 and at most kIgtlMostRate [Hz]; if `images` is true, clients can replace
+  /// volumes.
   IgtlServer(const IgtlPlace& place, double rate, bool images);
   ~IgtlServer();
   IgtlServer(const IgtlServer&) = delete;
@@ -76,40 +70,32 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] const std::string& place() const noexcept { return place_; }
   /// Returns the hand that clients lead. It starts at `start` [m]. Call this before begin().
   [[nodiscard]] HandTarget hand(const Vec3& start);
-  /// Starts the thread of the server.
   void begin();
 
-  // The following functions are called by the thread of the run.
-  /// Sets the hands whose force clients can cut, until the next call. If a client has requested a
-  /// cut before, these hands are cut now.
+  // The thread of the run calls the following functions.
+  /// Sets the hands that clients can cut. Cuts their force now if a client has requested it before.
   void cuts(std::vector<HapticThread*> hands);
-  /// Sets the present scene, with the places and the names of its volumes.
   void expect(const BuiltScene& scene);
-  /// Sets the state that is sent in the next round.
   void show(const IgtlShown& shown);
   /// Reports the result of the last image to the client that has sent it.
   void tell(const std::string& news);
-  /// Returns an image that has arrived, once; null if there is none. Until then, clients that send
-  /// other images get the answer kBusy.
+  /// Returns a new image once, or null. Until then, other images get the answer kBusy.
   [[nodiscard]] std::shared_ptr<const IgtlImage> takeImage();
-  /// Returns the counts of the traffic.
   [[nodiscard]] OrderedJson summary() const;
 
  private:
-  /// Places and names of the volumes, for the server's thread.
   struct Stage {
-    Placement first;  ///< Placement of the volume whose name comes first.
+    Placement first;  ///< Placement of the volume with the first name.
     std::set<std::string> volumes;
   };
   struct Client;
   struct Counts;
-  /// Limits how many lines clients can cause: prints at most one line a second, the last one.
+  /// Prints at most one line a second, the last one, because clients can cause any number of lines.
   class Seldom {
    public:
     void say(const std::string& line);
-    /// Prints the waiting line if a second has passed.
     void look();
-    /// Prints the waiting line at once. Called after the last line.
+    /// Prints the waiting line at once.
     void end();
 
    private:
@@ -128,19 +114,17 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void endBody(Client& client);
   void obey(Client& client, const std::string& words);
   void reply(Client& client, IgtlCode code, const std::string& text);
-  /// Sends the state to all clients that have read the previous messages.
   void send();
   void flush(Client& client);
   void endLate(Client& client);
   void drop(Client& client, const std::string& why);
-  /// Returns true if a client must not send an image now, because another image is arriving or has
-  /// not been taken yet.
+  /// Returns true if another image is arriving or has not been taken yet.
   [[nodiscard]] bool full();
   [[nodiscard]] std::string statusOf(const IgtlShown& shown);
 
   double rate_;
   bool images_;
-  bool led_ = false;  ///< True if a hand follows `aim_`.
+  bool led_ = false;
   std::string place_;
   int listener_ = -1;
   /// After a failure of accept(), time from which on connections are accepted again [ns].
@@ -152,7 +136,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Mailbox<IgtlShown> shown_;
   Mailbox<Stage> stage_;
   // Protects data that a mailbox cannot transfer: the end of a hand, results for all clients, and
-  // the memory of an image. No haptic thread takes this lock.
+  // an image. No haptic thread takes this lock.
   std::mutex mutex_;
   std::vector<HapticThread*> hands_;
   bool cut_asked_ = false;  ///< True if a client has requested a cut before cuts() was called.
